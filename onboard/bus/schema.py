@@ -1,0 +1,195 @@
+"""Messages on the bus: frozen, with a schema version, units and frames in every field name.
+
+``stamp_ns`` is the sender's monotonic clock; ``boot_id`` changes when the sender restarts, so that stamps of two lives
+are never compared. All positions are fleet ENU. Only data: no numpy, so that any process can read the bus cheaply.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+SCHEMA_VERSION = 1
+
+Vec3 = tuple[float, float, float]
+Vec4 = tuple[float, float, float, float]
+
+AgentState = Literal[
+    "waiting", "ready", "armed", "taking off", "flying", "holding", "landing", "landed", "failed"
+]
+OrderKind = Literal["arm", "disarm", "takeoff", "move", "land", "hold", "kill"]
+OrderOutcome = Literal["accepted", "done", "refused", "superseded", "failed", "timed out"]
+Severity = Literal["debug", "info", "warning", "critical"]
+
+
+class Message(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
+    """Base: ``schema`` first, so that a receiver can refuse a version before it reads the rest."""
+
+    schema: int = SCHEMA_VERSION
+
+
+class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
+    """What neighbours need at 50 Hz: the plain estimate, and the state predicted over the sender's own lag."""
+
+    vehicle: str
+    boot_id: int
+    sequence: int
+    stamp_ns: int
+    is_valid: bool
+    is_airborne: bool
+    is_cooperative: bool
+    position_enu_m: Vec3
+    velocity_enu_m_s: Vec3
+    acceleration_enu_m_s2: Vec3
+    predicted_position_enu_m: Vec3
+    predicted_velocity_enu_m_s: Vec3
+    commanded_acceleration_enu_m_s2: Vec3
+    lead_time_s: float
+    position_std_m: float
+    velocity_std_m_s: float
+    crowd_count: float
+
+
+class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
+    """Everything that a person looks at, 5-10 Hz."""
+
+    vehicle: str
+    boot_id: int
+    sequence: int
+    stamp_ns: int
+    state: AgentState
+    reason: str
+    not_ready: tuple[str, ...]
+    is_armed: bool
+    is_airborne: bool
+    mode: str
+    position_enu_m: Vec3
+    velocity_enu_m_s: Vec3
+    yaw_deg: float
+    is_position_valid: bool
+    setpoint_position_enu_m: Vec3
+    goal_position_enu_m: Vec3
+    battery_frac: float
+    battery_voltage_v: float
+    law: str
+    law_status: str
+    intervention_m_s2: float
+    nearest_vehicle: str
+    nearest_distance_m: float
+    order_id: str
+    order_kind: str
+    order_phase: str
+    state_age_s: float
+    autopilot_age_s: float
+    neighbour_age_s: float
+    loop_period_p50_ms: float
+    loop_period_p99_ms: float
+    loop_period_max_ms: float
+    late_ticks: int
+    malformed_messages: int
+    hover_thrust_frac: float
+    config_hash: str
+    system_id: int
+
+
+class TickSample(Message, frozen=True, array_like=True, kw_only=True):
+    """One pass of the pipeline, every intermediate value."""
+
+    stamp_ns: int
+    period_s: float
+    state: str
+    position_enu_m: Vec3
+    velocity_enu_m_s: Vec3
+    acceleration_enu_m_s2: Vec3
+    yaw_rad: float
+    setpoint_position_enu_m: Vec3
+    setpoint_velocity_enu_m_s: Vec3
+    setpoint_acceleration_enu_m_s2: Vec3
+    thrust_baseline_enu_m_s2: Vec3
+    thrust_safe_enu_m_s2: Vec3
+    predicted_position_enu_m: Vec3
+    predicted_velocity_enu_m_s: Vec3
+    commanded_acceleration_enu_m_s2: Vec3
+    law_status: str
+    intervention_m_s2: float
+    slack_m_s2: float
+    active_neighbour: str
+    neighbour_distances_m: dict[str, float]
+    neighbour_ages_s: dict[str, float]
+    setpoint_quaternion_enu_flu_wxyz: Vec4
+    setpoint_thrust_frac: float
+    attitude_quaternion_enu_flu_wxyz: Vec4
+    hover_thrust_frac: float
+
+
+class TickBatch(Message, frozen=True, array_like=True, kw_only=True):
+    """Several ticks in one message, oldest first."""
+
+    vehicle: str
+    boot_id: int
+    sequence: int
+    ticks: tuple[TickSample, ...]
+
+
+class Event(Message, frozen=True, array_like=True, kw_only=True):
+    """Something happened: a sentence for people, a code for programs. Ends of orders are events too."""
+
+    vehicle: str
+    stamp_ns: int
+    severity: Severity
+    code: str
+    sentence: str
+    order_id: str = ""
+    order_outcome: OrderOutcome | Literal[""] = ""
+
+
+class Order(Message, frozen=True, array_like=True, kw_only=True):
+    """Ground to one vehicle; answered at once by an :class:`OrderReply`, ended by an event.
+
+    position_enu_m: move only, the vehicle's own goal (the ground has added the slot's offset).
+    height_m: takeoff only, above the fleet's origin. duration_s: 0 = as fast as the limits allow.
+    deadline_ns: on the sender's monotonic clock, after which the order must not begin.
+    """
+
+    order_id: str
+    author: str
+    kind: OrderKind
+    stamp_ns: int
+    deadline_ns: int
+    position_enu_m: Vec3 | None = None
+    height_m: float | None = None
+    duration_s: float = 0.0
+
+
+class OrderReply(Message, frozen=True, array_like=True, kw_only=True):
+    """Accepted, or refused with a reason."""
+
+    order_id: str
+    vehicle: str
+    is_accepted: bool
+    reason: str
+
+
+class MocapPose(Message, frozen=True, array_like=True, kw_only=True):
+    """Pose of one body, measured at ``stamp_ns``; the quaternion rotates body FLU to fleet ENU."""
+
+    body: str
+    boot_id: int
+    sequence: int
+    stamp_ns: int
+    is_tracked: bool
+    position_enu_m: Vec3
+    quaternion_enu_flu_wxyz: Vec4
+
+
+class Truth(Message, frozen=True, array_like=True, kw_only=True):
+    """Ground truth, simulation only: for records and judges; no agent listens."""
+
+    vehicle: str
+    stamp_ns: int
+    position_enu_m: Vec3
+    velocity_enu_m_s: Vec3
+    quaternion_enu_flu_wxyz: Vec4
+    is_on_ground: bool
+    is_collided: bool

@@ -1,0 +1,180 @@
+"""The bus itself; the only file of the project that imports zenoh.
+
+Explicit endpoints, no multicast and no gossip scouting: who is not named in the fleet file is not met. Callbacks run on
+zenoh's threads and must only hand over (:meth:`asyncio.AbstractEventLoop.call_soon_threadsafe`); calling a session's
+method from inside a callback can deadlock.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import zenoh
+
+from onboard.bus.codec import Malformed, decode, encode
+from onboard.bus.schema import Message, Order, OrderReply
+from onboard.bus.topics import TOPICS, Delivery, Topic, key, topic_and_name
+
+LEASE_MS = 1000
+RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
+
+OnMessage = Callable[[Topic, str, Message | Malformed], None]
+OnOrder = Callable[[Order | Malformed, Callable[[OrderReply], None]], None]
+OnAlive = Callable[[str, bool], None]
+
+
+class BusError(RuntimeError):
+    """The bus could not be opened: a sentence that says where and what to do."""
+
+
+class BusSession:
+    """One node on the fleet's bus.
+
+    Args:
+        namespace: key prefix, ``covey/<fleet name>``.
+        node: this node's name; its liveliness token is ``alive/<node>``.
+        listen: endpoints to listen at, for instance ``["tcp/127.0.0.1:7460"]``; empty for the ground.
+        connect: endpoints of the others; retried for ever, so that the order of starting does not matter.
+    """
+
+    def __init__(self, *, namespace: str, node: str, listen: Sequence[str] = (), connect: Sequence[str] = ()) -> None:
+        self.namespace = namespace
+        self.node = node
+        self._listen = list(listen)
+        self._connect = [endpoint for endpoint in connect if endpoint not in self._listen]
+        self._session: zenoh.Session | None = None
+        self._publishers: dict[tuple[Topic, str], zenoh.Publisher] = {}
+        self._kept: list[Any] = []  # subscribers, queryables and tokens live as long as somebody holds them
+
+    def start(self) -> None:
+        """Open the bus and declare the liveliness token; a second call does nothing.
+
+        Raises:
+            BusError: an endpoint to listen at is taken or not valid.
+        """
+        if self._session is not None:
+            return
+        config = zenoh.Config()
+        for path, value in (
+            ("mode", "peer"),
+            ("listen/endpoints", self._listen),
+            ("connect/endpoints", self._connect),
+            ("connect/timeout_ms", 0),
+            ("connect/exit_on_failure", False),
+            ("connect/retry", RETRY),
+            ("listen/exit_on_failure", True),
+            ("listen/timeout_ms", 0),
+            ("scouting/multicast/enabled", False),
+            ("scouting/gossip/enabled", False),
+            ("transport/link/tx/lease", LEASE_MS),
+        ):
+            config.insert_json5(path, json.dumps(value))
+        try:
+            self._session = zenoh.open(config)
+        except zenoh.ZError as error:
+            raise BusError(
+                f"The bus cannot listen at {', '.join(self._listen) or 'no endpoint'}: {error}. "
+                "Is another agent or emulator of this fleet running? Stop it, or change the endpoint in the fleet file."
+            ) from None
+        token = self._session.liveliness().declare_token(key(self.namespace, Topic.ALIVE, self.node))
+        self._kept.append(token)
+
+    def stop(self) -> None:
+        """Leave the bus; a second call does nothing."""
+        session, self._session = self._session, None
+        if session is not None:
+            self._publishers.clear()
+            session.close()
+            self._kept.clear()
+
+    @property
+    def _open(self) -> zenoh.Session:
+        if self._session is None:
+            raise BusError("The bus is not open: call start() first.")
+        return self._session
+
+    def publish(self, topic: Topic, name: str, message: Message) -> None:
+        """Send ``message`` on ``topic/name``; never blocks for LATEST topics."""
+        publisher = self._publishers.get((topic, name))
+        if publisher is None:
+            latest = TOPICS[topic].delivery is Delivery.LATEST
+            urgent = topic in (Topic.STATE, Topic.MOCAP)
+            publisher = self._publishers[topic, name] = self._open.declare_publisher(
+                key(self.namespace, topic, name),
+                congestion_control=zenoh.CongestionControl.DROP if latest else zenoh.CongestionControl.BLOCK,
+                priority=zenoh.Priority.REAL_TIME if urgent else zenoh.Priority.DATA,
+            )
+        publisher.put(encode(message))
+
+    def subscribe(self, topic: Topic, name: str, on_message: OnMessage) -> None:
+        """Call ``on_message(topic, name, message)`` on a bus thread for each sample; ``name`` may be ``*``."""
+        kind = TOPICS[topic].message
+        assert kind is not None, f"{topic} carries no message"
+
+        def receive(sample: zenoh.Sample) -> None:
+            found = topic_and_name(self.namespace, str(sample.key_expr))
+            if found is not None:
+                on_message(topic, found[1], decode(sample.payload.to_bytes(), kind))
+
+        self._kept.append(self._open.declare_subscriber(key(self.namespace, topic, name), _callback(receive)))
+
+    def serve_orders(self, vehicle: str, on_order: OnOrder) -> None:
+        """Answer orders for ``vehicle``: ``on_order(order, reply)`` runs on a bus thread, reply once from any other."""
+        own_key = key(self.namespace, Topic.ORDER, vehicle)
+
+        def receive(query: zenoh.Query) -> None:
+            payload = query.payload.to_bytes() if query.payload is not None else b""
+
+            def reply(answer: OrderReply) -> None:
+                with query:
+                    query.reply(own_key, encode(answer))
+
+            on_order(decode(payload, Order), reply)
+
+        self._kept.append(self._open.declare_queryable(own_key, _callback(receive), complete=True))
+
+    def order(
+        self,
+        vehicle: str,
+        order: Order,
+        *,
+        timeout_s: float,
+        on_reply: Callable[[OrderReply | Malformed], None],
+        on_end: Callable[[], None],
+    ) -> None:
+        """Ask one vehicle: ``on_reply`` with its answer, then ``on_end``; only ``on_end`` when nobody answered."""
+
+        def receive(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                on_reply(decode(reply.ok.payload.to_bytes(), OrderReply))
+            elif reply.err is not None:
+                on_reply(Malformed("error reply", 0))
+
+        self._open.get(
+            key(self.namespace, Topic.ORDER, vehicle),
+            zenoh.handlers.Callback(receive, drop=on_end, indirect=True),
+            payload=encode(order),
+            timeout=timeout_s,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
+
+    def watch_alive(self, on_alive: OnAlive) -> None:
+        """Call ``on_alive(node, is_alive)`` for every node of the fleet, those already there included."""
+
+        def receive(sample: zenoh.Sample) -> None:
+            found = topic_and_name(self.namespace, str(sample.key_expr))
+            if found is not None:
+                on_alive(found[1], sample.kind == zenoh.SampleKind.PUT)
+
+        self._kept.append(
+            self._open.liveliness().declare_subscriber(
+                key(self.namespace, Topic.ALIVE, "*"), _callback(receive), history=True
+            )
+        )
+
+
+def _callback(function: Callable[[Any], None]) -> Any:
+    """A handler on zenoh's own network thread, without a Python thread for each subscriber."""
+    return zenoh.handlers.Callback(function, indirect=False)

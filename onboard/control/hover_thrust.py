@@ -1,0 +1,87 @@
+"""Estimate of the throttle that carries the weight, slow and bounded.
+
+Thrust is linear in throttle: a_z + g = (throttle/hover) g cos(tilt). The battery's sag and a wrong mass change the
+hover throttle within tens of seconds, so the estimate follows with seconds; the disturbance observer does what is
+faster. Near the ground (ground effect, contact) and while the throttle saturates the equation does not hold: frozen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from onboard.types import GRAVITY_M_S2, Array, BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class HoverThrustParams:
+    """configured_frac (...): the vehicle's own value. max_deviation: share of it that the estimate may leave it by.
+
+    time_constant_s: of the estimate. motor_lag_s: of the throttle's effect. min_height_m: frozen below.
+    max_acceleration_m_s2: frozen beyond, where the model is coarse. min/max_thrust_frac: frozen at these.
+    """
+
+    configured_frac: Array | float
+    max_deviation: float = 0.2
+    time_constant_s: float = 4.0
+    motor_lag_s: float = 0.05
+    min_height_m: float = 0.3
+    max_acceleration_m_s2: float = 2.0
+    min_thrust_frac: Array | float = 0.1
+    max_thrust_frac: Array | float = 0.97
+
+
+@dataclass(frozen=True, slots=True)
+class HoverThrustMemory:
+    """hover_thrust_frac (...): the estimate. effective_thrust_frac (...): throttle behind the motor lag."""
+
+    hover_thrust_frac: Array
+    effective_thrust_frac: Array
+
+
+def initial(shape: tuple[int, ...] = (), *, params: HoverThrustParams) -> HoverThrustMemory:
+    """The configured value, for a batch of ``shape``."""
+    configured = np.broadcast_to(np.asarray(params.configured_frac, dtype=np.float64), shape).copy()
+    return HoverThrustMemory(configured, np.zeros(shape))
+
+
+def step(
+    memory: HoverThrustMemory,
+    thrust_frac: Array,
+    cos_tilt: Array,
+    vertical_acceleration_m_s2: Array,
+    height_m: Array,
+    *,
+    params: HoverThrustParams,
+    dt_s: float,
+    is_flying: BoolArray | bool = True,
+) -> tuple[HoverThrustMemory, Array]:
+    """One tick.
+
+    Args:
+        thrust_frac: (...) throttle sent on the last tick. cos_tilt: (...) of the attitude flown.
+        vertical_acceleration_m_s2: (...) estimated, up positive, without gravity. height_m: (...) above the ground.
+        is_flying: (...) False freezes and forgets the motor state.
+    Returns:
+        memory and hover_thrust_frac (...), within max_deviation of the configured value, always finite.
+    """
+    blend = 1.0 - np.exp(-dt_s / params.motor_lag_s)
+    sent = np.where(np.isfinite(thrust_frac) & is_flying, thrust_frac, memory.effective_thrust_frac)
+    effective = memory.effective_thrust_frac + blend * (sent - memory.effective_thrust_frac)
+    acceleration = np.where(np.isfinite(vertical_acceleration_m_s2), vertical_acceleration_m_s2, np.inf)
+    usable = (
+        np.asarray(is_flying)
+        & (height_m > params.min_height_m)
+        & (np.abs(acceleration) < params.max_acceleration_m_s2)
+        & (cos_tilt > 0.5)
+        & (effective > params.min_thrust_frac)
+        & (effective < params.max_thrust_frac)
+    )
+    lift_m_s2 = GRAVITY_M_S2 + np.where(usable, acceleration, 0.0)
+    seen = effective * np.where(usable, cos_tilt, 1.0) * GRAVITY_M_S2 / lift_m_s2
+    rate = np.where(usable, dt_s / params.time_constant_s, 0.0)
+    hover = memory.hover_thrust_frac + rate * (seen - memory.hover_thrust_frac)
+    low, high = 1.0 - params.max_deviation, 1.0 + params.max_deviation
+    hover = np.minimum(np.maximum(hover, low * params.configured_frac), high * params.configured_frac)
+    return replace(memory, hover_thrust_frac=hover, effective_thrust_frac=effective), hover

@@ -1,0 +1,102 @@
+"""Quaternions (Hamilton, wxyz) and the frame changes of the emulator, batched over leading axes.
+
+The emulator computes in PX4's frames, NED world and FRD body; the fleet's ENU and FLU appear only where poses leave
+(motion capture, ground truth) and where start positions come in. This is a second, independent writing of what the
+agents do in their own frame code: a shared mistake would cancel and stay unseen.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# ENU <- NED is half a turn about the horizontal diagonal; FRD <- FLU is half a turn about the nose.
+_Q_ENU_NED = np.array([0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0])
+_Q_FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
+
+
+def multiply(a: Array, b: Array) -> Array:
+    """Hamilton product of quaternions (..., 4)."""
+    aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
+    bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=-1,
+    )
+
+
+def from_yaw_and_tilt(yaw_rad: Array, tilt_rad: Array) -> Array:
+    """Attitude NED <- FRD that turns by a heading, then tilts about a horizontal body axis.
+
+    Args:
+        yaw_rad: heading (...,) [rad].
+        tilt_rad: rotation vector of the tilt (..., 2) about body x (roll) and body y (pitch) [rad].
+    Returns:
+        quaternion (..., 4).
+    """
+    angle = np.hypot(tilt_rad[..., 0], tilt_rad[..., 1])
+    # np.sinc(x) is sin(pi x) / (pi x): smooth through zero tilt.
+    scale = 0.5 * np.sinc(angle / (2.0 * math.pi))
+    w, x, y = np.cos(0.5 * angle), scale * tilt_rad[..., 0], scale * tilt_rad[..., 1]
+    cy, sy = np.cos(0.5 * yaw_rad), np.sin(0.5 * yaw_rad)
+    return np.stack([cy * w, cy * x - sy * y, cy * y + sy * x, sy * w], axis=-1)
+
+
+def body_down(q: Array) -> Array:
+    """Third column of the rotation matrix: where body z (down) points in the world, (..., 3)."""
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    return np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
+
+
+def tilt_from_down(down: Array) -> Array:
+    """Shortest rotation, as (..., 2) rotation vector [rad], that takes (0, 0, 1) to `down` (..., 3)."""
+    x, y = down[..., 0], down[..., 1]
+    horizontal = np.hypot(x, y)
+    angle = np.arctan2(horizontal, down[..., 2])
+    scale = np.where(horizontal > 1e-9, angle / np.maximum(horizontal, 1e-9), 1.0)
+    return np.stack([-y * scale, x * scale], axis=-1)
+
+
+def heading(q: Array) -> Array:
+    """Twist of a quaternion about world z (...,) [rad]: the heading left when the tilt is undone."""
+    return 2.0 * np.arctan2(q[..., 3], q[..., 0])
+
+
+def wrap(angle_rad: Array) -> Array:
+    """Angle to (-pi, pi]."""
+    return math.pi - np.mod(math.pi - angle_rad, 2.0 * math.pi)
+
+
+def yaw_quaternion(yaw_rad: Array) -> Array:
+    """Rotation about world z by `yaw_rad` (...,) as quaternion (..., 4)."""
+    zero = np.zeros_like(yaw_rad)
+    return np.stack([np.cos(0.5 * yaw_rad), zero, zero, np.sin(0.5 * yaw_rad)], axis=-1)
+
+
+def euler(q: tuple[float, float, float, float]) -> tuple[float, float, float]:
+    """Roll, pitch, yaw [rad] of one quaternion, as MAVLink's ATTITUDE wants them."""
+    w, x, y, z = q
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return roll, pitch, yaw
+
+
+def swap_enu_ned(vector: Array) -> Array:
+    """ENU to NED or back, (..., 3): the exchange is its own inverse."""
+    return np.stack([vector[..., 1], vector[..., 0], -vector[..., 2]], axis=-1)
+
+
+def enu_flu_from_ned_frd(q: Array) -> Array:
+    """Attitude NED <- FRD (..., 4) as ENU <- FLU (..., 4), with w >= 0."""
+    turned = multiply(multiply(np.broadcast_to(_Q_ENU_NED, q.shape), q), np.broadcast_to(_Q_FRD_FLU, q.shape))
+    return np.asarray(np.where(turned[..., :1] < 0.0, -turned, turned))
