@@ -50,8 +50,18 @@ def quaternion_enu_flu_from_ned_frd(q_ned_frd: Array) -> Array:
     Returns:
         (..., 4) wxyz, level and nose north gives a quarter turn about up.
     """
-    w, x, y, z = q_ned_frd[..., 0], q_ned_frd[..., 1], q_ned_frd[..., 2], q_ned_frd[..., 3]
-    return _quaternion(_SQRT_HALF * (w + z), _SQRT_HALF * (x + y), _SQRT_HALF * (x - y), _SQRT_HALF * (w - z))
+    w, x, y, z = (
+        q_ned_frd[..., 0],
+        q_ned_frd[..., 1],
+        q_ned_frd[..., 2],
+        q_ned_frd[..., 3],
+    )
+    return _quaternion(
+        _SQRT_HALF * (w + z),
+        _SQRT_HALF * (x + y),
+        _SQRT_HALF * (x - y),
+        _SQRT_HALF * (w - z),
+    )
 
 
 def quaternion_ned_frd_from_enu_flu(q_enu_flu: Array) -> Array:
@@ -66,7 +76,9 @@ def yaw_enu_from_ned_rad(yaw_ned_rad: Array | float) -> Array:
 
 def wrap_rad(angle_rad: Array | float) -> Array:
     """Angle (...) in [-pi, pi)."""
-    return np.asarray((np.asarray(angle_rad) + math.pi) % (2.0 * math.pi) - math.pi, dtype=np.float64)
+    return np.asarray(
+        (np.asarray(angle_rad) + math.pi) % (2.0 * math.pi) - math.pi, dtype=np.float64
+    )
 
 
 def quaternion_multiply(first: Array, second: Array) -> Array:
@@ -83,7 +95,12 @@ def quaternion_multiply(first: Array, second: Array) -> Array:
 
 def quaternion_conjugate(quaternion: Array) -> Array:
     """The inverse of a unit quaternion (..., 4)."""
-    return _quaternion(quaternion[..., 0], -quaternion[..., 1], -quaternion[..., 2], -quaternion[..., 3])
+    return _quaternion(
+        quaternion[..., 0],
+        -quaternion[..., 1],
+        -quaternion[..., 2],
+        -quaternion[..., 3],
+    )
 
 
 def rotate(quaternion: Array, vector_in: Array) -> Array:
@@ -91,16 +108,32 @@ def rotate(quaternion: Array, vector_in: Array) -> Array:
 
     Written as v + 2 w (r x v) + 2 r x (r x v): 18 products, no matrix.
     """
-    w, x, y, z = quaternion[..., 0], quaternion[..., 1], quaternion[..., 2], quaternion[..., 3]
+    w, x, y, z = (
+        quaternion[..., 0],
+        quaternion[..., 1],
+        quaternion[..., 2],
+        quaternion[..., 3],
+    )
     a, b, c = vector_in[..., 0], vector_in[..., 1], vector_in[..., 2]
     tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return vector(a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx)
+    return vector(
+        a + w * tx + y * tz - z * ty,
+        b + w * ty + z * tx - x * tz,
+        c + w * tz + x * ty - y * tx,
+    )
 
 
 def body_up(quaternion: Array) -> Array:
     """The body's z axis in the outer frame, (..., 3): the direction of thrust for q_enu_flu."""
-    w, x, y, z = quaternion[..., 0], quaternion[..., 1], quaternion[..., 2], quaternion[..., 3]
-    return vector(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
+    w, x, y, z = (
+        quaternion[..., 0],
+        quaternion[..., 1],
+        quaternion[..., 2],
+        quaternion[..., 3],
+    )
+    return vector(
+        2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
+    )
 
 
 def quaternion_from_yaw(yaw_rad: Array | float) -> Array:
@@ -112,8 +145,15 @@ def quaternion_from_yaw(yaw_rad: Array | float) -> Array:
 
 def yaw_from_quaternion(quaternion: Array) -> Array:
     """Heading (...) of the body's x axis, counterclockwise from the outer x axis (ZYX yaw), in (-pi, pi]."""
-    w, x, y, z = quaternion[..., 0], quaternion[..., 1], quaternion[..., 2], quaternion[..., 3]
-    return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)), dtype=np.float64)
+    w, x, y, z = (
+        quaternion[..., 0],
+        quaternion[..., 1],
+        quaternion[..., 2],
+        quaternion[..., 3],
+    )
+    return np.asarray(
+        np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)), dtype=np.float64
+    )
 
 
 def _quaternion(w: Array, x: Array, y: Array, z: Array) -> Array:

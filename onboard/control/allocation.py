@@ -36,10 +36,14 @@ def is_usable(thrust: Thrust, yaw_rad: Array, hover_thrust_frac: Array) -> BoolA
     f = thrust.thrust_enu_m_s2
     finite = np.isfinite(f[..., 0]) & np.isfinite(f[..., 1]) & np.isfinite(f[..., 2])
     hover = np.asarray(hover_thrust_frac)
-    return np.asarray(finite & np.isfinite(yaw_rad) & np.isfinite(hover) & (hover > 0.0))
+    return np.asarray(
+        finite & np.isfinite(yaw_rad) & np.isfinite(hover) & (hover > 0.0)
+    )
 
 
-def limit(thrust: Thrust, hover_thrust_frac: Array, *, params: AllocationParams) -> Thrust:
+def limit(
+    thrust: Thrust, hover_thrust_frac: Array, *, params: AllocationParams
+) -> Thrust:
     """The nearest thrust that the vehicle may be asked for, height first.
 
     The vertical component is kept as far as the throttle reaches, then the horizontal one is shortened (its direction
@@ -54,15 +58,23 @@ def limit(thrust: Thrust, hover_thrust_frac: Array, *, params: AllocationParams)
     x, y, z = f[..., 0], f[..., 1], f[..., 2]
     unit_m_s2 = GRAVITY_M_S2 / hover_thrust_frac
     largest_m_s2 = params.max_thrust_frac * unit_m_s2
-    vertical = np.minimum(np.maximum(z, params.min_thrust_frac * unit_m_s2), largest_m_s2)
-    room = np.minimum(vertical * np.tan(params.max_tilt_rad), np.sqrt(largest_m_s2**2 - vertical**2))
+    vertical = np.minimum(
+        np.maximum(z, params.min_thrust_frac * unit_m_s2), largest_m_s2
+    )
+    room = np.minimum(
+        vertical * np.tan(params.max_tilt_rad), np.sqrt(largest_m_s2**2 - vertical**2)
+    )
     horizontal = np.sqrt(x * x + y * y)
     scale = np.minimum(1.0, room / np.maximum(horizontal, 1e-12))
     return Thrust(vector(scale * x, scale * y, vertical))
 
 
 def allocate(
-    thrust: Thrust, yaw_rad: Array, hover_thrust_frac: Array, *, params: AllocationParams
+    thrust: Thrust,
+    yaw_rad: Array,
+    hover_thrust_frac: Array,
+    *,
+    params: AllocationParams,
 ) -> AttitudeSetpoint:
     """Attitude and throttle whose thrust is the given vector, exactly, within the limits.
 
@@ -76,7 +88,11 @@ def allocate(
         quaternion_wxyz (..., 4) FLU to ENU with w >= 0, thrust_frac (...) in [0, 1].
     Properties: body z axis equals F/|F|; heading equals yaw; yaw-rotation-equivariant.
     """
-    f, yaw, hover = thrust.thrust_enu_m_s2, np.asarray(yaw_rad, dtype=np.float64), np.asarray(hover_thrust_frac)
+    f, yaw, hover = (
+        thrust.thrust_enu_m_s2,
+        np.asarray(yaw_rad, dtype=np.float64),
+        np.asarray(hover_thrust_frac),
+    )
     usable = is_usable(thrust, yaw, hover)
     if not np.all(usable):
         fallback = np.asarray(params.fallback_hover_thrust_frac, dtype=np.float64)
@@ -87,7 +103,11 @@ def allocate(
     x, y, z = f[..., 0], f[..., 1], f[..., 2]
     length = np.sqrt(x * x + y * y + z * z)
     cos_yaw, sin_yaw = np.cos(yaw), np.sin(yaw)
-    forward, left, up = (cos_yaw * x + sin_yaw * y) / length, (cos_yaw * y - sin_yaw * x) / length, z / length
+    forward, left, up = (
+        (cos_yaw * x + sin_yaw * y) / length,
+        (cos_yaw * y - sin_yaw * x) / length,
+        z / length,
+    )
     cos_roll = np.sqrt(forward * forward + up * up)
     cr, sr = _half(cos_roll, -left)
     cp, sp = _half(up / cos_roll, forward / cos_roll)
@@ -98,7 +118,9 @@ def allocate(
     q[..., 2] = cy * sp * cr + sy * cp * sr
     q[..., 3] = sy * cp * cr - cy * sp * sr
     q *= np.where(q[..., 0] < 0.0, -1.0, 1.0)[..., None]
-    return AttitudeSetpoint(q, np.asarray(length / GRAVITY_M_S2 * hover, dtype=np.float64))
+    return AttitudeSetpoint(
+        q, np.asarray(length / GRAVITY_M_S2 * hover, dtype=np.float64)
+    )
 
 
 def _half(cosine: Array, sine: Array) -> tuple[Array, Array]:
@@ -118,7 +140,11 @@ def euler_from_thrust_paper(thrust: Array) -> tuple[Array, Array, Array]:
     x, y, z = thrust[..., 0], thrust[..., 1], thrust[..., 2]
     roll = np.arctan2(y, z)
     pitch = np.arctan2(-x, np.sqrt(y * y + z * z))
-    return np.asarray(roll), np.asarray(pitch), np.asarray(np.sqrt(x * x + y * y + z * z))
+    return (
+        np.asarray(roll),
+        np.asarray(pitch),
+        np.asarray(np.sqrt(x * x + y * y + z * z)),
+    )
 
 
 def max_horizontal_acceleration_m_s2(params: AllocationParams) -> Array:
@@ -129,9 +155,17 @@ def max_horizontal_acceleration_m_s2(params: AllocationParams) -> Array:
 def tilt_rad(attitude: AttitudeSetpoint) -> Array:
     """Angle between body z and up, (...)."""
     q = attitude.quaternion_wxyz
-    return np.asarray(2.0 * np.arcsin(np.minimum(1.0, np.sqrt(q[..., 1] ** 2 + q[..., 2] ** 2))), dtype=np.float64)
+    return np.asarray(
+        2.0 * np.arcsin(np.minimum(1.0, np.sqrt(q[..., 1] ** 2 + q[..., 2] ** 2))),
+        dtype=np.float64,
+    )
 
 
-def params_from_degrees(max_tilt_deg: float, hover_thrust_frac: float) -> AllocationParams:
+def params_from_degrees(
+    max_tilt_deg: float, hover_thrust_frac: float
+) -> AllocationParams:
     """Limits for a vehicle as its configuration gives them."""
-    return AllocationParams(max_tilt_rad=math.radians(max_tilt_deg), fallback_hover_thrust_frac=hover_thrust_frac)
+    return AllocationParams(
+        max_tilt_rad=math.radians(max_tilt_deg),
+        fallback_hover_thrust_frac=hover_thrust_frac,
+    )

@@ -50,7 +50,11 @@ class BacksteppingParams:
 
 
 def step(
-    position_enu_m: Array, velocity_enu_m_s: Array, setpoint: TrajectorySetpoint, *, params: BacksteppingParams
+    position_enu_m: Array,
+    velocity_enu_m_s: Array,
+    setpoint: TrajectorySetpoint,
+    *,
+    params: BacksteppingParams,
 ) -> Thrust:
     """Thrust that tracks the setpoint; see the module's derivation.
 
@@ -85,4 +89,10 @@ def step(
     size = np.sqrt(ax * ax + ay * ay)
     scale = np.minimum(1.0, params.max_acceleration_m_s2 / np.maximum(size, 1e-12))
     az_bound = params.max_vertical_acceleration_m_s2
-    return Thrust(vector(scale * ax, scale * ay, np.minimum(np.maximum(az, -az_bound), az_bound) + GRAVITY_M_S2))
+    return Thrust(
+        vector(
+            scale * ax,
+            scale * ay,
+            np.minimum(np.maximum(az, -az_bound), az_bound) + GRAVITY_M_S2,
+        )
+    )
