@@ -7,11 +7,11 @@ message's own struct, which gives the same bytes.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from fastcrc.crc16 import mcrf4xx
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import common  # type: ignore[import-untyped]
 
 _MAGIC_V2 = 0xFD
 _MAGIC_V1 = 0xFE
@@ -50,6 +50,15 @@ def _layout(message_id: int, entry: Any) -> Layout:
 
 
 LAYOUTS: dict[int, Layout] = {number: _layout(number, entry) for number, entry in common.mavlink_map.items()}
+def _zero(layout: Layout, field_name: str) -> int | bytes:
+    kinds = common.mavlink_map[layout.message_id]
+    return b"" if kinds.fieldtypes[kinds.fieldnames.index(field_name)] == "char" else 0
+
+
+_ZEROS: dict[str, tuple[tuple[str, int, Any], ...]] = {
+    layout.name: tuple((name, count, [0] * count if count else _zero(layout, name)) for name, count in layout.fields)
+    for layout in LAYOUTS.values()
+}
 ID_BY_NAME: dict[str, int] = {layout.name: number for number, layout in LAYOUTS.items()}
 
 
@@ -141,14 +150,14 @@ class Encoder:
 
     system_id: int
     component_id: int = 1
-    _sequence: dict[str, int] = field(default_factory=lambda: {"next": 0})
+    sequence: int = 0
 
     def encode(self, message_id: int, *values: Any) -> bytes:
         """Bytes of a message from its values in wire order (arrays flattened), trailing zeros cut as MAVLink 2 does."""
         layout = LAYOUTS[message_id]
         payload = layout.packer.pack(*values).rstrip(b"\0") or b"\0"
-        sequence = self._sequence["next"]
-        self._sequence["next"] = (sequence + 1) & 0xFF
+        sequence = self.sequence
+        self.sequence = (sequence + 1) & 0xFF
         body = (
             bytes((len(payload), 0, 0, sequence, self.system_id, self.component_id))
             + message_id.to_bytes(3, "little")
@@ -159,19 +168,18 @@ class Encoder:
 
     def encode_named(self, name: str, **fields: Any) -> bytes:
         """As :meth:`encode`, from names; fields that are left out are zero."""
-        layout = LAYOUTS[ID_BY_NAME[name]]
+        return self.encode(ID_BY_NAME[name], *self.values(name, **fields))
+
+    @staticmethod
+    def values(name: str, **fields: Any) -> tuple[Any, ...]:
+        """Values in wire order from names; fields that are left out are zero."""
         values: list[Any] = []
-        for field_name, count in layout.fields:
-            value = fields.pop(field_name, [0] * count if count else _zero(layout, field_name))
+        for field_name, count, zero in _ZEROS[name]:
+            value = fields.pop(field_name, zero)
             if count:
                 values.extend(value)
             else:
                 values.append(value)
         if fields:
             raise KeyError(f"{name} has no field {', '.join(fields)}")
-        return self.encode(layout.message_id, *values)
-
-
-def _zero(layout: Layout, field_name: str) -> int | bytes:
-    kinds = common.mavlink_map[layout.message_id]
-    return b"" if kinds.fieldtypes[kinds.fieldnames.index(field_name)] == "char" else 0
+        return tuple(values)

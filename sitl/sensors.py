@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sitl.rotation import Array
 from sitl.vehicle import STEP_S
@@ -99,10 +100,12 @@ class Estimator:
         self._position = self._origin * 0.0
         self._velocity = np.zeros((n, 3))
 
-    def step(self, time_s: float, position_ned_m: Array, velocity_ned_m_s: Array, on_ground: Array) -> None:
+    def step(
+        self, time_s: float, position_ned_m: Array, velocity_ned_m_s: Array, on_ground: NDArray[np.bool_]
+    ) -> None:
         """Advance the errors by one estimator period and form the estimates from the true motion."""
         dt_s = ESTIMATE_EVERY_STEPS * STEP_S
-        rests = on_ground.astype(bool).tolist()
+        rests = on_ground.tolist()
         for i, is_resting in enumerate(rests):
             fresh = time_s - self._vision_time_s[i] < _VISION_TIMEOUT_S
             source = Source.VISION if fresh else Source.GPS if self.has_gps[i] else Source.NONE
@@ -142,9 +145,10 @@ class Estimator:
         is_first = time_s - self._vision_time_s[index] >= _VISION_TIMEOUT_S
         self._vision_time_s[index] = time_s
         if self.has_gps[index]:
-            if self._vision_frame[index] is None:
-                self._vision_frame[index] = believed - position_ned_m
-            position_ned_m = position_ned_m + self._vision_frame[index]
+            frame = self._vision_frame[index]
+            if frame is None:
+                frame = self._vision_frame[index] = believed - position_ned_m
+            position_ned_m = position_ned_m + frame
         error = position_ned_m - believed
         gain = np.array([0.2, 0.2, 0.2])
         if is_first or math.hypot(error[0], error[1]) > 1.0:

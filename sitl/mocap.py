@@ -1,0 +1,90 @@
+"""A motion-capture system as its clients see it: poses at a fixed rate, a little wrong, a little late, sometimes lost."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from sitl import rotation
+from sitl.rotation import Array
+
+_ATTITUDE_NOISE_RAD = math.radians(0.15)
+
+
+@dataclass(frozen=True, slots=True)
+class MocapSettings:
+    """Quality of the system.
+
+    Attributes:
+        rate_hz: frames per second.
+        noise_m: standard deviation of each coordinate.
+        latency_s: from the exposure to the delivery.
+        dropout_per_s: how often, per body, the markers are lost.
+        dropout_s: for how long.
+    """
+
+    rate_hz: float = 50.0
+    noise_m: float = 0.003
+    latency_s: float = 0.02
+    dropout_per_s: float = 0.0
+    dropout_s: float = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """One body in one frame, fleet ENU; not tracked means that the numbers are the last ones seen."""
+
+    index: int
+    time_s: float
+    is_tracked: bool
+    position_enu_m: tuple[float, float, float]
+    quaternion_enu_flu_wxyz: tuple[float, float, float, float]
+
+
+class Mocap:
+    """Measures all bodies; `measure` on the frame's time, `deliver` when the latency has passed."""
+
+    def __init__(self, count: int, settings: MocapSettings | None = None, *, seed: int = 0) -> None:
+        self.settings = settings or MocapSettings()
+        self._rng = np.random.default_rng([seed, 3])
+        self._lost_until_s = np.full(count, -math.inf)
+        self._next_s = 0.0
+        self._on_the_way: deque[list[Pose]] = deque()
+        self._last: list[Pose | None] = [None] * count
+
+    def step(self, time_s: float, position_enu_m: Array, attitude_enu_flu: Array) -> list[Pose]:
+        """Expose a frame if one is due; return the poses that arrive now, oldest first."""
+        if time_s + 1e-9 >= self._next_s:
+            self._next_s = max(self._next_s, time_s - 0.1) + 1.0 / self.settings.rate_hz
+            self._on_the_way.append(self._measure(time_s, position_enu_m, attitude_enu_flu))
+        arrived: list[Pose] = []
+        while self._on_the_way and time_s + 1e-9 >= self._on_the_way[0][0].time_s + self.settings.latency_s:
+            arrived.extend(self._on_the_way.popleft())
+        return arrived
+
+    def _measure(self, time_s: float, position_enu_m: Array, attitude_enu_flu: Array) -> list[Pose]:
+        s = self.settings
+        count = position_enu_m.shape[0]
+        chance = s.dropout_per_s / s.rate_hz
+        self._lost_until_s = np.where(self._rng.random(count) < chance, time_s + s.dropout_s, self._lost_until_s)
+        position = position_enu_m + s.noise_m * self._rng.standard_normal((count, 3))
+        turn = _ATTITUDE_NOISE_RAD * self._rng.standard_normal((count, 3))
+        small = np.concatenate([np.ones((count, 1)), 0.5 * turn], axis=1)
+        attitude = rotation.multiply(attitude_enu_flu, small / np.linalg.norm(small, axis=1, keepdims=True))
+        poses: list[Pose] = []
+        for index in range(count):
+            if time_s < self._lost_until_s[index]:
+                last = self._last[index]
+                if last is not None:
+                    lost = Pose(index, time_s, False, last.position_enu_m, last.quaternion_enu_flu_wxyz)
+                    poses.append(lost)
+                continue
+            x, y, z = position[index].tolist()
+            qw, qx, qy, qz = attitude[index].tolist()
+            pose = Pose(index, time_s, True, (x, y, z), (qw, qx, qy, qz))
+            self._last[index] = pose
+            poses.append(pose)
+        return poses or [Pose(0, time_s, False, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))]
