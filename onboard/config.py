@@ -128,6 +128,11 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sitl: SitlProfile = SitlProfile()
 
     @property
+    def body(self) -> str | None:
+        """Name of this vehicle's mocap body; None when it flies without a mocap."""
+        return self.mocap_body or (self.name if self.mocap_required else None)
+
+    @property
     def lag_s(self) -> float:
         """Time over which the law predicts: dead time plus 2 zeta / wn of the attitude response."""
         return self.attitude_delay_s + 2.0 * self.attitude_zeta / self.attitude_wn_rad_s
@@ -216,7 +221,9 @@ def read_toml(path: str | os.PathLike[str], what: str) -> tuple[dict[str, Any], 
             f"{name}: there is no such {what}. Give the path of an existing one, for instance configs/fleets/paper.toml."
         ) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{name}: this {what} cannot be read ({error}). Check the path and its permissions.") from None
+        raise ConfigError(
+            f"{name}: this {what} cannot be read ({error}). Check the path and its permissions."
+        ) from None
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{name}: not valid TOML: {error}. Correct that line.") from None
 
@@ -265,7 +272,9 @@ def convert(value: Any, kind: Any, path: str, key: str) -> Any:
         if unknown:
             full = f"{key}{tail}.{unknown[1]}"
             names = ", ".join(getattr(kind, "__struct_fields__", ())) or "none"
-            raise ConfigError(f"{path}: unknown key '{full}'. Known keys here: {names}. Remove or correct it.") from None
+            raise ConfigError(
+                f"{path}: unknown key '{full}'. Known keys here: {names}. Remove or correct it."
+            ) from None
         raise ConfigError(f"{path}: '{key}{tail}': {message}. Correct the value.") from None
 
 
@@ -342,7 +351,9 @@ _AUTOPILOT_ENDPOINT = re.compile(r"(udpin|udpout|serial)://.+")
 def _check(config: FleetConfig) -> None:
     path, fleet = config.path, config.fleet
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", fleet.name):
-        raise ConfigError(f"{path}: 'fleet.name' is {fleet.name!r}; use 1 to 40 of A-Z a-z 0-9 _ - (it names the bus keys).")
+        raise ConfigError(
+            f"{path}: 'fleet.name' is {fleet.name!r}; use 1 to 40 of A-Z a-z 0-9 _ - (it names the bus keys)."
+        )
     if not config.vehicles:
         raise ConfigError(f"{path}: 'vehicles' is empty. Add at least one [vehicles.NAME].")
     _bound(path, "fleet.safety_distance_m", fleet.safety_distance_m, 0.1, 50.0)
@@ -354,7 +365,9 @@ def _check(config: FleetConfig) -> None:
     for axis in ("x", "y", "z"):
         low, high = getattr(fleet.geofence_m, axis)
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise ConfigError(f"{path}: 'fleet.geofence_m.{axis}' is [{low}, {high}]; give [low, high] with low < high.")
+            raise ConfigError(
+                f"{path}: 'fleet.geofence_m.{axis}' is [{low}, {high}]; give [low, high] with low < high."
+            )
     for key in LawConfig.__struct_fields__:
         value = getattr(config.law, key)
         if isinstance(value, (int, float)) and not isinstance(value, bool):

@@ -15,9 +15,7 @@ SCHEMA_VERSION = 1
 Vec3 = tuple[float, float, float]
 Vec4 = tuple[float, float, float, float]
 
-AgentState = Literal[
-    "waiting", "ready", "armed", "taking off", "flying", "holding", "landing", "landed", "failed"
-]
+AgentState = Literal["waiting", "ready", "armed", "taking off", "flying", "holding", "landing", "landed", "failed"]
 OrderKind = Literal["arm", "disarm", "takeoff", "move", "land", "hold", "kill"]
 OrderOutcome = Literal["accepted", "done", "refused", "superseded", "failed", "timed out"]
 Severity = Literal["debug", "info", "warning", "critical"]

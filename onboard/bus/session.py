@@ -61,7 +61,7 @@ class BusSession:
             ("mode", "peer"),
             ("listen/endpoints", self._listen),
             ("connect/endpoints", self._connect),
-            ("connect/timeout_ms", 0),
+            ("connect/timeout_ms", -1),
             ("connect/exit_on_failure", False),
             ("connect/retry", RETRY),
             ("listen/exit_on_failure", True),
@@ -75,7 +75,7 @@ class BusSession:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
             raise BusError(
-                f"The bus cannot listen at {', '.join(self._listen) or 'no endpoint'}: {error}. "
+                f"The bus cannot listen at {', '.join(self._listen) or 'no endpoint'} ({_reason(error)}). "
                 "Is another agent or emulator of this fleet running? Stop it, or change the endpoint in the fleet file."
             ) from None
         token = self._session.liveliness().declare_token(key(self.namespace, Topic.ALIVE, self.node))
@@ -173,6 +173,11 @@ class BusSession:
                 key(self.namespace, Topic.ALIVE, "*"), _callback(receive), history=True
             )
         )
+
+
+def _reason(error: zenoh.ZError) -> str:
+    text = str(error)
+    return "the address is in use" if "in use" in text else text.split(" at /")[0]
 
 
 def _callback(function: Callable[[Any], None]) -> Any:
