@@ -1,0 +1,311 @@
+"""Output-to-Input Saturation for N neighbours: the baseline thrust in, a safe thrust out, equal types.
+
+Every neighbour gives a hard row (distance) and, while the baseline violates it, a soft row (turn direction). The safe
+horizontal thrust is the projection of the baseline on all rows and on what tilt and thrust can deliver; the vertical
+thrust is never touched, so height is not traded for separation. Rows are evaluated where the vehicle will be when the
+command takes effect (prediction.py). README.md beside this file has the symbols and the deviations from the paper.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from onboard.control import prediction
+from onboard.control.paper_law import PaperLawParams, saturate_thrust
+from onboard.control.projection import Rows, project
+from onboard.types import GRAVITY_M_S2, Array, BoolArray, IntArray, LawOutput, LawStatus, Neighbours, State, Thrust
+
+_HUGE = 1e5  # positions, velocities and accelerations beyond this are clipped: squares must stay finite
+_COINCIDENT_M = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class LawParams:
+    """Values of the law for one vehicle; d_design_m = safety distance + margin, lag_s = own L, vertical_lag_s = thrust's.
+
+    max_thrust_m_s2 is the collective thrust at full throttle per mass. README.md explains each of the others.
+    """
+
+    name: Literal["covey", "paper", "off"] = "covey"
+    lag_s: float = 0.15
+    vertical_lag_s: float = 0.09
+    d_design_m: float = 0.94
+    kappa_1_1_s: float = 4.0
+    kappa_2_1_s: float = 8.0
+    kappa_3_1_s: float = 2.0
+    kappa_4_1_s: float = 1.5
+    shortfall_gain: float = 0.85
+    v_perp_m_s: float = 0.42
+    v_perp_crowd_m_s: float = 0.65
+    crowd_count: int = 4
+    max_neighbours: int = 12
+    range_m: float = 8.0
+    max_tilt_rad: float = math.radians(25.0)
+    max_thrust_m_s2: float = 2.0 * GRAVITY_M_S2
+    paper: PaperLawParams = field(default_factory=PaperLawParams)
+
+
+@dataclass(frozen=True, slots=True)
+class LawMemory:
+    """Own past commands, and relaxed_share (...): low-passed share of ticks whose hard rows had to be relaxed."""
+
+    history: prediction.CommandHistory
+    relaxed_share: Array
+
+
+def initial(batch_shape: tuple[int, ...]) -> LawMemory:
+    """Memory before the first command."""
+    return LawMemory(prediction.initial(batch_shape), np.zeros(batch_shape))
+
+
+def predict(memory: LawMemory, state: State, *, params: LawParams) -> tuple[Array, Array]:
+    """Own position and velocity (..., 3) when a command of now takes effect, at t + L (line P1).
+
+    The vertical axis obeys the motors and not the attitude: the commands count over its own, shorter lag, and the rest
+    of L is at constant velocity. With the paper's law there is no prediction.
+    """
+    if params.name == "paper":
+        return state.position_enu_m, state.velocity_enu_m_s
+    age = np.clip(np.nan_to_num(state.age_s, nan=0.0), 0.0, prediction.MAX_MESSAGE_AGE_S)
+    p, v = state.position_enu_m, state.velocity_enu_m_s
+    position, velocity = prediction.predict_own(memory.history, p, v, params.lag_s + age)
+    vertical = min(params.vertical_lag_s, params.lag_s)
+    position_z, velocity_z = prediction.predict_own(memory.history, p, v, vertical + age)
+    position[..., 2] = position_z[..., 2] + (params.lag_s - vertical) * velocity_z[..., 2]
+    velocity[..., 2] = velocity_z[..., 2]
+    return position, velocity
+
+
+def speed_share(memory: LawMemory) -> Array:
+    """Share (...) of the speed limit that is left in a jam (line G): relaxed rows slow the pursuit down."""
+    return np.maximum(0.1, 1.0 - 1.5 * memory.relaxed_share)
+
+
+def saturate(
+    memory: LawMemory,
+    thrust_baseline: Thrust,
+    predicted: tuple[Array, Array],
+    state: State,
+    neighbours: Neighbours,
+    *,
+    params: LawParams,
+    dt_s: float,
+    compensation_enu_m_s2: Array | None = None,
+) -> tuple[LawMemory, LawOutput]:
+    """Safe thrust for this tick.
+
+    Implements: (17)-(22) for N neighbours, or the paper's pair law, or the identity, by ``params.name``.
+
+    Args:
+        thrust_baseline: (..., 3) of the backstepping.
+        predicted: own position and velocity (..., 3) from :func:`predict`.
+        state: own estimate, used as it is by the paper's law.
+        neighbours: (..., K) as received.
+        compensation_enu_m_s2: (..., 3) what will be added to the command against drag and gusts; the tilt disc is
+            taken about its negative, so that safe thrust and compensation fit into the tilt limit together.
+    Returns:
+        Memory and output. Bad input gives a bounded thrust with status INFEASIBLE, never a warning.
+    Properties: rotation- and translation-equivariant about the vertical; independent of the neighbours' order.
+    """
+    raw = thrust_baseline.thrust_enu_m_s2
+    batch = raw.shape[:-1]
+    is_own_finite = np.asarray(np.isfinite(np.concatenate([raw, *predicted], axis=-1)).all(-1))
+    level = np.array([0.0, 0.0, GRAVITY_M_S2])
+    thrust = np.where(is_own_finite[..., None], np.clip(_finite(raw), -_HUGE, _HUGE), level)
+    position, velocity = _bounded(predicted[0]), _bounded(predicted[1])
+    shift = np.zeros((*batch, 2)) if compensation_enu_m_s2 is None else _finite(compensation_enu_m_s2)[..., :2]
+    radius = horizontal_limit(thrust[..., 2], params=params)
+    wanted = _into_disc(thrust[..., :2] + shift, radius)
+    crowd = np.zeros(batch)
+    slack = np.zeros(batch)
+    active = np.full(batch, -1, np.int64)
+    if params.name == "off" or neighbours.is_present.shape[-1] == 0:
+        safe = wanted
+        status = np.full(batch, int(LawStatus.INACTIVE), np.int64)
+    elif params.name == "paper":
+        safe, status, active = _paper(wanted - shift, state, neighbours, params)
+        safe = _into_disc(safe + shift, radius)
+    else:
+        safe, status, slack, crowd, active = _covey(wanted, shift, radius, position, velocity, neighbours, params)
+    status = np.where(is_own_finite, status, int(LawStatus.INFEASIBLE))
+    command = np.concatenate([safe - shift, thrust[..., 2:]], axis=-1)
+    acceleration = command - level
+    change = safe - wanted
+    weight = 1.0 - 0.93 ** (dt_s / 0.02)
+    share = memory.relaxed_share + weight * ((status == int(LawStatus.RELAXED)) - memory.relaxed_share)
+    memory = replace(memory, history=prediction.record(memory.history, acceleration, dt_s), relaxed_share=share)
+    output = LawOutput(
+        thrust=Thrust(command),
+        predicted_position_enu_m=position,
+        predicted_velocity_enu_m_s=velocity,
+        commanded_acceleration_enu_m_s2=acceleration,
+        status=status,
+        intervention_m_s2=np.sqrt(np.einsum("...c,...c->...", change, change)),
+        slack_m_s2=slack,
+        crowd_count=crowd,
+        active_neighbour=active,
+        lead_time_s=np.full(batch, 0.0 if params.name == "paper" else params.lag_s),
+    )
+    return memory, output
+
+
+def horizontal_limit(thrust_z_m_s2: Array, *, params: LawParams) -> Array:
+    """Largest horizontal thrust (...) [m/s^2] that leaves the vertical one as it is, by tilt and by full throttle."""
+    vertical = np.clip(thrust_z_m_s2, 0.0, params.max_thrust_m_s2)
+    by_tilt = vertical * math.tan(params.max_tilt_rad)
+    return np.minimum(by_tilt, np.sqrt(params.max_thrust_m_s2**2 - vertical**2))
+
+
+def _covey(
+    wanted: Array, shift: Array, radius: Array, position: Array, velocity: Array, neighbours: Neighbours, p: LawParams
+) -> tuple[Array, IntArray, Array, Array, IntArray]:
+    """Projection of ``wanted`` (shifted by the compensation) on the rows of all neighbours; lines P3, D, R, Q."""
+    q, w_j, u_j, is_seen, is_bad = _received(neighbours, p)
+    e = position[..., None, :2] - q
+    w = velocity[..., None, :2] - w_j
+    distance_2 = np.einsum("...kc,...kc->...k", e, e)
+    is_seen &= distance_2 <= p.range_m**2
+    coincident = is_seen & (distance_2 < _COINCIDENT_M**2)
+    e = np.where(coincident[..., None], _way_out(w), e)
+    d = p.d_design_m
+    crowd = (is_seen & (distance_2 < 4.0 * d * d)).sum(-1).astype(np.float64)
+    order = np.argsort(np.where(is_seen, distance_2, np.inf), axis=-1, kind="stable")[..., : p.max_neighbours]
+    is_on = np.take_along_axis(is_seen, order, -1)
+    full = ~np.take_along_axis(neighbours.is_cooperative, order, -1)
+    theirs = np.take_along_axis(neighbours.crowd_count, order, -1)
+    distance_2 = np.take_along_axis(distance_2, order, -1)
+    e, w, u_j = (np.take_along_axis(array, order[..., None], -2) for array in (e, w, u_j))
+    normals, bounds = distance_rows(e, w, distance_2, u_j, full, params=p)
+    bounds = bounds + np.einsum("...kc,...c->...k", normals, shift)
+    lack = np.where(is_on, bounds - np.einsum("...kc,...c->...k", normals, wanted), -np.inf)
+    is_violated = lack > 1e-10
+    nearest = np.take_along_axis(order, np.argmax(lack, axis=-1)[..., None], -1)[..., 0]
+    active = np.where(is_violated.any(-1), nearest, -1).astype(np.int64)
+    flagged = is_bad | coincident.any(-1)
+    if not is_violated.any():
+        status = np.where(flagged, int(LawStatus.INFEASIBLE), int(LawStatus.INACTIVE))
+        return wanted, status, np.zeros(status.shape), crowd, active
+    count = np.maximum(crowd[..., None], np.where(np.isfinite(theirs), theirs, 0.0))
+    turn, turn_bounds = rotation_rows(e, w, distance_2, count >= p.crowd_count, params=p)
+    turn_bounds = turn_bounds + np.einsum("...kc,...c->...k", turn, shift)
+    reach = np.sqrt(np.einsum("...kc,...kc->...k", normals, normals)) * radius[..., None]
+    can_bind = is_on & (bounds > -reach)  # the others hold for every thrust of the disc
+    result = project(
+        wanted, Rows(normals, bounds, can_bind), Rows(turn, turn_bounds, is_violated & is_on), radius_m_s2=radius
+    )
+    status = np.where(flagged, int(LawStatus.INFEASIBLE), result.status)
+    return result.point_m_s2, status, result.slack_m_s2, crowd, active
+
+
+def distance_rows(
+    e: Array, w: Array, distance_2: Array, neighbour_command: Array, is_full: BoolArray, *, params: LawParams
+) -> tuple[Array, Array]:
+    """Hard rows ``(e/d).u >= bound``: normals (..., K, 2) [-], bounds (..., K) [m/s^2].
+
+    (17) asks the pair for ``need``. Each vehicle takes half, plus ``shortfall_gain`` times what the other's command
+    fails to deliver; alone (``is_full``, a neighbour that does not cooperate) it takes all. DEVIATION D2.
+    """
+    p, d = params, params.d_design_m
+    closing = np.einsum("...kc,...kc->...k", e, w)
+    speed_2 = np.einsum("...kc,...kc->...k", w, w)
+    k_1, k_2 = p.kappa_1_1_s, p.kappa_2_1_s
+    need = -speed_2 - (k_1 + k_2) * closing - 0.5 * k_1 * k_2 * (distance_2 - d * d)
+    pulled = np.einsum("...kc,...kc->...k", e, neighbour_command)
+    shared = 0.5 * need + p.shortfall_gain * np.maximum(0.0, 0.5 * need + pulled)
+    return e / d, np.where(is_full, need, shared) / d
+
+
+def rotation_rows(
+    e: Array, w: Array, distance_2: Array, is_crowded: BoolArray, *, params: LawParams
+) -> tuple[Array, Array]:
+    """Soft rows that turn the pair about each other, in relative form with half a share each. DEVIATION D4.
+
+    The direction is the pair's own, which both see alike; undecided or crowded pairs turn counter-clockwise.
+    """
+    p, d = params, params.d_design_m
+    spin = e[..., 0] * w[..., 1] - e[..., 1] * w[..., 0]
+    closing = np.einsum("...kc,...kc->...k", e, w)
+    speed = np.sqrt(np.einsum("...kc,...kc->...k", w, w))
+    sign = np.where(~is_crowded & (spin < -0.25 * d * np.maximum(speed, 0.1)), -1.0, 1.0)
+    v_perp = np.where(is_crowded, p.v_perp_crowd_m_s, p.v_perp_m_s)
+    gap = sign * spin - 2.0 * d * v_perp + p.kappa_3_1_s * (distance_2 - d * d)
+    bound = 0.5 * (-2.0 * p.kappa_3_1_s * closing - p.kappa_4_1_s * gap)
+    turned = np.stack([-e[..., 1], e[..., 0]], axis=-1) * sign[..., None]
+    return turned / d, bound / d
+
+
+def _received(
+    neighbours: Neighbours, p: LawParams
+) -> tuple[Array, Array, Array, BoolArray, BoolArray]:
+    """Neighbours carried to our own time: position, velocity, command (..., K, 2), who counts, and who is unusable."""
+    own_word = np.isfinite(neighbours.predicted_position_enu_m).all(-1)
+    own_word &= np.isfinite(neighbours.predicted_velocity_enu_m_s).all(-1)
+    own_word &= np.isfinite(neighbours.commanded_acceleration_enu_m_s2).all(-1) & neighbours.is_cooperative
+    age = np.where(np.isfinite(neighbours.age_s), neighbours.age_s, prediction.MAX_MESSAGE_AGE_S)
+    command = np.where(own_word[..., None], _bounded(neighbours.commanded_acceleration_enu_m_s2[..., :2]), 0.0)
+    position, velocity = prediction.predict_neighbour(
+        _bounded(neighbours.predicted_position_enu_m[..., :2]),
+        _bounded(neighbours.predicted_velocity_enu_m_s[..., :2]),
+        command,
+        age,
+    )
+    usable = own_word
+    if not own_word.all():  # plain estimate at constant velocity up to our own lead time
+        seen = np.isfinite(neighbours.position_enu_m).all(-1) & np.isfinite(neighbours.velocity_enu_m_s).all(-1)
+        plain_velocity = _bounded(neighbours.velocity_enu_m_s[..., :2])
+        ahead = np.clip(age, 0.0, prediction.MAX_MESSAGE_AGE_S) + p.lag_s
+        plain = _bounded(neighbours.position_enu_m[..., :2]) + ahead[..., None] * plain_velocity
+        position = np.where(own_word[..., None], position, plain)
+        velocity = np.where(own_word[..., None], velocity, plain_velocity)
+        usable = own_word | seen
+    is_bad = np.asarray((neighbours.is_present & ~usable).any(-1))
+    return position, velocity, command, neighbours.is_present & usable, is_bad
+
+
+def _paper(
+    wanted: Array, state: State, neighbours: Neighbours, p: LawParams
+) -> tuple[Array, IntArray, IntArray]:
+    """The pair law against the ring's successor, on plain estimates as the paper has it."""
+    mask = neighbours.is_present & neighbours.is_paper_obstacle
+    index = np.argmax(mask, axis=-1)
+    has_one = mask.any(-1)
+    picked = [
+        np.take_along_axis(array, index[..., None, None], -2)[..., 0, :2]
+        for array in (neighbours.position_enu_m, neighbours.velocity_enu_m_s, neighbours.acceleration_enu_m_s2)
+    ]
+    is_finite = has_one.copy()
+    for vector in picked:
+        is_finite &= np.isfinite(vector).all(-1)
+    own_p, own_v = _bounded(state.position_enu_m[..., :2]), _bounded(state.velocity_enu_m_s[..., :2])
+    q, v_o, a_o = (_bounded(vector) for vector in picked)
+    result = saturate_thrust(own_p, own_v, wanted, q, v_o, a_o, params=p.paper)
+    acts = is_finite & result.is_usable
+    safe = np.where(acts[..., None], result.thrust_xy_m_s2, wanted)
+    status = np.where(acts & result.is_changed, int(LawStatus.SATURATED), int(LawStatus.INACTIVE))
+    status = np.where(has_one & ~acts, int(LawStatus.INFEASIBLE), status)
+    return safe, status, np.where(acts & result.is_changed, index, -1).astype(np.int64)
+
+
+def _way_out(w: Array) -> Array:
+    """Direction (..., K, 2) of a tiny separation for coincident vehicles: onwards along the relative velocity."""
+    speed = np.sqrt(np.einsum("...kc,...kc->...k", w, w))[..., None]
+    is_moving = speed > 1e-6
+    return _COINCIDENT_M * np.where(is_moving, w / np.where(is_moving, speed, 1.0), np.array([1.0, 0.0]))
+
+
+def _into_disc(vector: Array, radius: Array) -> Array:
+    size = np.sqrt(np.einsum("...c,...c->...", vector, vector))
+    share = np.where(size > radius, radius / np.maximum(size, 1e-12), 1.0)
+    return np.asarray(vector * share[..., None])
+
+
+def _finite(array: Array) -> Array:
+    return np.nan_to_num(array, nan=0.0, posinf=_HUGE, neginf=-_HUGE)
+
+
+def _bounded(array: Array) -> Array:
+    return np.clip(_finite(array), -_HUGE, _HUGE)

@@ -1,0 +1,83 @@
+"""Prediction over the own attitude lag, and of the neighbours over the age of their messages.
+
+Between a command and the acceleration it causes lies the lag L (dead time plus 2 zeta / wn). What the vehicle will do
+until t + L is therefore known: it is what was commanded during the last L seconds. The law evaluates its rows there,
+and the neighbours publish the same about themselves. Lines P1 to P3 of the design; all by time, not by whole ticks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from onboard.types import Array
+
+SLOTS = 40
+MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour further than this gains nothing
+MAX_COMMAND_AGE_S = 0.25  # a neighbour's last command says little about what it does later
+
+
+@dataclass(frozen=True, slots=True)
+class CommandHistory:
+    """Own past commands, newest first: acceleration_enu_m_s2 (..., B, 3), held for duration_s (..., B)."""
+
+    acceleration_enu_m_s2: Array
+    duration_s: Array
+
+
+def initial(batch_shape: tuple[int, ...]) -> CommandHistory:
+    """A history without commands: prediction is then at constant velocity."""
+    return CommandHistory(np.zeros((*batch_shape, SLOTS, 3)), np.zeros((*batch_shape, SLOTS)))
+
+
+def record(history: CommandHistory, command_enu_m_s2: Array, duration_s: float) -> CommandHistory:
+    """History after ``command`` (..., 3) has been held for ``duration_s``; what is not finite counts as zero."""
+    command = np.where(np.isfinite(command_enu_m_s2), command_enu_m_s2, 0.0)
+    acceleration = np.empty_like(history.acceleration_enu_m_s2)
+    acceleration[..., 1:, :] = history.acceleration_enu_m_s2[..., :-1, :]
+    acceleration[..., 0, :] = command
+    duration = np.empty_like(history.duration_s)
+    duration[..., 1:] = history.duration_s[..., :-1]
+    duration[..., 0] = duration_s
+    return replace(history, acceleration_enu_m_s2=acceleration, duration_s=duration)
+
+
+def predict_own(
+    history: CommandHistory, position_enu_m: Array, velocity_enu_m_s: Array, window_s: Array
+) -> tuple[Array, Array]:
+    """State after ``window_s`` (...) under the commands of the last ``window_s`` seconds.
+
+    Line P1: ``P = p + W v + sum u_k l_k (r_k + l_k / 2)``, ``V = v + sum u_k l_k`` with l_k the part of command k inside
+    the window and r_k the time left after it.
+
+    Args:
+        position_enu_m, velocity_enu_m_s: (..., 3), valid ``age`` seconds ago.
+        window_s: (...) lag plus age of the estimate.
+    Properties: translation- and rotation-equivariant; linear in the commands; a window cut in two gives the same.
+    """
+    duration = history.duration_s
+    end_back = np.cumsum(duration, axis=-1)
+    left = end_back - duration
+    inside = np.minimum(np.maximum(window_s[..., None] - left, 0.0), duration)
+    weight = inside * (left + 0.5 * inside)
+    commands = history.acceleration_enu_m_s2
+    velocity = velocity_enu_m_s + np.einsum("...b,...bc->...c", inside, commands)
+    position = (
+        position_enu_m + window_s[..., None] * velocity_enu_m_s + np.einsum("...b,...bc->...c", weight, commands)
+    )
+    return position, velocity
+
+
+def predict_neighbour(
+    position_enu_m: Array, velocity_enu_m_s: Array, command_enu_m_s2: Array, age_s: Array
+) -> tuple[Array, Array]:
+    """Neighbour's predicted state (..., K, 3) carried over the age (..., K) of its message, line P3."""
+    age = np.minimum(np.maximum(age_s, 0.0), MAX_MESSAGE_AGE_S)
+    held = np.minimum(age, MAX_COMMAND_AGE_S)
+    position = (
+        position_enu_m
+        + age[..., None] * velocity_enu_m_s
+        + (held * (age - 0.5 * held))[..., None] * command_enu_m_s2
+    )
+    return position, velocity_enu_m_s + held[..., None] * command_enu_m_s2
