@@ -218,7 +218,7 @@ def read_toml(path: str | os.PathLike[str], what: str) -> tuple[dict[str, Any], 
         return tomllib.loads(text), text
     except FileNotFoundError:
         raise ConfigError(
-            f"{name}: there is no such {what}. Give the path of an existing one, for instance configs/fleets/paper.toml."
+            f"{name}: there is no such {what}. Give the path of an existing one, such as configs/fleets/paper.toml."
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(
@@ -410,8 +410,8 @@ def _check_spacing(config: FleetConfig) -> None:
         spacing = math.dist(config.vehicles[first].start_enu_m[:2], config.vehicles[second].start_enu_m[:2])
         if spacing < fleet.safety_distance_m:
             raise ConfigError(
-                f"{path}: 'vehicles.{first}.start_enu_m' and 'vehicles.{second}.start_enu_m' are {spacing:.2f} m apart; "
-                f"at least fleet.safety_distance_m = {fleet.safety_distance_m:.2f} m is needed. Move them apart."
+                f"{path}: 'vehicles.{first}.start_enu_m' and 'vehicles.{second}.start_enu_m' are {spacing:.2f} m "
+                f"apart; at least fleet.safety_distance_m = {fleet.safety_distance_m:.2f} m is needed. Move them apart."
             )
     for formation, slots in config.formations.items():
         for name in slots:
@@ -424,8 +424,8 @@ def _check_spacing(config: FleetConfig) -> None:
             spacing = math.dist(slots[first][:2], slots[second][:2])
             if spacing < parking:
                 raise ConfigError(
-                    f"{path}: slots 'formations.{formation}.{first}' and '.{second}' are {spacing:.2f} m apart; the law "
-                    f"'{config.law.name}' can park vehicles at {parking:.2f} m or more. Spread the slots."
+                    f"{path}: slots 'formations.{formation}.{first}' and '.{second}' are {spacing:.2f} m apart; the "
+                    f"law '{config.law.name}' can park vehicles at {parking:.2f} m or more. Spread the slots."
                 )
 
 

@@ -86,7 +86,7 @@ class BusSession:
         session, self._session = self._session, None
         if session is not None:
             self._publishers.clear()
-            session.close()
+            session.close()  # type: ignore[no-untyped-call]
             self._kept.clear()
 
     @property

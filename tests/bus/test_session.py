@@ -1,0 +1,126 @@
+"""Two nodes on real endpoints: samples, orders, liveliness, and fleets side by side."""
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from onboard.bus.codec import Malformed
+from onboard.bus.schema import Event, Order, OrderReply
+from onboard.bus.session import BusError, BusSession
+from onboard.bus.topics import Topic
+
+EVENT = Event(vehicle="mav0", stamp_ns=5, severity="info", code="armed", sentence="Armed.")
+
+
+def free_endpoint() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def wait_for(condition: Callable[[], Any], seconds: float = 10.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "condition not reached in time"
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return free_endpoint()
+
+
+@pytest.fixture
+def agent(endpoint: str) -> Iterator[BusSession]:
+    session = BusSession(namespace="covey/t", node="mav0", listen=[endpoint])
+    session.start()
+    yield session
+    session.stop()
+
+
+@pytest.fixture
+def ground(agent: BusSession, endpoint: str) -> Iterator[BusSession]:
+    session = BusSession(namespace="covey/t", node="ground", connect=[endpoint])
+    session.start()
+    alive: set[str] = set()
+    session.watch_alive(lambda node, is_alive: alive.add(node) if is_alive else alive.discard(node))
+    wait_for(lambda: "mav0" in alive)
+    session.alive = alive  # type: ignore[attr-defined]
+    yield session
+    session.stop()
+
+
+def order(order_id: str = "1") -> Order:
+    return Order(order_id=order_id, author="me", kind="arm", stamp_ns=0, deadline_ns=0)
+
+
+def ask(ground: BusSession, vehicle: str) -> list[OrderReply | Malformed]:
+    replies: list[OrderReply | Malformed] = []
+    ended = threading.Event()
+    ground.order(vehicle, order(), timeout_s=2.0, on_reply=replies.append, on_end=ended.set)
+    assert ended.wait(5.0)
+    return replies
+
+
+def test_a_sample_arrives_with_topic_and_name(agent: BusSession, ground: BusSession) -> None:
+    got: list[Any] = []
+    ground.subscribe(Topic.EVENT, "*", lambda *sample: got.append(sample))
+
+    def published() -> bool:
+        agent.publish(Topic.EVENT, "mav0", EVENT)
+        return bool(got)
+
+    wait_for(published)
+    assert got[0] == (Topic.EVENT, "mav0", EVENT)
+
+
+def test_an_order_is_answered_and_an_absent_vehicle_is_silence_at_once(agent: BusSession, ground: BusSession) -> None:
+    def answer(received: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
+        assert isinstance(received, Order)
+        message = OrderReply(order_id=received.order_id, vehicle="mav0", is_accepted=False, reason="not ready")
+        threading.Thread(target=reply, args=(message,)).start()
+
+    agent.serve_orders("mav0", answer)
+    wait_for(lambda: ask(ground, "mav0"))
+    assert ask(ground, "mav0") == [OrderReply(order_id="1", vehicle="mav0", is_accepted=False, reason="not ready")]
+    assert ask(ground, "mav7") == []
+
+
+def test_leaving_is_seen_by_liveliness(agent: BusSession, ground: BusSession) -> None:
+    agent.stop()
+    agent.stop()
+    wait_for(lambda: "mav0" not in ground.alive)  # type: ignore[attr-defined]
+
+
+def test_another_fleet_on_the_same_endpoint_hears_nothing(agent: BusSession, ground: BusSession, endpoint: str) -> None:
+    other = BusSession(namespace="covey/other", node="ground", connect=[endpoint])
+    other.start()
+    try:
+        heard: list[Any] = []
+        here: list[Any] = []
+        other.subscribe(Topic.EVENT, "*", lambda *sample: heard.append(sample))
+        ground.subscribe(Topic.EVENT, "*", lambda *sample: here.append(sample))
+
+        def published() -> bool:
+            agent.publish(Topic.EVENT, "mav0", EVENT)
+            return len(here) > 5
+
+        wait_for(published)
+        assert heard == []
+    finally:
+        other.stop()
+
+
+def test_a_taken_endpoint_is_refused_in_words(agent: BusSession, endpoint: str) -> None:
+    second = BusSession(namespace="covey/t", node="mav0", listen=[endpoint])
+    with pytest.raises(BusError, match="address is in use"):
+        second.start()
+
+
+def test_a_closed_session_says_so() -> None:
+    with pytest.raises(BusError, match="not open"):
+        BusSession(namespace="covey/t", node="x").publish(Topic.EVENT, "x", EVENT)
