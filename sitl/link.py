@@ -265,9 +265,6 @@ class Link:
     def _do_capabilities(self, p: list[float]) -> tuple[Result, list[bytes]]:
         return self._do_request_message([float(ID_BY_NAME["AUTOPILOT_VERSION"])])
 
-    def _do_protocol(self, p: list[float]) -> tuple[Result, list[bytes]]:
-        return self._do_request_message([float(ID_BY_NAME["PROTOCOL_VERSION"])])
-
     def _do_home(self, p: list[float]) -> tuple[Result, list[bytes]]:
         return self._do_request_message([float(ID_BY_NAME["HOME_POSITION"])])
 
@@ -292,7 +289,6 @@ _COMMANDS: dict[int, Callable[[Link, list[float]], tuple[Result, list[bytes]]]] 
     510: Link._do_get_interval,
     511: Link._do_interval,
     512: Link._do_request_message,
-    519: Link._do_protocol,
     520: Link._do_capabilities,
 }
 

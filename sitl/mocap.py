@@ -52,17 +52,17 @@ class Mocap:
         self._rng = np.random.default_rng([seed, 3])
         self._lost_until_s = np.full(count, -math.inf)
         self._next_s = 0.0
-        self._on_the_way: deque[list[Pose]] = deque()
+        self._on_the_way: deque[tuple[float, list[Pose]]] = deque()
         self._last: list[Pose | None] = [None] * count
 
     def step(self, time_s: float, position_enu_m: Array, attitude_enu_flu: Array) -> list[Pose]:
         """Expose a frame if one is due; return the poses that arrive now, oldest first."""
         if time_s + 1e-9 >= self._next_s:
             self._next_s = max(self._next_s, time_s - 0.1) + 1.0 / self.settings.rate_hz
-            self._on_the_way.append(self._measure(time_s, position_enu_m, attitude_enu_flu))
+            self._on_the_way.append((time_s, self._measure(time_s, position_enu_m, attitude_enu_flu)))
         arrived: list[Pose] = []
-        while self._on_the_way and time_s + 1e-9 >= self._on_the_way[0][0].time_s + self.settings.latency_s:
-            arrived.extend(self._on_the_way.popleft())
+        while self._on_the_way and time_s + 1e-9 >= self._on_the_way[0][0] + self.settings.latency_s:
+            arrived.extend(self._on_the_way.popleft()[1])
         return arrived
 
     def _measure(self, time_s: float, position_enu_m: Array, attitude_enu_flu: Array) -> list[Pose]:
@@ -87,4 +87,4 @@ class Mocap:
             pose = Pose(index, time_s, True, (x, y, z), (qw, qx, qy, qz))
             self._last[index] = pose
             poses.append(pose)
-        return poses or [Pose(0, time_s, False, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))]
+        return poses

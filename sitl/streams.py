@@ -298,10 +298,6 @@ def _autopilot_version(v: View) -> tuple[Any, ...]:
     )
 
 
-def _protocol_version(v: View) -> tuple[Any, ...]:
-    return _ordered("PROTOCOL_VERSION", version=200, min_version=100, max_version=200)
-
-
 def _ordered(name: str, **fields: Any) -> tuple[Any, ...]:
     return Encoder.values(name, **fields)
 
@@ -332,7 +328,6 @@ _TABLE: tuple[tuple[str, Builder, float, float], ...] = (
     ("HOME_POSITION", _home_position, 0.5, 0.5),
     ("GPS_GLOBAL_ORIGIN", _global_origin, 0.0, 0.0),
     ("AUTOPILOT_VERSION", _autopilot_version, 0.0, 0.0),
-    ("PROTOCOL_VERSION", _protocol_version, 0.0, 0.0),
 )
 BUILDERS: dict[int, Builder] = {ID_BY_NAME[name]: builder for name, builder, _, _ in _TABLE}
 ONBOARD_RATES_HZ: dict[int, float] = {ID_BY_NAME[name]: rate for name, _, rate, _ in _TABLE}

@@ -1,0 +1,366 @@
+"""Emulated PX4s in real time: one process, one UDP socket per link as PX4 lays them out, poses and truth on the bus.
+
+The one door of the emulator to the rest of the project: fleet files and the bus. Nothing is read from the bus.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import functools
+import re
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from onboard.bus.schema import MocapPose, Truth
+from onboard.bus.session import BusError, BusSession
+from onboard.bus.topics import Topic
+from onboard.config import ConfigError, FleetConfig, Vehicle, load_fleet
+from sitl.emulator import Emulator, VehicleSpec
+from sitl.link import Link
+from sitl.mocap import Mocap, MocapSettings
+from sitl.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ
+from sitl.vehicle import STEP_S, VehicleProfile
+
+EXIT_OK, EXIT_WRONG_INPUT = 0, 2
+# PX4's instance N binds 14580 + N for the companion that listens at 14540 + N.
+_ONBOARD_PORT_OFFSET = 40
+_LARGEST_BACKLOG_STEPS = 25
+_TRUTH_EVERY_STEPS = 5
+_ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*|\[[^\]]*\]):(\d{1,5})")
+
+Address = tuple[str, int]
+
+
+class StartError(RuntimeError):
+    """The emulator cannot start: a sentence for people."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """Where one link is bound and, if it streams unasked, whereto."""
+
+    bind: Address
+    peer: Address | None
+
+
+def profile_of(vehicle: Vehicle) -> VehicleProfile:
+    """The emulator's profile of a vehicle of the fleet file."""
+    return VehicleProfile(
+        mass_kg=vehicle.mass_kg,
+        hover_thrust_frac=vehicle.hover_thrust_frac,
+        attitude_delay_s=vehicle.attitude_delay_s,
+        attitude_wn_rad_s=vehicle.attitude_wn_rad_s,
+        attitude_zeta=vehicle.attitude_zeta,
+        drag_1_s=vehicle.drag_1_s,
+        static_gain=vehicle.sitl.static_gain,
+        tilt_bias_deg=vehicle.sitl.tilt_bias_deg,
+        yaw_wn_rad_s=vehicle.sitl.yaw_wn_rad_s,
+        motor_lag_s=vehicle.sitl.motor_lag_s,
+        thrust_noise_frac=vehicle.sitl.thrust_noise_frac,
+    )
+
+
+def onboard_ports(vehicle: Vehicle) -> Ports:
+    """The companion link: PX4 sends at once to where the agent listens, from its own port 40 higher."""
+    scheme, host, port = _parse(vehicle.autopilot, f"vehicles.{vehicle.name}.autopilot")
+    if scheme == "udpout":
+        return Ports((host, port), None)
+    return Ports((host, port + _ONBOARD_PORT_OFFSET), ("127.0.0.1" if host == "0.0.0.0" else host, port))
+
+
+def direct_ports(vehicle: Vehicle) -> Ports | None:
+    """The ground's link, if the fleet file has one: PX4 answers whoever speaks first."""
+    if vehicle.direct is None:
+        return None
+    _, host, port = _parse(vehicle.direct, f"vehicles.{vehicle.name}.direct")
+    return Ports((host, port), None)
+
+
+def _parse(endpoint: str, key: str) -> tuple[str, str, int]:
+    match = _ENDPOINT.fullmatch(endpoint)
+    if match is None or not 0 < int(match[3]) < 65536 - _ONBOARD_PORT_OFFSET:
+        raise StartError(
+            f"'{key}' is {endpoint!r}, which cannot be emulated. Use udpin://127.0.0.1:14540 (PX4's layout) or udpout://."
+        )
+    return match[1], match[2] or "0.0.0.0", int(match[3])
+
+
+class _Endpoint(asyncio.DatagramProtocol):
+    """A socket and its link; locks onto whoever sends the first MAVLink message, for good, as PX4 does."""
+
+    def __init__(self, link: Link, peer: Address | None) -> None:
+        self.link = link
+        self._peer = peer
+        self._is_locked = False
+        self._transport: asyncio.DatagramTransport | None = None
+
+    def attach(self, transport: asyncio.DatagramTransport) -> None:
+        """Give the endpoint its socket's transport (asyncio's own class for sockets is not a DatagramTransport)."""
+        self._transport = transport
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        is_mavlink, answers = self.link.receive(data)
+        if is_mavlink and not self._is_locked:
+            self._is_locked, self._peer = True, addr
+        for answer in answers:
+            self._send(answer)
+
+    def poll(self) -> None:
+        """Send what is due; without a peer it is built all the same, and dropped."""
+        for datagram in self.link.poll():
+            self._send(datagram)
+
+    def close(self) -> None:
+        """Close the socket."""
+        if self._transport is not None:
+            self._transport.close()
+
+    def _send(self, datagram: bytes) -> None:
+        if self._peer is not None and self._transport is not None:
+            self._transport.sendto(datagram, self._peer)
+
+
+def _bind(ports: Ports, what: str) -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.bind(ports.bind)
+    except OSError as error:
+        sock.close()
+        raise StartError(
+            f"{what} needs UDP port {ports.bind[1]} on {ports.bind[0]}, which cannot be bound ({error.strerror}). "
+            "Is another emulator or a PX4 running? Stop it, or change the port in the fleet file."
+        ) from None
+    sock.setblocking(False)
+    return sock
+
+
+class Server:
+    """The emulated part of a fleet in real time.
+
+    Args:
+        fleet: the fleet file.
+        vehicles: names to emulate.
+        seed: of everything random.
+        mocap: quality of the emulated motion capture.
+        bus: where poses and truth are published; None for MAVLink only.
+        truth_offset_m: added to the published truth, to prove that no flight depends on it.
+    """
+
+    def __init__(
+        self,
+        fleet: FleetConfig,
+        vehicles: Sequence[str],
+        *,
+        seed: int,
+        mocap: MocapSettings | None = None,
+        bus: BusSession | None = None,
+        truth_offset_m: float = 0.0,
+    ) -> None:
+        self._vehicles = [fleet.vehicles[name] for name in vehicles]
+        specs = [VehicleSpec(v.name, v.system_id, profile_of(v), v.start_enu_m) for v in self._vehicles]
+        self.emulator = Emulator(specs, body_diameter_m=fleet.fleet.body_diameter_m, seed=seed)
+        self._mocap = Mocap(len(specs), mocap, seed=seed)
+        self._bus = bus
+        self._truth_offset_m = truth_offset_m
+        self._endpoints: list[_Endpoint] = []
+        self._sequence = 0
+        self._boot_id = time.time_ns() & 0x7FFFFFFF
+        self._epoch_s = 0.0
+
+    async def start(self) -> list[str]:
+        """Bind every port; returns a line per link. Refuses all when one is taken.
+
+        Raises:
+            StartError: a port is taken or an endpoint cannot be emulated.
+        """
+        wanted: list[tuple[Vehicle, int, Ports, dict[int, float], str]] = []
+        for index, vehicle in enumerate(self._vehicles):
+            wanted.append((vehicle, index, onboard_ports(vehicle), ONBOARD_RATES_HZ, "companion link"))
+            direct = direct_ports(vehicle)
+            if direct is not None:
+                wanted.append((vehicle, index, direct, GCS_RATES_HZ, "ground link"))
+        sockets: list[socket.socket] = []
+        try:
+            for vehicle, _, ports, _, what in wanted:
+                sockets.append(_bind(ports, f"The {what} of {vehicle.name}"))
+        except StartError:
+            for sock in sockets:
+                sock.close()
+            raise
+        loop = asyncio.get_running_loop()
+        lines: list[str] = []
+        for sock, (vehicle, index, ports, rates_hz, _) in zip(sockets, wanted, strict=True):
+            link = Link(self.emulator, index, rates_hz)
+            factory = functools.partial(_Endpoint, link, ports.peer)
+            transport, endpoint = await loop.create_datagram_endpoint(factory, sock=sock)
+            endpoint.attach(transport)
+            self._endpoints.append(endpoint)
+            target = f" -> {ports.peer[1]}" if ports.peer else ""
+            lines.append(f"{vehicle.name} {ports.bind[1]}{target}")
+        return lines
+
+    async def run(self, stopped: asyncio.Event, say: Callable[[str], None]) -> None:
+        """Fly in real time, on an absolute schedule, until `stopped`."""
+        loop = asyncio.get_running_loop()
+        self._epoch_s = loop.time() - self.emulator.time_s
+        while not stopped.is_set():
+            due = int((loop.time() - self._epoch_s) / STEP_S) - self.emulator.world.vehicles.steps
+            if due > _LARGEST_BACKLOG_STEPS:
+                # The machine slept: simulated time stands still meanwhile, as PX4's does, rather than racing after.
+                self._epoch_s += (due - 1) * STEP_S
+                due = 1
+            for _ in range(due):
+                self._step(say)
+            wake_s = self._epoch_s + (self.emulator.world.vehicles.steps + 1) * STEP_S
+            await asyncio.sleep(max(0.0, wake_s - loop.time()))
+
+    def stop(self) -> None:
+        """Close all sockets; a second call does nothing."""
+        for endpoint in self._endpoints:
+            endpoint.close()
+        self._endpoints.clear()
+
+    @property
+    def malformed(self) -> int:
+        """Datagrams that were no MAVLink, over all links."""
+        return sum(endpoint.link.malformed for endpoint in self._endpoints)
+
+    def _step(self, say: Callable[[str], None]) -> None:
+        for collision in self.emulator.step():
+            first, second = self._vehicles[collision.first].name, self._vehicles[collision.second].name
+            say(
+                f"collision: {first} and {second} touched at {collision.time_s:.2f} s "
+                f"({collision.distance_m:.2f} m between centres); both fall"
+            )
+        for endpoint in self._endpoints:
+            endpoint.poll()
+        if self._bus is not None and self.emulator.world.vehicles.steps % _TRUTH_EVERY_STEPS == 0:
+            self._publish(self._bus)
+
+    def _stamp_ns(self, time_s: float) -> int:
+        # The event loop's clock is the monotonic one, so simulated time maps onto everybody's stamps.
+        return round((self._epoch_s + time_s) * 1e9)
+
+    def _publish(self, bus: BusSession) -> None:
+        position, velocity, attitude = self.emulator.world.truth_enu()
+        for pose in self._mocap.step(self.emulator.time_s, position, attitude):
+            vehicle = self._vehicles[pose.index]
+            self._sequence += 1
+            body = vehicle.mocap_body or vehicle.name
+            message = MocapPose(
+                body=body,
+                boot_id=self._boot_id,
+                sequence=self._sequence,
+                stamp_ns=self._stamp_ns(pose.time_s),
+                is_tracked=pose.is_tracked,
+                position_enu_m=pose.position_enu_m,
+                quaternion_enu_flu_wxyz=pose.quaternion_enu_flu_wxyz,
+            )
+            bus.publish(Topic.MOCAP, body, message)
+        states = self.emulator.world.vehicles.states
+        stamp_ns = self._stamp_ns(self.emulator.time_s)
+        shown = position + self._truth_offset_m
+        rows = zip(self._vehicles, shown.tolist(), velocity.tolist(), attitude.tolist(), strict=True)
+        for index, (vehicle, p, v, q) in enumerate(rows):
+            truth = Truth(
+                vehicle=vehicle.name,
+                stamp_ns=stamp_ns,
+                position_enu_m=(p[0], p[1], p[2]),
+                velocity_enu_m_s=(v[0], v[1], v[2]),
+                quaternion_enu_flu_wxyz=(q[0], q[1], q[2], q[3]),
+                is_on_ground=bool(states.on_ground[index]),
+                is_collided=bool(states.motors_dead[index]),
+            )
+            bus.publish(Topic.TRUTH, vehicle.name, truth)
+
+
+def run(
+    fleet: FleetConfig,
+    *,
+    vehicles: Sequence[str],
+    seed: int = 0,
+    mocap: MocapSettings | None = None,
+    with_bus: bool = True,
+    truth_offset_m: float = 0.0,
+) -> int:
+    """Emulate `vehicles` until SIGINT or SIGTERM; prints "ready: ..." when every port is bound and streams.
+
+    Returns:
+        exit status: 0 after a clean stop, 2 when it could not start.
+    """
+    bus = None
+    if with_bus:
+        agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
+        bus = BusSession(namespace=fleet.namespace, node="sitl", listen=[fleet.simulator_endpoint], connect=agents)
+    server = Server(fleet, vehicles, seed=seed, mocap=mocap, bus=bus, truth_offset_m=truth_offset_m)
+    try:
+        asyncio.run(_serve(server, bus))
+    except (StartError, BusError) as error:
+        print(f"sitl: {error}", file=sys.stderr, flush=True)
+        return EXIT_WRONG_INPUT
+    return EXIT_OK
+
+
+async def _serve(server: Server, bus: BusSession | None) -> None:
+    stopped = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stopped.set)
+    try:
+        lines = await server.start()
+        if bus is not None:
+            bus.start()
+        print(f"ready: {', '.join(lines)}", flush=True)
+        await server.run(stopped, _say)
+    finally:
+        server.stop()
+        if bus is not None:
+            bus.stop()
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command `covey sitl` and `python -m sitl`."""
+    parser = argparse.ArgumentParser(prog="covey sitl", description="Emulate the PX4s of a fleet, with their vehicles.")
+    parser.add_argument("--fleet", required=True, help="fleet file")
+    parser.add_argument("--vehicles", help="names or places, for instance mav0,mav2 or 0-1 (default: all enabled)")
+    parser.add_argument("--exclude", help="vehicles to leave out")
+    parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default 0)")
+    parser.add_argument("--mocap-noise-m", type=float, default=0.003)
+    parser.add_argument("--mocap-latency-s", type=float, default=0.02)
+    parser.add_argument("--mocap-dropouts-per-s", type=float, default=0.0, help="marker losses per body and second")
+    parser.add_argument("--mocap-dropout-s", type=float, default=0.1, help="length of a marker loss")
+    parser.add_argument("--no-bus", action="store_true", help="MAVLink only: no motion capture, no ground truth")
+    parser.add_argument("--truth-offset-m", type=float, default=0.0, help="falsify the published truth by this much")
+    arguments = parser.parse_args(argv)
+    try:
+        fleet = load_fleet(arguments.fleet)
+        names = fleet.select(arguments.vehicles, arguments.exclude)
+    except ConfigError as error:
+        print(f"sitl: {error}", file=sys.stderr, flush=True)
+        return EXIT_WRONG_INPUT
+    if not names or arguments.seed < 0:
+        print("sitl: nothing to emulate: choose at least one vehicle, and a seed of 0 or more.", file=sys.stderr)
+        return EXIT_WRONG_INPUT
+    settings = MocapSettings(
+        noise_m=arguments.mocap_noise_m,
+        latency_s=arguments.mocap_latency_s,
+        dropout_per_s=arguments.mocap_dropouts_per_s,
+        dropout_s=arguments.mocap_dropout_s,
+    )
+    return run(
+        fleet,
+        vehicles=names,
+        seed=arguments.seed,
+        mocap=settings,
+        with_bus=not arguments.no_bus,
+        truth_offset_m=arguments.truth_offset_m,
+    )
