@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fastcrc.crc16 import mcrf4xx
-from pymavlink.dialects.v20 import common  # type: ignore[import-untyped]
+from pymavlink.dialects.v20 import common
 
 _MAGIC_V2 = 0xFD
 _MAGIC_V1 = 0xFE

@@ -1,4 +1,4 @@
-"""A motion-capture system as its clients see it: poses at a fixed rate, a little wrong, a little late, sometimes lost."""
+"""A motion-capture system as its clients see it: poses at a fixed rate, a bit wrong, a bit late, sometimes lost."""
 
 from __future__ import annotations
 

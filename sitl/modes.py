@@ -101,4 +101,4 @@ OFFBOARD_LOSS_MODE: dict[int, Mode | None] = {
 BLIND_DESCENT = frozenset({Mode.MANUAL, Mode.ALTCTL, Mode.POSCTL, Mode.STABILIZED})
 
 # Modes that a person or a program chose for good; the others lead to another mode by themselves.
-INTENT_AFTER_DISARM: dict[Mode, Mode] = {mode: Mode.LOITER for mode in (Mode.LAND, Mode.RTL, Mode.TAKEOFF)}
+INTENT_AFTER_DISARM: dict[Mode, Mode] = dict.fromkeys((Mode.LAND, Mode.RTL, Mode.TAKEOFF), Mode.LOITER)

@@ -92,23 +92,23 @@ async def fly(port: int) -> dict[str, Any]:
     seen["loss_s"] = await params.get_param_float("COM_OF_LOSS_T")
     await params.set_param_int("COM_OBL_RC_ACT", 4)
     seen["loss_action"] = await params.get_param_int("COM_OBL_RC_ACT")
-    await first(telemetry.health(), lambda h: h.is_armable, 10)
+    await first(telemetry.subscribe_health(), lambda h: h.is_armable, 10)
     await action.set_takeoff_altitude(1.5)
     await action.arm()
-    await first(telemetry.armed(), bool, 3)
+    await first(telemetry.subscribe_armed(), bool, 3)
     await action.takeoff()
-    await first(telemetry.flight_mode(), lambda mode: mode == FlightMode.HOLD, 15)
-    climbed = await first(telemetry.position_velocity_ned(), lambda _: True, 2)
+    await first(telemetry.subscribe_flight_mode(), lambda mode: mode == FlightMode.HOLD, 15)
+    climbed = await first(telemetry.subscribe_position_velocity_ned(), lambda _: True, 2)
     seen["climbed_m"] = -climbed.position.down_m
     await offboard.set_attitude(Attitude(0.0, -5.0, 90.0, 0.49))
     await offboard.start()
-    await first(telemetry.flight_mode(), lambda mode: mode == FlightMode.OFFBOARD, 3)
-    euler = await first(telemetry.attitude_euler(), lambda e: abs(e.pitch_deg + 5.0) < 1.0, 2)
+    await first(telemetry.subscribe_flight_mode(), lambda mode: mode == FlightMode.OFFBOARD, 3)
+    euler = await first(telemetry.subscribe_attitude_euler(), lambda e: abs(e.pitch_deg + 5.0) < 1.0, 2)
     seen["pitch_deg"] = euler.pitch_deg
     await offboard.set_attitude(Attitude(0.0, 0.0, 90.0, 0.49))
     await action.land()
-    await first(telemetry.landed_state(), lambda state: state == LandedState.ON_GROUND, 20)
-    await first(telemetry.armed(), lambda armed: not armed, 6)
+    await first(telemetry.subscribe_landed_state(), lambda state: state == LandedState.ON_GROUND, 20)
+    await first(telemetry.subscribe_armed(), lambda armed: not armed, 6)
     seen["landed"] = True
     return seen
 
