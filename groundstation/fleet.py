@@ -1,0 +1,226 @@
+"""The fleet as the ground sees it: a frozen value, folded from the bus one message at a time. Pure.
+
+What is fresh follows from the topics table: telemetry older than its ``stale_after_s`` is shown as silence, never as a
+number of now. Ages are counted from the moment of reception on the ground's own clock.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import msgspec
+
+from onboard.bus.schema import Event, Message, Telemetry, Truth, Vec3
+from onboard.bus.topics import TOPICS, Topic
+from onboard.config import FleetConfig
+
+MAX_EVENTS = 500
+TELEMETRY_STALE_NS = int(TOPICS[Topic.TELEMETRY].stale_after_s * 1e9)
+TRUTH_STALE_NS = int(TOPICS[Topic.TRUTH].stale_after_s * 1e9)
+_NEVER = -(1 << 62)
+
+
+@dataclass(frozen=True, slots=True)
+class Separation:
+    """Horizontal distance between the centres of two vehicles; ``is_truth`` when ground truth says so."""
+
+    first: str
+    second: str
+    distance_m: float
+    stamp_ns: int
+    is_truth: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedEvent:
+    """An event and when the ground heard it (its own monotonic clock)."""
+
+    received_ns: int
+    event: Event
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleView:
+    """What is known of one vehicle. ``telemetry`` is the last one heard, however old: ask :meth:`is_fresh`."""
+
+    name: str
+    telemetry: Telemetry | None = None
+    received_ns: int = _NEVER
+    is_alive: bool = False
+    truth: Truth | None = None
+    truth_received_ns: int = _NEVER
+    last_event: Event | None = None
+
+    def age_s(self, now_ns: int) -> float:
+        """Seconds since telemetry came in; infinite when none ever did."""
+        return math.inf if self.telemetry is None else max(0.0, (now_ns - self.received_ns) * 1e-9)
+
+    def is_fresh(self, now_ns: int) -> bool:
+        """Whether the telemetry may be shown as the present."""
+        return self.telemetry is not None and now_ns - self.received_ns <= TELEMETRY_STALE_NS
+
+    def has_truth(self, now_ns: int) -> bool:
+        """Whether an emulator tells this vehicle's true position."""
+        return self.truth is not None and now_ns - self.truth_received_ns <= TRUTH_STALE_NS
+
+    def position_enu_m(self, now_ns: int) -> Vec3 | None:
+        """Last reported position carried on with its velocity to now; None without fresh, valid, finite numbers."""
+        message = self.telemetry
+        if message is None or not self.is_fresh(now_ns) or not message.is_position_valid:
+            return None
+        ahead_s = max(0.0, (now_ns - self.received_ns) * 1e-9)
+        return _along(message.position_enu_m, message.velocity_enu_m_s, ahead_s)
+
+    @property
+    def is_airborne(self) -> bool:
+        """By the last telemetry."""
+        return self.telemetry is not None and self.telemetry.is_airborne
+
+
+@dataclass(frozen=True, slots=True)
+class FleetState:
+    """Everything the ground knows. ``vehicles`` keeps the order of the fleet file.
+
+    smallest: smallest separation so far while one of the two flew, by telemetry; smallest_truth: the same by ground
+    truth, None outside simulation. nodes: who has a liveliness token. malformed: messages that were none.
+    """
+
+    vehicles: Mapping[str, VehicleView]
+    events: tuple[LoggedEvent, ...] = ()
+    nodes: frozenset[str] = frozenset()
+    smallest: Separation | None = None
+    smallest_truth: Separation | None = None
+    malformed: int = 0
+
+    def closest(self, now_ns: int) -> Separation | None:
+        """The closest pair now, by fresh telemetry; None with fewer than two positions."""
+        spots = [(name, view.position_enu_m(now_ns)) for name, view in self.vehicles.items()]
+        known = [(name, spot) for name, spot in spots if spot is not None]
+        pairs = (
+            Separation(one, two, math.dist(p[:2], q[:2]), now_ns)
+            for (one, p), (two, q) in itertools.combinations(known, 2)
+        )
+        return min(pairs, key=lambda pair: pair.distance_m, default=None)
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether any ground truth was heard."""
+        return any(view.truth is not None for view in self.vehicles.values())
+
+    @property
+    def airborne_names(self) -> tuple[str, ...]:
+        """Vehicles that fly, by their last telemetry."""
+        return tuple(name for name, view in self.vehicles.items() if view.is_airborne)
+
+
+def initial(fleet: FleetConfig) -> FleetState:
+    """Nobody heard yet."""
+    return FleetState(MappingProxyType({name: VehicleView(name) for name in fleet.enabled_names}))
+
+
+def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
+    """The state after one message received at ``now_ns``; unknown vehicles and repeated or old samples change nothing.
+
+    A sample is old when its sequence is not above the last one of the same boot; a new boot id starts over.
+    """
+    if isinstance(message, Telemetry):
+        return _fold_telemetry(state, message, now_ns)
+    if isinstance(message, Truth):
+        return _fold_truth(state, message, now_ns)
+    if isinstance(message, Event):
+        events = (*state.events[-(MAX_EVENTS - 1) :], LoggedEvent(now_ns, message))
+        state = replace(state, events=events)
+        view = state.vehicles.get(message.vehicle)
+        return state if view is None else _with(state, replace(view, last_event=message))
+    return state
+
+
+def fold_alive(state: FleetState, node: str, is_alive: bool) -> FleetState:
+    """A liveliness token came or went."""
+    nodes = state.nodes | {node} if is_alive else state.nodes - {node}
+    state = replace(state, nodes=nodes)
+    view = state.vehicles.get(node)
+    return state if view is None else _with(state, replace(view, is_alive=is_alive))
+
+
+def fold_malformed(state: FleetState) -> FleetState:
+    """Something arrived that was no message: counted, otherwise ignored."""
+    return replace(state, malformed=state.malformed + 1)
+
+
+def _fold_telemetry(state: FleetState, message: Telemetry, now_ns: int) -> FleetState:
+    view = state.vehicles.get(message.vehicle)
+    if view is None:
+        return state
+    last = view.telemetry
+    if last is not None and last.boot_id == message.boot_id and message.sequence <= last.sequence:
+        return state
+    if not _finite(message.position_enu_m) or not _finite(message.velocity_enu_m_s):
+        state = fold_malformed(state)
+        message = _without_position(message)
+    view = replace(view, telemetry=message, received_ns=now_ns)
+    state = _with(state, view)
+    own = view.position_enu_m(now_ns)
+    if own is None:
+        return state
+    smallest = state.smallest
+    for name, other in state.vehicles.items():
+        if name == view.name or not (view.is_airborne or other.is_airborne):
+            continue
+        spot = other.position_enu_m(now_ns)
+        if spot is not None:
+            distance_m = math.dist(own[:2], spot[:2])
+            if smallest is None or distance_m < smallest.distance_m:
+                smallest = _separation(view.name, name, distance_m, now_ns, is_truth=False)
+    return state if smallest is state.smallest else replace(state, smallest=smallest)
+
+
+def _fold_truth(state: FleetState, message: Truth, now_ns: int) -> FleetState:
+    view = state.vehicles.get(message.vehicle)
+    if view is None or not (_finite(message.position_enu_m) and _finite(message.velocity_enu_m_s)):
+        return state
+    if view.truth is not None and message.stamp_ns <= view.truth.stamp_ns and view.has_truth(now_ns):
+        return state
+    state = _with(state, replace(view, truth=message, truth_received_ns=now_ns))
+    smallest = state.smallest_truth
+    for name, other in state.vehicles.items():
+        truth = other.truth
+        if name == message.vehicle or truth is None or not other.has_truth(now_ns):
+            continue
+        if message.is_on_ground and truth.is_on_ground:
+            continue
+        # Both samples come from one clock; the older one is carried on to the newer one's stamp.
+        spot = _along(truth.position_enu_m, truth.velocity_enu_m_s, (message.stamp_ns - truth.stamp_ns) * 1e-9)
+        distance_m = math.dist(message.position_enu_m[:2], spot[:2])
+        if smallest is None or distance_m < smallest.distance_m:
+            smallest = _separation(message.vehicle, name, distance_m, message.stamp_ns, is_truth=True)
+    return state if smallest is state.smallest_truth else replace(state, smallest_truth=smallest)
+
+
+def _separation(one: str, two: str, distance_m: float, stamp_ns: int, *, is_truth: bool) -> Separation:
+    return Separation(min(one, two), max(one, two), distance_m, stamp_ns, is_truth)
+
+
+def _with(state: FleetState, view: VehicleView) -> FleetState:
+    return replace(state, vehicles=MappingProxyType({**state.vehicles, view.name: view}))
+
+
+def _along(position: Vec3, velocity: Vec3, ahead_s: float) -> Vec3:
+    return (
+        position[0] + velocity[0] * ahead_s,
+        position[1] + velocity[1] * ahead_s,
+        position[2] + velocity[2] * ahead_s,
+    )
+
+
+def _finite(vector: Vec3) -> bool:
+    return all(math.isfinite(value) for value in vector)
+
+
+def _without_position(message: Telemetry) -> Telemetry:
+    zero = (0.0, 0.0, 0.0)
+    return msgspec.structs.replace(message, position_enu_m=zero, velocity_enu_m_s=zero, is_position_valid=False)
