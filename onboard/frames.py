@@ -76,9 +76,7 @@ def yaw_enu_from_ned_rad(yaw_ned_rad: Array | float) -> Array:
 
 def wrap_rad(angle_rad: Array | float) -> Array:
     """Angle (...) in [-pi, pi)."""
-    return np.asarray(
-        (np.asarray(angle_rad) + math.pi) % (2.0 * math.pi) - math.pi, dtype=np.float64
-    )
+    return np.asarray((np.asarray(angle_rad) + math.pi) % (2.0 * math.pi) - math.pi, dtype=np.float64)
 
 
 def quaternion_multiply(first: Array, second: Array) -> Array:
@@ -131,9 +129,7 @@ def body_up(quaternion: Array) -> Array:
         quaternion[..., 2],
         quaternion[..., 3],
     )
-    return vector(
-        2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
-    )
+    return vector(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
 
 
 def quaternion_from_yaw(yaw_rad: Array | float) -> Array:
@@ -151,9 +147,7 @@ def yaw_from_quaternion(quaternion: Array) -> Array:
         quaternion[..., 2],
         quaternion[..., 3],
     )
-    return np.asarray(
-        np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)), dtype=np.float64
-    )
+    return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)), dtype=np.float64)
 
 
 def _quaternion(w: Array, x: Array, y: Array, z: Array) -> Array:

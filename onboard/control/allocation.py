@@ -36,14 +36,10 @@ def is_usable(thrust: Thrust, yaw_rad: Array, hover_thrust_frac: Array) -> BoolA
     f = thrust.thrust_enu_m_s2
     finite = np.isfinite(f[..., 0]) & np.isfinite(f[..., 1]) & np.isfinite(f[..., 2])
     hover = np.asarray(hover_thrust_frac)
-    return np.asarray(
-        finite & np.isfinite(yaw_rad) & np.isfinite(hover) & (hover > 0.0)
-    )
+    return np.asarray(finite & np.isfinite(yaw_rad) & np.isfinite(hover) & (hover > 0.0))
 
 
-def limit(
-    thrust: Thrust, hover_thrust_frac: Array, *, params: AllocationParams
-) -> Thrust:
+def limit(thrust: Thrust, hover_thrust_frac: Array, *, params: AllocationParams) -> Thrust:
     """The nearest thrust that the vehicle may be asked for, height first.
 
     The vertical component is kept as far as the throttle reaches, then the horizontal one is shortened (its direction
@@ -58,12 +54,8 @@ def limit(
     x, y, z = f[..., 0], f[..., 1], f[..., 2]
     unit_m_s2 = GRAVITY_M_S2 / hover_thrust_frac
     largest_m_s2 = params.max_thrust_frac * unit_m_s2
-    vertical = np.minimum(
-        np.maximum(z, params.min_thrust_frac * unit_m_s2), largest_m_s2
-    )
-    room = np.minimum(
-        vertical * np.tan(params.max_tilt_rad), np.sqrt(largest_m_s2**2 - vertical**2)
-    )
+    vertical = np.minimum(np.maximum(z, params.min_thrust_frac * unit_m_s2), largest_m_s2)
+    room = np.minimum(vertical * np.tan(params.max_tilt_rad), np.sqrt(largest_m_s2**2 - vertical**2))
     horizontal = np.sqrt(x * x + y * y)
     scale = np.minimum(1.0, room / np.maximum(horizontal, 1e-12))
     return Thrust(vector(scale * x, scale * y, vertical))
@@ -118,9 +110,7 @@ def allocate(
     q[..., 2] = cy * sp * cr + sy * cp * sr
     q[..., 3] = sy * cp * cr - cy * sp * sr
     q *= np.where(q[..., 0] < 0.0, -1.0, 1.0)[..., None]
-    return AttitudeSetpoint(
-        q, np.asarray(length / GRAVITY_M_S2 * hover, dtype=np.float64)
-    )
+    return AttitudeSetpoint(q, np.asarray(length / GRAVITY_M_S2 * hover, dtype=np.float64))
 
 
 def _half(cosine: Array, sine: Array) -> tuple[Array, Array]:
@@ -161,9 +151,7 @@ def tilt_rad(attitude: AttitudeSetpoint) -> Array:
     )
 
 
-def params_from_degrees(
-    max_tilt_deg: float, hover_thrust_frac: float
-) -> AllocationParams:
+def params_from_degrees(max_tilt_deg: float, hover_thrust_frac: float) -> AllocationParams:
     """Limits for a vehicle as its configuration gives them."""
     return AllocationParams(
         max_tilt_rad=math.radians(max_tilt_deg),

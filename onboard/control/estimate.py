@@ -33,8 +33,8 @@ class EstimateParams:
     """
 
     position_noise_m: Array | float = 0.003
-    acceleration_noise: Array | float = 0.06
-    bias_noise: Array | float = 0.25
+    acceleration_noise: Array | float = 0.03
+    bias_noise: Array | float = 0.12
     max_bias_m_s2: Array | float = 3.0
     drag_1_s: Array | float = 0.0
     motor_lag_s: Array | float = 0.05
@@ -76,9 +76,7 @@ def initial(position_enu_m: Array, *, params: EstimateParams) -> EstimateMemory:
     ring = np.repeat(position[..., None, :], params.history, axis=-2)
     ages = np.full(params.history, np.inf)
     ages[0] = 0.0
-    return EstimateMemory(
-        position, still, still, still, covariance, ring, ages, zero, zero, zero
-    )
+    return EstimateMemory(position, still, still, still, covariance, ring, ages, zero, zero, zero)
 
 
 def drive(
@@ -98,9 +96,7 @@ def drive(
     """
     asked = np.asarray(thrust_frac, dtype=np.float64) / hover_thrust_frac * GRAVITY_M_S2
     blend = 1.0 - np.exp(-dt_s / np.maximum(params.motor_lag_s, 1e-6))
-    thrust = memory.thrust_m_s2 + blend * (
-        np.where(np.isfinite(asked), asked, memory.thrust_m_s2) - memory.thrust_m_s2
-    )
+    thrust = memory.thrust_m_s2 + blend * (np.where(np.isfinite(asked), asked, memory.thrust_m_s2) - memory.thrust_m_s2)
     acceleration = thrust[..., None] * body_up(quaternion_wxyz)
     acceleration[..., 2] -= GRAVITY_M_S2
     if np.any(is_on_ground):
@@ -124,9 +120,7 @@ def predict(
     if not np.isfinite(driven).all():
         driven = np.where(np.isfinite(driven), driven, 0.0)
     drag = np.asarray(params.drag_1_s, dtype=np.float64)[..., None]
-    middle = memory.velocity_enu_m_s + (0.5 * dt_s) * (
-        driven + memory.bias_enu_m_s2 - drag * memory.velocity_enu_m_s
-    )
+    middle = memory.velocity_enu_m_s + (0.5 * dt_s) * (driven + memory.bias_enu_m_s2 - drag * memory.velocity_enu_m_s)
     acceleration = driven + memory.bias_enu_m_s2 - drag * middle
     velocity = memory.velocity_enu_m_s + dt_s * acceleration
     position = memory.position_enu_m + dt_s * middle
@@ -199,12 +193,8 @@ def correct(
         pv + h_v * vv + h_b * vb,
         pb + h_v * vb + h_b * bb,
     )
-    spread = np.maximum(g_p + h_v * g_v + h_b * g_b, 0.0) + np.square(
-        params.position_noise_m
-    )
-    gate = np.maximum(
-        np.square(params.jump_gate_m), np.square(params.jump_gate_sigma) * spread
-    )
+    spread = np.maximum(g_p + h_v * g_v + h_b * g_b, 0.0) + np.square(params.position_noise_m)
+    gate = np.maximum(np.square(params.jump_gate_m), np.square(params.jump_gate_sigma) * spread)
     x, y, z = innovation[..., 0], innovation[..., 1], innovation[..., 2]
     near = x * x + y * y + z * z <= gate
     used = finite & near
@@ -236,9 +226,7 @@ def correct(
         covariance=covariance,
         ring_position_enu_m=ring,
         rejected_count=np.where(used, 0.0, memory.rejected_count + (finite & ~near)),
-        last_age_s=np.where(
-            used, np.minimum(memory.last_age_s, age), memory.last_age_s
-        ),
+        last_age_s=np.where(used, np.minimum(memory.last_age_s, age), memory.last_age_s),
     )
 
 
@@ -255,9 +243,7 @@ def _remembered(memory: EstimateMemory, age_s: Array) -> tuple[Array, BoolArray]
     if age_s.ndim == 0:
         before, after = ring[..., int(older) - 1, :], ring[..., int(older), :]
     else:
-        before = np.take_along_axis(ring, (older - 1)[..., None, None], axis=-2)[
-            ..., 0, :
-        ]
+        before = np.take_along_axis(ring, (older - 1)[..., None, None], axis=-2)[..., 0, :]
         after = np.take_along_axis(ring, older[..., None, None], axis=-2)[..., 0, :]
     return before + share[..., None] * (after - before), known
 
@@ -284,7 +270,7 @@ class ObserverParams:
     drag_1_s. max_disturbance_m_s2: bound per axis. history: ticks of commands kept, longer than the delay.
     """
 
-    bandwidth_rad_s: Array | float = 3.0
+    bandwidth_rad_s: Array | float = 4.0
     delay_s: float = 0.04
     wn_rad_s: Array | float = 11.0
     zeta: Array | float = 0.6
@@ -308,9 +294,7 @@ class ObserverMemory:
     commands_enu_m_s2: Array
 
 
-def observer_initial(
-    velocity_enu_m_s: Array, *, params: ObserverParams
-) -> ObserverMemory:
+def observer_initial(velocity_enu_m_s: Array, *, params: ObserverParams) -> ObserverMemory:
     """No disturbance known, moving at (..., 3), commands so far zero."""
     velocity = np.array(velocity_enu_m_s, dtype=np.float64)
     still = np.zeros_like(velocity)
@@ -339,41 +323,29 @@ def observe(
     """
     command = command_enu_m_s2
     if not (np.isfinite(command).all() and np.isfinite(velocity_enu_m_s).all()):
-        command = np.where(
-            np.isfinite(command), command, memory.commands_enu_m_s2[..., 0, :]
-        )
-        velocity_enu_m_s = np.where(
-            np.isfinite(velocity_enu_m_s), velocity_enu_m_s, memory.velocity_enu_m_s
-        )
+        command = np.where(np.isfinite(command), command, memory.commands_enu_m_s2[..., 0, :])
+        velocity_enu_m_s = np.where(np.isfinite(velocity_enu_m_s), velocity_enu_m_s, memory.velocity_enu_m_s)
     commands = np.empty_like(memory.commands_enu_m_s2)
     commands[..., 0, :] = command
     commands[..., 1:, :] = memory.commands_enu_m_s2[..., :-1, :]
     ticks = min(params.delay_s / dt_s, commands.shape[-2] - 1.000001)
     whole = int(ticks)
-    delayed = commands[..., whole, :] + (ticks - whole) * (
-        commands[..., whole + 1, :] - commands[..., whole, :]
-    )
+    delayed = commands[..., whole, :] + (ticks - whole) * (commands[..., whole + 1, :] - commands[..., whole, :])
     # second order by the implicit midpoint rule: stable for every tick length
     wn = np.asarray(params.wn_rad_s, dtype=np.float64)[..., None]
     zeta = np.asarray(params.zeta, dtype=np.float64)[..., None]
     half = 0.5 * dt_s
     push = wn * wn * (delayed - memory.response_enu_m_s2)
-    rate = (memory.response_rate_enu_m_s3 + half * push) / (
-        1.0 + 2.0 * half * zeta * wn + half * half * wn * wn
-    )
+    rate = (memory.response_rate_enu_m_s3 + half * push) / (1.0 + 2.0 * half * zeta * wn + half * half * wn * wn)
     response = memory.response_enu_m_s2 + dt_s * rate
     rate = 2.0 * rate - memory.response_rate_enu_m_s3
     blend = 1.0 - np.exp(-dt_s / np.asarray(params.vertical_lag_s, dtype=np.float64))
-    response[..., 2] = memory.response_enu_m_s2[..., 2] + blend * (
-        command[..., 2] - memory.response_enu_m_s2[..., 2]
-    )
+    response[..., 2] = memory.response_enu_m_s2[..., 2] + blend * (command[..., 2] - memory.response_enu_m_s2[..., 2])
     rate[..., 2] = 0.0
     acting = 0.5 * (response + memory.response_enu_m_s2)
     width = np.asarray(params.bandwidth_rad_s, dtype=np.float64)[..., None]
     drag = np.asarray(params.drag_1_s, dtype=np.float64)[..., None]
-    forecast = memory.velocity_enu_m_s + dt_s * (
-        acting - drag * velocity_enu_m_s + memory.disturbance_enu_m_s2
-    )
+    forecast = memory.velocity_enu_m_s + dt_s * (acting - drag * velocity_enu_m_s + memory.disturbance_enu_m_s2)
     miss = velocity_enu_m_s - forecast
     decay = np.exp(-width * dt_s)
     # gains that put both discrete poles on exp(-w T)

@@ -84,9 +84,7 @@ def reset(memory: GuidanceMemory, position_enu_m: Array) -> GuidanceMemory:
     """Re-anchored at rest at a position (..., 3), for instance while on the ground; non-finite rows stay as they are."""
     position = np.asarray(position_enu_m, dtype=np.float64)
     finite = np.asarray(np.isfinite(position).all(axis=-1))
-    return initial(
-        np.where(finite[..., None], position, setpoint(memory).position_enu_m)
-    )
+    return initial(np.where(finite[..., None], position, setpoint(memory).position_enu_m))
 
 
 def step(
@@ -111,17 +109,11 @@ def step(
     """
     fresh = np.asarray(goal.sequence != memory.sequence)
     if fresh.any():
-        usable = (
-            fresh
-            & np.isfinite(goal.position_enu_m).all(axis=-1)
-            & np.isfinite(goal.duration_s)
-        )
+        usable = fresh & np.isfinite(goal.position_enu_m).all(axis=-1) & np.isfinite(goal.duration_s)
         if usable.any():
             memory = _replan(memory, goal, np.asarray(usable), params)
     rate = np.minimum(np.maximum(np.asarray(clock_rate, dtype=np.float64), 0.0), 1.0)
-    rate = np.broadcast_to(
-        np.where(np.isfinite(rate), rate, 1.0), memory.elapsed_s.shape
-    )
+    rate = np.broadcast_to(np.where(np.isfinite(rate), rate, 1.0), memory.elapsed_s.shape)
     total = memory.first_duration_s + memory.second_duration_s
     memory = replace(
         memory,
@@ -141,13 +133,9 @@ def setpoint(memory: GuidanceMemory) -> TrajectorySetpoint:
     push = np.where(second3, 0.0, memory.start_acceleration_enu_m_s2)
     duration = np.where(second, memory.second_duration_s, memory.first_duration_s)
     elapsed = memory.elapsed_s - np.where(second, memory.first_duration_s, 0.0)
-    duration = np.where(
-        duration > 0.0, duration, 1.0
-    )  # a leg without duration goes nowhere: any value will do
+    duration = np.where(duration > 0.0, duration, 1.0)  # a leg without duration goes nowhere: any value will do
     tau = np.minimum(elapsed / duration, 1.0)
-    position, velocity, acceleration = _quintic(
-        begin, speed, push, end, duration[..., None], tau[..., None]
-    )
+    position, velocity, acceleration = _quintic(begin, speed, push, end, duration[..., None], tau[..., None])
     rate = memory.clock_rate[..., None]
     return TrajectorySetpoint(position, rate * velocity, rate * rate * acceleration)
 
@@ -161,9 +149,7 @@ def shortest_duration_s(distance_m: Array | float, params: GuidanceParams) -> Ar
     """Duration of a leg from rest to rest over a distance (...) at the bounds, (...)."""
     distance = np.asarray(distance_m, dtype=np.float64)
     by_speed = _SPEED_FACTOR * distance / params.max_speed_m_s
-    by_acceleration = np.sqrt(
-        _ACCELERATION_FACTOR * distance / params.max_acceleration_m_s2
-    )
+    by_acceleration = np.sqrt(_ACCELERATION_FACTOR * distance / params.max_acceleration_m_s2)
     return np.asarray(np.maximum(by_speed, by_acceleration))
 
 
@@ -186,9 +172,7 @@ def _quintic(
     gone = t2 * tau * (10.0 - 15.0 * tau + 6.0 * t2)
     position = begin + way * gone + duration * velocity * (tau * r3 * (1.0 + 3.0 * tau))
     position = position + duration * duration * acceleration * (0.5 * t2 * r3)
-    rate = way / duration * (30.0 * t2 * r2) + velocity * (
-        r2 * (1.0 + 2.0 * tau - 15.0 * t2)
-    )
+    rate = way / duration * (30.0 * t2 * r2) + velocity * (r2 * (1.0 + 2.0 * tau - 15.0 * t2))
     rate = rate + duration * acceleration * (0.5 * tau * r2 * (2.0 - 5.0 * tau))
     bend = way / (duration * duration) * (60.0 * tau * r * (1.0 - 2.0 * tau))
     bend = (
@@ -221,18 +205,14 @@ def _excess(
     return np.asarray(np.maximum(speed / params[0], force / params[1]))
 
 
-def _replan(
-    memory: GuidanceMemory, goal: Goal, rows: Array, params: GuidanceParams
-) -> GuidanceMemory:
+def _replan(memory: GuidanceMemory, goal: Goal, rows: Array, params: GuidanceParams) -> GuidanceMemory:
     """The memory with new legs in ``rows`` (...) from the present setpoint; the other rows untouched."""
     shape = memory.elapsed_s.shape
     index = np.flatnonzero(rows)
     now = setpoint(memory)
 
     def pick(values: Array | float) -> Array:
-        return np.broadcast_to(np.asarray(values, dtype=np.float64), shape).reshape(-1)[
-            index
-        ]
+        return np.broadcast_to(np.asarray(values, dtype=np.float64), shape).reshape(-1)[index]
 
     def pick3(values: Array) -> Array:
         return np.broadcast_to(values, (*shape, 3)).reshape(-1, 3)[index]
@@ -245,8 +225,7 @@ def _replan(
     target = pick3(goal.position_enu_m)
     top, push = pick(params.max_speed_m_s), pick(params.max_acceleration_m_s2)
     asked = np.maximum(
-        pick(goal.duration_s)
-        - np.where(pick(goal.duration_s) > 0.0, pick(params.lead_s), 0.0),
+        pick(goal.duration_s) - np.where(pick(goal.duration_s) > 0.0, pick(params.lead_s), 0.0),
         0.0,
     )
     bounds = GuidanceParams(top, push)
@@ -254,13 +233,10 @@ def _replan(
     at_rest = (speed <= 1e-9 * top) & (force <= 1e-9 * push)
 
     # brake first, then from rest; from rest the brake is void
-    scale = np.maximum(speed, 0.1 * top * force / push) / push
-    brake = np.maximum(scale, 1e-6)[:, None] * _BRAKE_FACTORS
-    stop = (
-        p[:, None]
-        + brake[..., None] * (v[:, None] / 2.0)
-        + (brake * brake)[..., None] * (a[:, None] / 12.0)
-    )
+    # the floor keeps the jerk of a change of mind at low speed moderate
+    scale = np.maximum(speed, 0.8 * top) / push
+    brake = scale[:, None] * _BRAKE_FACTORS
+    stop = p[:, None] + brake[..., None] * (v[:, None] / 2.0) + (brake * brake)[..., None] * (a[:, None] / 12.0)
     limits = (top[:, None], push[:, None])
     first = np.ones_like(brake)
     excess = _excess(
@@ -276,15 +252,13 @@ def _replan(
     row = np.arange(index.size)
     t1 = np.where(at_rest, 0.0, brake[row, choice])
     via = np.where(at_rest[:, None], p, stop[row, choice])
-    t2 = np.maximum(
-        shortest_duration_s(np.sqrt(((target - via) ** 2).sum(-1)), bounds), asked - t1
-    )
+    t2 = np.maximum(shortest_duration_s(np.sqrt(((target - via) ** 2).sum(-1)), bounds), asked - t1)
     t2 = np.where(np.abs(target - via).max(-1) > 0.0, np.maximum(t2, 0.0), 0.0)
 
     # one quintic straight to the goal, when one within the bounds is not longer
     guess = np.maximum(
         shortest_duration_s(np.sqrt(((target - p) ** 2).sum(-1)), bounds),
-        np.maximum(scale, 1e-6),
+        scale,
     )
     direct = np.maximum(guess[:, None] * _DIRECT_FACTORS, asked[:, None])
     ends = target[:, None] * np.ones_like(direct)[..., None]
@@ -308,9 +282,7 @@ def _replan(
         return out.reshape(shape)
 
     def put3(old: Array, new: Array) -> Array:
-        out = np.array(np.broadcast_to(old, (*shape, 3)), dtype=np.float64).reshape(
-            -1, 3
-        )
+        out = np.array(np.broadcast_to(old, (*shape, 3)), dtype=np.float64).reshape(-1, 3)
         out[index] = new
         return out.reshape(*shape, 3)
 

@@ -40,13 +40,9 @@ class HoverThrustMemory:
     effective_thrust_frac: Array
 
 
-def initial(
-    shape: tuple[int, ...] = (), *, params: HoverThrustParams
-) -> HoverThrustMemory:
+def initial(shape: tuple[int, ...] = (), *, params: HoverThrustParams) -> HoverThrustMemory:
     """The configured value, for a batch of ``shape``."""
-    configured = np.broadcast_to(
-        np.asarray(params.configured_frac, dtype=np.float64), shape
-    ).copy()
+    configured = np.broadcast_to(np.asarray(params.configured_frac, dtype=np.float64), shape).copy()
     return HoverThrustMemory(configured, np.zeros(shape))
 
 
@@ -71,15 +67,9 @@ def step(
         memory and hover_thrust_frac (...), within max_deviation of the configured value, always finite.
     """
     blend = 1.0 - np.exp(-dt_s / params.motor_lag_s)
-    sent = np.where(
-        np.isfinite(thrust_frac) & is_flying, thrust_frac, memory.effective_thrust_frac
-    )
-    effective = memory.effective_thrust_frac + blend * (
-        sent - memory.effective_thrust_frac
-    )
-    acceleration = np.where(
-        np.isfinite(vertical_acceleration_m_s2), vertical_acceleration_m_s2, np.inf
-    )
+    sent = np.where(np.isfinite(thrust_frac) & is_flying, thrust_frac, memory.effective_thrust_frac)
+    effective = memory.effective_thrust_frac + blend * (sent - memory.effective_thrust_frac)
+    acceleration = np.where(np.isfinite(vertical_acceleration_m_s2), vertical_acceleration_m_s2, np.inf)
     usable = (
         np.asarray(is_flying)
         & (height_m > params.min_height_m)
@@ -93,9 +83,5 @@ def step(
     rate = np.where(usable, dt_s / params.time_constant_s, 0.0)
     hover = memory.hover_thrust_frac + rate * (seen - memory.hover_thrust_frac)
     low, high = 1.0 - params.max_deviation, 1.0 + params.max_deviation
-    hover = np.minimum(
-        np.maximum(hover, low * params.configured_frac), high * params.configured_frac
-    )
-    return replace(
-        memory, hover_thrust_frac=hover, effective_thrust_frac=effective
-    ), hover
+    hover = np.minimum(np.maximum(hover, low * params.configured_frac), high * params.configured_frac)
+    return replace(memory, hover_thrust_frac=hover, effective_thrust_frac=effective), hover

@@ -1,0 +1,102 @@
+"""Frames: signs by hand, permutations against rotation matrices."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from onboard import frames
+
+RNG = np.random.default_rng(1)
+ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+FLIP = np.diag([1.0, -1.0, -1.0])
+
+
+def random_quaternions(*shape: int) -> np.ndarray:
+    q = RNG.normal(size=(*shape, 4))
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+def matrix(q: np.ndarray) -> np.ndarray:
+    """Textbook rotation matrix, the oracle."""
+    w, x, y, z = q
+    return np.array(
+        [
+            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("ned", "enu"), [((1, 0, 0), (0, 1, 0)), ((0, 1, 0), (1, 0, 0)), ((0, 0, 1), (0, 0, -1)), ((1, 2, 3), (2, 1, -3))]
+)
+def test_north_east_down_become_east_north_up(ned: tuple[int, ...], enu: tuple[int, ...]) -> None:
+    assert np.array_equal(frames.enu_from_ned(np.array(ned, dtype=float)), enu)
+    assert np.array_equal(frames.ned_from_enu(np.array(enu, dtype=float)), ned)
+
+
+def test_attitude_conversion_agrees_with_matrices() -> None:
+    for q in random_quaternions(50):
+        expected = ENU_FROM_NED @ matrix(q) @ FLIP
+        assert np.allclose(matrix(frames.quaternion_enu_flu_from_ned_frd(q)), expected, atol=1e-12)
+
+
+def test_attitude_conversion_there_and_back_is_the_identity() -> None:
+    q = random_quaternions(7, 5)
+    assert np.allclose(frames.quaternion_ned_frd_from_enu_flu(frames.quaternion_enu_flu_from_ned_frd(q)), q, atol=1e-15)
+
+
+def test_level_px4_attitude_facing_north_has_its_nose_north_and_its_top_up() -> None:
+    q = frames.quaternion_enu_flu_from_ned_frd(np.array([1.0, 0.0, 0.0, 0.0]))
+    assert np.allclose(frames.rotate(q, np.array([1.0, 0.0, 0.0])), [0.0, 1.0, 0.0], atol=1e-12)
+    assert np.allclose(frames.body_up(q), [0.0, 0.0, 1.0], atol=1e-12)
+    assert frames.yaw_from_quaternion(q) == pytest.approx(math.pi / 2)
+
+
+def test_px4_pitch_down_accelerates_towards_the_nose() -> None:
+    pitch_down = np.array([math.cos(-0.1), 0.0, math.sin(-0.1), 0.0])  # FRD: negative pitch is nose down
+    up = frames.body_up(frames.quaternion_enu_flu_from_ned_frd(pitch_down))
+    assert up[1] > 0.1 and abs(up[0]) < 1e-12  # nose north
+
+
+def test_px4_roll_right_accelerates_to_the_right() -> None:
+    roll_right = np.array([math.cos(0.1), math.sin(0.1), 0.0, 0.0])
+    up = frames.body_up(frames.quaternion_enu_flu_from_ned_frd(roll_right))
+    assert up[0] > 0.1 and abs(up[1]) < 1e-12  # facing north, right is east
+
+
+def test_rotate_and_multiply_agree_with_matrices() -> None:
+    for first, second in zip(random_quaternions(30), random_quaternions(30), strict=True):
+        v = RNG.normal(size=3)
+        assert np.allclose(frames.rotate(first, v), matrix(first) @ v, atol=1e-12)
+        assert np.allclose(
+            matrix(frames.quaternion_multiply(first, second)), matrix(first) @ matrix(second), atol=1e-12
+        )
+        assert np.allclose(frames.body_up(first), matrix(first)[:, 2], atol=1e-12)
+
+
+def test_conjugate_undoes_a_rotation() -> None:
+    q, v = random_quaternions(9), RNG.normal(size=(9, 3))
+    assert np.allclose(frames.rotate(frames.quaternion_conjugate(q), frames.rotate(q, v)), v, atol=1e-12)
+
+
+def test_yaw_survives_the_way_through_a_quaternion() -> None:
+    yaw = np.linspace(-3.1, 3.1, 41)
+    assert np.allclose(frames.yaw_from_quaternion(frames.quaternion_from_yaw(yaw)), yaw, atol=1e-12)
+
+
+@pytest.mark.parametrize(("ned_deg", "enu_deg"), [(0, 90), (90, 0), (180, -90), (-90, -180)])
+def test_compass_heading_becomes_mathematical_heading(ned_deg: float, enu_deg: float) -> None:
+    assert math.degrees(frames.yaw_enu_from_ned_rad(math.radians(ned_deg))) == pytest.approx(enu_deg)
+
+
+def test_batch_equals_loop() -> None:
+    q, p, v = random_quaternions(4, 3), random_quaternions(4, 3), RNG.normal(size=(4, 3, 3))
+    for i in range(4):
+        for j in range(3):
+            assert np.array_equal(frames.rotate(q, v)[i, j], frames.rotate(q[i, j], v[i, j]))
+            assert np.array_equal(frames.quaternion_multiply(q, p)[i, j], frames.quaternion_multiply(q[i, j], p[i, j]))
