@@ -238,9 +238,7 @@ def rotation_rows(
     return turned / d, bound / d
 
 
-def _received(
-    neighbours: Neighbours, p: LawParams
-) -> tuple[Array, Array, Array, BoolArray, BoolArray]:
+def _received(neighbours: Neighbours, p: LawParams) -> tuple[Array, Array, Array, BoolArray, BoolArray]:
     """Neighbours carried to our own time: position, velocity, command (..., K, 2), who counts, and who is unusable."""
     own_word = np.isfinite(neighbours.predicted_position_enu_m).all(-1)
     own_word &= np.isfinite(neighbours.predicted_velocity_enu_m_s).all(-1)
@@ -266,9 +264,7 @@ def _received(
     return position, velocity, command, neighbours.is_present & usable, is_bad
 
 
-def _paper(
-    wanted: Array, state: State, neighbours: Neighbours, p: LawParams
-) -> tuple[Array, IntArray, IntArray]:
+def _paper(wanted: Array, state: State, neighbours: Neighbours, p: LawParams) -> tuple[Array, IntArray, IntArray]:
     """The pair law against the ring's successor, on plain estimates as the paper has it."""
     mask = neighbours.is_present & neighbours.is_paper_obstacle
     index = np.argmax(mask, axis=-1)

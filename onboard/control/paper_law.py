@@ -64,7 +64,9 @@ def saturate_thrust(
     d_o2 = np.einsum("...c,...c->...", e, e)  # (5)
     d_o2_rate = 2.0 * np.einsum("...c,...c->...", e, w)
     phi_perp = p.turn_sign * _cross(e, velocity_m_s)  # (6)
-    d_1 = 2.0 * np.einsum("...c,...c->...", w, w) - 2.0 * np.einsum("...c,...c->...", e, obstacle_acceleration_m_s2)  # (13)
+    d_1 = 2.0 * np.einsum("...c,...c->...", w, w) - 2.0 * np.einsum(
+        "...c,...c->...", e, obstacle_acceleration_m_s2
+    )  # (13)
     d_2 = p.turn_sign * _cross(w, velocity_m_s)  # (14)
     outside = d_o2 - p.d_inf_m**2
     h_1 = -d_1 - (p.kappa_1_1_s + p.kappa_2_1_s) * d_o2_rate - p.kappa_1_1_s * p.kappa_2_1_s * outside  # (20)

@@ -63,9 +63,7 @@ def predict_own(
     weight = inside * (left + 0.5 * inside)
     commands = history.acceleration_enu_m_s2
     velocity = velocity_enu_m_s + np.einsum("...b,...bc->...c", inside, commands)
-    position = (
-        position_enu_m + window_s[..., None] * velocity_enu_m_s + np.einsum("...b,...bc->...c", weight, commands)
-    )
+    position = position_enu_m + window_s[..., None] * velocity_enu_m_s + np.einsum("...b,...bc->...c", weight, commands)
     return position, velocity
 
 
@@ -76,8 +74,6 @@ def predict_neighbour(
     age = np.minimum(np.maximum(age_s, 0.0), MAX_MESSAGE_AGE_S)
     held = np.minimum(age, MAX_COMMAND_AGE_S)
     position = (
-        position_enu_m
-        + age[..., None] * velocity_enu_m_s
-        + (held * (age - 0.5 * held))[..., None] * command_enu_m_s2
+        position_enu_m + age[..., None] * velocity_enu_m_s + (held * (age - 0.5 * held))[..., None] * command_enu_m_s2
     )
     return position, velocity_enu_m_s + held[..., None] * command_enu_m_s2

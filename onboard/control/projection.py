@@ -99,7 +99,9 @@ def _solve(
         return point, status, slack, dropped
     hard_on = is_on.copy()
     hard_on[:, hard_count:] = False
-    hard_point, hard_found = nearest_feasible(u0[failed], normals[failed], bounds[failed], hard_on[failed], radius[failed])
+    hard_point, hard_found = nearest_feasible(
+        u0[failed], normals[failed], bounds[failed], hard_on[failed], radius[failed]
+    )
     point[failed] = hard_point
     dropped[failed] = is_on[failed, hard_count:].sum(-1)
     # soft rows: give up the last one until a point is left; the hard set alone is known to be feasible here
@@ -119,7 +121,9 @@ def _solve(
     # hard rows: the smallest common slack
     empty = failed[~hard_found]
     if len(empty):
-        least = least_slack(normals[empty, :hard_count], bounds[empty, :hard_count], is_on[empty, :hard_count], radius[empty])
+        least = least_slack(
+            normals[empty, :hard_count], bounds[empty, :hard_count], is_on[empty, :hard_count], radius[empty]
+        )
         scale = 1.0 + np.abs(np.where(is_on[empty, :hard_count], bounds[empty, :hard_count], 0.0)).max(-1, initial=0.0)
         target, rest = empty, np.arange(len(empty))
         for widen in (1e-12, 1e-10, 1e-8, 1e-6):  # rounding must not hide the one point that is left
@@ -203,7 +207,10 @@ def least_slack(normals: Array, bounds: Array, is_on: BoolArray, radius: Array) 
     along = np.stack([-unit[..., 1], unit[..., 0]], axis=-1) * half[..., None]
     one, two, three = _triples(rows)
     corner, _ = _intersect(
-        n[:, one] - n[:, two], bounds[:, one] - bounds[:, two], n[:, one] - n[:, three], bounds[:, one] - bounds[:, three]
+        n[:, one] - n[:, two],
+        bounds[:, one] - bounds[:, two],
+        n[:, one] - n[:, three],
+        bounds[:, one] - bounds[:, three],
     )
     base = unit * offset[..., None]
     candidates = np.concatenate([single, base + along, base - along, corner, np.zeros((len(radius), 1, 2))], axis=1)

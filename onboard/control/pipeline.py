@@ -1,0 +1,315 @@
+"""The order of the stages, and nothing else: one call per tick, every intermediate value in the returned Tick.
+
+    predict own state to t + L -> guidance for t + L -> backstepping there (baseline) -> law -> + drag, - disturbance
+    -> allocation
+
+While the law holds a vehicle back, its trajectory would run away and the baseline would wind up: the trajectory's clock
+slows with the lag behind the setpoint, but only as far as the law is really active; a position error beyond the clamp
+pulls no harder, and in a jam the whole pursuit slows down.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import numpy as np
+
+from onboard.config import FleetConfig, LawName
+from onboard.control import allocation, backstepping, estimate, guidance, hover_thrust, oist
+from onboard.control.paper_law import PaperLawParams
+from onboard.types import (
+    GRAVITY_M_S2,
+    Array,
+    AttitudeSetpoint,
+    Goal,
+    Neighbours,
+    State,
+    Thrust,
+    Tick,
+    TrajectorySetpoint,
+)
+
+
+class Phase(IntEnum):
+    """What the agent lets the pipeline do."""
+
+    GROUND = 0  # level at no thrust, memories kept reset
+    LIFTOFF = 1  # climbing off the ground: gentle horizontally, observers frozen
+    FLYING = 2
+    LANDING = 3  # as flying, but the hover thrust is not learned near the ground
+
+
+@dataclass(frozen=True, slots=True)
+class PipelineParams:
+    """Parameters of every stage for one vehicle, and the anti-windup of the pipeline itself.
+
+    pursuit_speed_m_s: setpoint speed plus what the position error adds stays below. clock_slack_m, clock_stop_m: lag
+    behind the setpoint at which the clock begins to slow and stands still while the law is active.
+    """
+
+    guidance: guidance.GuidanceParams
+    backstepping: backstepping.BacksteppingParams
+    law: oist.LawParams
+    observer: estimate.ObserverParams
+    hover_thrust: hover_thrust.HoverThrustParams
+    allocation: allocation.AllocationParams
+    drag_1_s: float
+    pursuit_speed_m_s: float
+    clock_slack_m: float = 0.15
+    clock_stop_m: float = 0.5
+    activity_time_s: float = 0.5
+    clock_time_s: float = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class PipelineMemory:
+    """All memories; sent_enu_m_s2 (..., 3) is the last command after every limit, without gravity.
+
+    clock_rate and activity (...): state of the anti-windup. thrust_frac, cos_tilt (...): last attitude setpoint.
+    """
+
+    guidance: guidance.GuidanceMemory
+    law: oist.LawMemory
+    observer: estimate.ObserverMemory
+    hover_thrust: hover_thrust.HoverThrustMemory
+    sent_enu_m_s2: Array
+    clock_rate: Array
+    activity: Array
+    thrust_frac: Array
+    cos_tilt: Array
+
+
+def pipeline_params(fleet: FleetConfig, vehicle_name: str, *, law: str | None = None) -> PipelineParams:
+    """Parameters of one vehicle of a fleet; ``law`` ("covey", "paper", "off") overrides the fleet file's choice."""
+    vehicle, values = fleet.vehicles[vehicle_name], fleet.law
+    names: dict[str, LawName] = {"covey": "covey", "paper": "paper", "off": "off"}
+    if law is not None and law not in names:
+        raise ValueError(f"law is '{law}', but there are only {', '.join(names)}. Name one of these.")
+    name = names[law] if law is not None else values.name
+    tilt_rad = math.radians(vehicle.max_tilt_deg)
+    lag_s = 0.0 if name == "paper" else vehicle.lag_s
+    lift_reserve = (1.0 / vehicle.hover_thrust_frac - 1.0) * GRAVITY_M_S2
+    paper = PaperLawParams(
+        kappa_1_1_s=values.paper_kappa_1_1_s,
+        kappa_2_1_s=values.paper_kappa_2_1_s,
+        kappa_3_1_s=values.paper_kappa_3_1_s,
+        kappa_4_1_s=values.paper_kappa_4_1_s,
+        v_perp_m_s=values.paper_v_perp_m_s,
+        d_inf_m=fleet.fleet.safety_distance_m,
+        turn_sign=1.0 if values.paper_turn == "eq8" else -1.0,
+    )
+    limits = allocation.params_from_degrees(vehicle.max_tilt_deg, vehicle.hover_thrust_frac)
+    return PipelineParams(
+        guidance=guidance.GuidanceParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2, lag_s),
+        backstepping=backstepping.BacksteppingParams(
+            max_acceleration_m_s2=GRAVITY_M_S2 * math.tan(tilt_rad),
+            max_vertical_acceleration_m_s2=min(2.5, 0.4 * lift_reserve),  # the rest stays for separation
+        ),
+        law=oist.LawParams(
+            name=name,
+            lag_s=vehicle.lag_s,
+            d_design_m=fleet.fleet.safety_distance_m + values.design_margin_m,
+            kappa_1_1_s=values.kappa_1_1_s,
+            kappa_2_1_s=values.kappa_2_1_s,
+            kappa_3_1_s=values.kappa_3_1_s,
+            kappa_4_1_s=values.kappa_4_1_s,
+            shortfall_gain=values.shortfall_gain,
+            v_perp_m_s=values.v_perp_m_s,
+            v_perp_crowd_m_s=values.v_perp_crowd_m_s,
+            crowd_count=values.crowd_count,
+            max_neighbours=values.max_neighbours,
+            range_m=values.range_m,
+            max_tilt_rad=tilt_rad,
+            max_thrust_m_s2=0.97 / vehicle.hover_thrust_frac * GRAVITY_M_S2,
+            paper=paper,
+        ),
+        observer=estimate.ObserverParams(
+            delay_s=vehicle.attitude_delay_s,
+            wn_rad_s=vehicle.attitude_wn_rad_s,
+            zeta=vehicle.attitude_zeta,
+            drag_1_s=vehicle.drag_1_s,
+        ),
+        hover_thrust=hover_thrust.HoverThrustParams(configured_frac=vehicle.hover_thrust_frac),
+        allocation=limits,
+        drag_1_s=vehicle.drag_1_s,
+        pursuit_speed_m_s=1.25 * vehicle.max_speed_m_s,
+    )
+
+
+def initial(params: PipelineParams, position_enu_m: Array) -> PipelineMemory:
+    """At rest on the ground or hovering at a position (..., 3); the batch has that shape."""
+    position = np.asarray(position_enu_m, dtype=np.float64)
+    batch = position.shape[:-1]
+    return PipelineMemory(
+        guidance=guidance.initial(position),
+        law=oist.initial(batch),
+        observer=estimate.observer_initial(np.zeros_like(position), params=params.observer),
+        hover_thrust=hover_thrust.initial(batch, params=params.hover_thrust),
+        sent_enu_m_s2=np.zeros_like(position),
+        clock_rate=np.ones(batch),
+        activity=np.zeros(batch),
+        thrust_frac=np.zeros(batch),
+        cos_tilt=np.ones(batch),
+    )
+
+
+def step(
+    memory: PipelineMemory,
+    state: State,
+    goal: Goal,
+    neighbours: Neighbours,
+    *,
+    params: PipelineParams,
+    dt_s: float,
+    phase: Phase = Phase.FLYING,
+    yaw_rad: Array | float = 0.0,
+) -> tuple[PipelineMemory, Tick]:
+    """One tick of one vehicle, or of a batch.
+
+    Args:
+        state: own estimate (..., 3); goal: (...); neighbours: (..., K), a snapshot.
+        yaw_rad: (...) heading to hold (the paper's psi_d is zero).
+    Returns:
+        Memory and Tick; ``is_finite`` is False where the input could not be used and the vehicle was levelled.
+    Properties: batch equals loop; equivariant under translation and turning about the vertical.
+    """
+    if phase == Phase.GROUND:
+        return _ground(state, neighbours, params, yaw_rad)
+    batch = state.position_enu_m.shape[:-1]
+    is_frozen = phase == Phase.LIFTOFF
+    observer = estimate.observe(
+        memory.observer,
+        state.velocity_enu_m_s,
+        memory.sent_enu_m_s2,
+        params=params.observer,
+        dt_s=dt_s,
+        is_frozen=is_frozen,
+    )
+    hover_memory, hover = hover_thrust.step(
+        memory.hover_thrust,
+        memory.thrust_frac,
+        memory.cos_tilt,
+        state.acceleration_enu_m_s2[..., 2],
+        state.position_enu_m[..., 2],
+        params=params.hover_thrust,
+        dt_s=dt_s,
+        is_flying=phase == Phase.FLYING,
+    )
+    position, velocity = oist.predict(memory.law, state, params=params.law)
+    rate = clock_rate(memory, position, goal, params=params, dt_s=dt_s)
+    guidance_memory, setpoint = guidance.step(memory.guidance, goal, params=params.guidance, dt_s=dt_s, clock_rate=rate)
+    share = oist.speed_share(memory.law)
+    baseline = backstepping.step(
+        position, velocity, _slowed(setpoint, share), params=_pursuit(params, setpoint, share, is_frozen)
+    )
+    # line O: what drag and the observed disturbance take is added after the law, so that the law commands net motion
+    compensation = params.drag_1_s * velocity - observer.disturbance_enu_m_s2
+    compensation = _limited(compensation, params)
+    law_memory, law = oist.saturate(
+        memory.law,
+        baseline,
+        (position, velocity),
+        state,
+        neighbours,
+        params=params.law,
+        dt_s=dt_s,
+        compensation_enu_m_s2=compensation,
+    )
+    wanted = Thrust(law.thrust.thrust_enu_m_s2 + compensation)
+    sent = allocation.limit(wanted, hover, params=params.allocation)
+    yaw = np.broadcast_to(np.asarray(yaw_rad, dtype=np.float64), batch)
+    attitude = allocation.allocate(sent, yaw, hover, params=params.allocation)
+    thrust = sent.thrust_enu_m_s2
+    size = np.sqrt(np.einsum("...c,...c->...", thrust, thrust))
+    blend = 1.0 - math.exp(-dt_s / params.activity_time_s)
+    is_finite = np.isfinite(state.position_enu_m).all(-1) & np.isfinite(state.velocity_enu_m_s).all(-1)
+    is_finite = is_finite & np.isfinite(baseline.thrust_enu_m_s2).all(-1)
+    memory = PipelineMemory(
+        guidance=guidance_memory,
+        law=law_memory,
+        observer=observer,
+        hover_thrust=hover_memory,
+        sent_enu_m_s2=thrust - np.array([0.0, 0.0, GRAVITY_M_S2]),
+        clock_rate=rate,
+        activity=memory.activity + blend * ((law.intervention_m_s2 > 0.05) - memory.activity),
+        thrust_frac=attitude.thrust_frac,
+        cos_tilt=thrust[..., 2] / np.maximum(size, 1e-9),
+    )
+    return memory, Tick(state, setpoint, baseline, law, attitude, hover, np.asarray(is_finite))
+
+
+def clock_rate(
+    memory: PipelineMemory, position_enu_m: Array, goal: Goal, *, params: PipelineParams, dt_s: float
+) -> Array:
+    """Rate (...) of the trajectory's clock: 1, or less while the law is active and the vehicle lags behind.
+
+    The lag is counted along the way to the goal only: a vehicle pushed aside or ahead waits for nothing.
+    DEVIATION D7.
+    """
+    ahead = guidance.setpoint(memory.guidance).position_enu_m
+    way = (goal.position_enu_m - ahead)[..., :2]
+    rest = np.sqrt(np.einsum("...c,...c->...", way, way))
+    lag = np.einsum("...c,...c->...", (ahead - position_enu_m)[..., :2], way) / np.maximum(rest, 1e-6)
+    share = np.clip((lag - params.clock_slack_m) / (params.clock_stop_m - params.clock_slack_m), 0.0, 1.0)
+    target = 1.0 - np.clip(2.0 * memory.activity, 0.0, 1.0) * np.where(np.isfinite(share), share, 0.0)
+    blend = 1.0 - math.exp(-dt_s / params.clock_time_s)
+    return np.asarray(memory.clock_rate + blend * (target - memory.clock_rate))
+
+
+def _slowed(setpoint: TrajectorySetpoint, share: Array) -> TrajectorySetpoint:
+    """The setpoint with its motion scaled down in a jam (line G)."""
+    scale = share[..., None]
+    return replace(
+        setpoint,
+        velocity_enu_m_s=setpoint.velocity_enu_m_s * scale,
+        acceleration_enu_m_s2=setpoint.acceleration_enu_m_s2 * scale,
+    )
+
+
+def _pursuit(
+    params: PipelineParams, setpoint: TrajectorySetpoint, share: Array, is_gentle: bool
+) -> backstepping.BacksteppingParams:
+    """Backstepping whose error clamp keeps setpoint speed plus pursuit below the limit; gentle at lift-off."""
+    base = params.backstepping
+    speed = np.sqrt(np.einsum("...c,...c->...", setpoint.velocity_enu_m_s, setpoint.velocity_enu_m_s))
+    room = (params.pursuit_speed_m_s - speed) / base.position_gain_1_s
+    clamp = np.clip(room, 0.15, base.max_position_error_m) * share
+    if is_gentle:
+        # while a leg still touches the ground, tilt turns the vehicle over instead of moving it
+        return replace(base, max_position_error_m=np.minimum(clamp, 0.1), max_acceleration_m_s2=1.0)
+    return replace(base, max_position_error_m=clamp)
+
+
+def _limited(compensation: Array, params: PipelineParams) -> Array:
+    """Compensation (..., 3) that leaves at least half of the tilt and of the lift reserve to the law."""
+    finite = np.where(np.isfinite(compensation), compensation, 0.0)
+    bound = 0.5 * GRAVITY_M_S2 * math.tan(params.law.max_tilt_rad)
+    size = np.sqrt(finite[..., 0] ** 2 + finite[..., 1] ** 2)
+    scale = np.minimum(1.0, bound / np.maximum(size, 1e-9))
+    limited = finite * scale[..., None]
+    lift = 0.5 * (params.law.max_thrust_m_s2 - GRAVITY_M_S2)
+    limited[..., 2] = np.clip(finite[..., 2], -lift, lift)
+    return np.asarray(limited)
+
+
+def _ground(
+    state: State, neighbours: Neighbours, params: PipelineParams, yaw_rad: Array | float
+) -> tuple[PipelineMemory, Tick]:
+    """No thrust, level, and memories as at the start, so that nothing learned on the ground is flown with."""
+    position = np.where(np.isfinite(state.position_enu_m), state.position_enu_m, 0.0)
+    batch = position.shape[:-1]
+    memory = initial(params, position)
+    level = Thrust(np.broadcast_to(np.array([0.0, 0.0, GRAVITY_M_S2]), position.shape).copy())
+    still = np.zeros_like(position)
+    _, law = oist.saturate(
+        memory.law, level, (position, still), state, neighbours, params=replace(params.law, name="off"), dt_s=0.02
+    )
+    hover = memory.hover_thrust.hover_thrust_frac
+    yaw = np.broadcast_to(np.asarray(yaw_rad, dtype=np.float64), batch)
+    flat = allocation.allocate(level, yaw, hover, params=params.allocation)
+    attitude = AttitudeSetpoint(flat.quaternion_wxyz, np.zeros(batch))
+    setpoint = TrajectorySetpoint(position, still, still)
+    is_finite = np.asarray(np.isfinite(state.position_enu_m).all(-1))
+    return memory, Tick(state, setpoint, level, law, attitude, hover, is_finite)
