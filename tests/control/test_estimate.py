@@ -18,8 +18,9 @@ G = GRAVITY_M_S2
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-def wander(seconds: float, n: int, seed: int, age_s: float = 0.02, noise_m: float = 0.003, loss: float = 0.0,
-           params: EstimateParams | None = None, scale: float = 0.95, error: float = 0.26) -> tuple[Array, Array, EstimateMemory]:  # fmt: skip
+def wander(
+    seconds: float, n: int, seed: int, age_s: float = 0.02, loss: float = 0.0, params: EstimateParams | None = None
+) -> tuple[Array, Array, EstimateMemory]:
     """Flights under smooth random acceleration with a wrong thrust scale, tilt bias, gusts and drag.
 
     Returns velocity and position errors (T, n, 3) after 4 s and the memory at the end.
@@ -28,7 +29,8 @@ def wander(seconds: float, n: int, seed: int, age_s: float = 0.02, noise_m: floa
     params = params or EstimateParams(drag_1_s=0.3)
     sub, h = 10, DT / 10
     p, v, a, gust = (np.zeros((n, 3)) for _ in range(4))
-    tilt = error * rng.normal(size=(n, 3)) / np.sqrt(3)
+    scale, noise_m = 0.95, 0.003
+    tilt = 0.26 * rng.normal(size=(n, 3)) / np.sqrt(3)
     memory = estimate.initial(p, params=params)
     phase = rng.uniform(0, 6.28, (n, 3))
     past = [(0.0, p.copy())]
@@ -64,7 +66,9 @@ def test_velocity_is_good_to_two_centimetres_per_second_with_the_mocap_of_the_ex
     assert 0.5 * velocity.std() < stated < 2.5 * velocity.std()  # the accuracy that the law's margin is made from
 
 
-@pytest.mark.parametrize(("age_s", "loss", "bound"), [(0.0, 0.0, 0.02), (0.05, 0.0, 0.025), (0.02, 0.3, 0.025), (0.013, 0.0, 0.02)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("age_s", "loss", "bound"), [(0.0, 0.0, 0.02), (0.05, 0.0, 0.025), (0.02, 0.3, 0.025), (0.013, 0.0, 0.02)]
+)
 def test_late_and_lost_samples_cost_little(age_s: float, loss: float, bound: float) -> None:
     velocity, _, _ = wander(12.0, 30, seed=1, age_s=age_s, loss=loss)
     assert velocity.std() < bound

@@ -57,7 +57,7 @@ def test_the_leg_ends_at_rest_exactly_on_the_goal() -> None:
 
 
 def test_without_a_goal_of_its_own_the_setpoint_rests() -> None:
-    memory, s = fly(guidance.initial(np.array([1.0, 2.0, 3.0])), goal([1.0, 2.0, 3.0]), 0.5)
+    _, s = fly(guidance.initial(np.array([1.0, 2.0, 3.0])), goal([1.0, 2.0, 3.0]), 0.5)
     assert np.array_equal(s.position_enu_m, np.tile([1.0, 2.0, 3.0], (25, 1)))
     assert np.array_equal(s.velocity_enu_m_s, np.zeros((25, 3)))
 
