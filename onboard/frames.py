@@ -12,8 +12,7 @@ from typing import Any, NewType
 
 import numpy as np
 
-from onboard.types import Array
-
+Array = np.ndarray[Any, np.dtype[np.float64]]
 PositionEnu = NewType("PositionEnu", np.ndarray[Any, np.dtype[np.float64]])
 """Metres in the fleet frame, shared origin (..., 3)."""
 PositionLocalNed = NewType("PositionLocalNed", np.ndarray[Any, np.dtype[np.float64]])
