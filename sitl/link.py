@@ -309,4 +309,3 @@ _HANDLERS: dict[str, Callable[[Link, Message], list[bytes]]] = {
     "MISSION_REQUEST_LIST": Link._mission_list,
     "MISSION_COUNT": Link._mission_upload,
 }
-

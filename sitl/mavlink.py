@@ -50,6 +50,8 @@ def _layout(message_id: int, entry: Any) -> Layout:
 
 
 LAYOUTS: dict[int, Layout] = {number: _layout(number, entry) for number, entry in common.mavlink_map.items()}
+
+
 def _zero(layout: Layout, field_name: str) -> int | bytes:
     kinds = common.mavlink_map[layout.message_id]
     return b"" if kinds.fieldtypes[kinds.fieldnames.index(field_name)] == "char" else 0

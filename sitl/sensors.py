@@ -100,9 +100,7 @@ class Estimator:
         self._position = self._origin * 0.0
         self._velocity = np.zeros((n, 3))
 
-    def step(
-        self, time_s: float, position_ned_m: Array, velocity_ned_m_s: Array, on_ground: NDArray[np.bool_]
-    ) -> None:
+    def step(self, time_s: float, position_ned_m: Array, velocity_ned_m_s: Array, on_ground: NDArray[np.bool_]) -> None:
         """Advance the errors by one estimator period and form the estimates from the true motion."""
         dt_s = ESTIMATE_EVERY_STEPS * STEP_S
         rests = on_ground.tolist()

@@ -33,7 +33,9 @@ def emulator(*starts: tuple[float, float, float], profile: VehicleProfile = SIH,
     return Emulator([VehicleSpec(f"v{i}", i + 1, profile, place) for i, place in enumerate(places)], seed=seed)
 
 
-def until(emu: Emulator, condition: Callable[[], bool], timeout_s: float, each: Callable[[], None] | None = None) -> float:
+def until(
+    emu: Emulator, condition: Callable[[], bool], timeout_s: float, each: Callable[[], None] | None = None
+) -> float:
     """Step until `condition`; the time that it took. Fails the test after `timeout_s` of simulated time."""
     start_s = emu.time_s
     while not condition():
@@ -55,7 +57,9 @@ def height_m(emu: Emulator, index: int = 0) -> float:
     return float(-emu.world.vehicles.states.position_ned_m[index, 2])
 
 
-def streamer(emu: Emulator, thrust_frac: float, attitude_wxyz: list[float] | None = None, index: int = 0) -> Callable[[], None]:
+def streamer(
+    emu: Emulator, thrust_frac: float, attitude_wxyz: list[float] | None = None, index: int = 0
+) -> Callable[[], None]:
     """A companion that sends an attitude setpoint at 50 Hz, level and eastward unless told."""
 
     def send() -> None:

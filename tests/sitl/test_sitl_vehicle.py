@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sitl_flying import ARDRONE, SIH
 
 from sitl import rotation
 from sitl.vehicle import GRAVITY_M_S2, STEP_S, Commands, VehicleProfile, Vehicles
-from sitl_flying import ARDRONE, SIH
 
 
 def hovering(profile: VehicleProfile, yaw_rad: float = 0.0) -> tuple[Vehicles, Commands]:
@@ -160,8 +160,6 @@ def test_conversions_to_the_fleet_frame_are_those_of_a_rotation_matrix() -> None
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     turned = rotation.enu_flu_from_ned_frd(q)
     # Body z up (FLU) is the opposite of body z down (FRD), seen in ENU.
-    np.testing.assert_allclose(
-        rotation.body_down(turned), -rotation.swap_enu_ned(rotation.body_down(q)), atol=1e-12
-    )
+    np.testing.assert_allclose(rotation.body_down(turned), -rotation.swap_enu_ned(rotation.body_down(q)), atol=1e-12)
     north = rotation.enu_flu_from_ned_frd(np.array([1.0, 0.0, 0.0, 0.0]))
     np.testing.assert_allclose(rotation.heading(north), np.pi / 2, atol=1e-12)
