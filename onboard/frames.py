@@ -42,7 +42,7 @@ def quaternion_enu_flu_from_ned_frd(q_ned_frd: Array) -> Array:
     """PX4's attitude (FRD to NED) as the fleet's (FLU to ENU).
 
     R_enu_flu = R_enu_ned R_ned_frd R_frd_flu with R_enu_ned the half turn about (1, 1, 0)/sqrt(2) and R_frd_flu the
-    half turn about x; multiplied out it is a permutation of the components, so nothing is lost to rounding but sqrt(1/2).
+    half turn about x; multiplied out it is a permutation of the components, so only sqrt(1/2) is rounded.
 
     Args:
         q_ned_frd: (..., 4) wxyz.
