@@ -1,0 +1,73 @@
+"""Messages of the bus as JSON channels of the record: same names, same field names, a schema each. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, get_type_hints
+
+import msgspec
+
+from onboard.bus.schema import Message, OrderReply, TickBatch, TickSample
+from onboard.bus.topics import TOPICS, Topic
+
+MAX_STAMP_NS = (1 << 63) - 1
+REPLY = "reply"
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One message of the record: channel, its kind, log time and JSON bytes."""
+
+    channel: str
+    kind: type[Message]
+    stamp_ns: int
+    data: bytes
+
+
+def rows(topic: Topic, name: str, message: Message, received_ns: int) -> Iterator[Row]:
+    """What one bus message becomes: a batch of ticks one row each, everything else one row.
+
+    The log time is the sample's own stamp; messages without one, or with an impossible one, take the reception's.
+    """
+    if isinstance(message, TickBatch):
+        for tick in message.ticks:
+            yield _row(f"{topic.value}/{name}", tick, received_ns)
+    elif isinstance(message, OrderReply):
+        yield _row(f"{REPLY}/{name}", message, received_ns)
+    else:
+        yield _row(f"{topic.value}/{name}", message, received_ns)
+
+
+def kind_of(topic: Topic) -> type[Message] | None:
+    """The type of a topic's rows."""
+    return TickSample if topic is Topic.TICK else TOPICS[topic].message
+
+
+def as_mapping(message: Message) -> dict[str, Any]:
+    """Field names and values; on the bus the same message travels without its names."""
+    return {field: getattr(message, field) for field in message.__struct_fields__}
+
+
+def json_schema(kind: type[Message]) -> bytes:
+    """JSON schema of a kind as an object with named fields."""
+    hints = get_type_hints(kind)
+    properties: dict[str, Any] = {}
+    for field in kind.__struct_fields__:
+        properties[field] = _flat(msgspec.json.schema(hints[field]))
+    schema = {"title": f"covey.{kind.__name__}", "type": "object", "properties": properties}
+    return msgspec.json.encode(schema)
+
+
+def _row(channel: str, message: Message, received_ns: int) -> Row:
+    stamp_ns = getattr(message, "stamp_ns", received_ns)
+    if not 0 <= stamp_ns <= MAX_STAMP_NS:
+        stamp_ns = received_ns
+    return Row(channel, type(message), stamp_ns, msgspec.json.encode(as_mapping(message)))
+
+
+def _flat(schema: dict[str, Any]) -> dict[str, Any]:
+    # Viewers expect `items`; a fixed-length tuple of one type is an array of that type to them.
+    if "prefixItems" in schema:
+        return {"type": "array", "items": schema["prefixItems"][0]}
+    return schema

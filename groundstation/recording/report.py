@@ -1,0 +1,138 @@
+"""What a record says about its flight: separation by ground truth, and the agents' loop timing."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from groundstation.fleet import Separation
+from groundstation.recording.reader import read
+
+MAX_GAP_S = 0.25
+PERIOD_NOMINAL_MS = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class LoopTiming:
+    """Periods of one agent's control loop."""
+
+    p50_ms: float
+    p99_ms: float
+    max_ms: float
+    ticks: int
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """True motion of one vehicle: stamp_ns (n,), position_enu_m (n, 3), is_on_ground (n,), is_collided anywhere."""
+
+    stamp_ns: NDArray[np.int64]
+    position_enu_m: NDArray[np.float64]
+    is_on_ground: NDArray[np.bool_]
+    is_collided: bool
+
+
+@dataclass(frozen=True, slots=True)
+class FlightReport:
+    """smallest: by truth while one of the two flew, None without truth. begin_ns: first stamp of truth."""
+
+    smallest: Separation | None
+    pairs: dict[str, Separation]
+    collided: tuple[str, ...]
+    loops: dict[str, LoopTiming]
+    begin_ns: int
+    duration_s: float
+
+
+def report(folder: Path) -> FlightReport:
+    """Evaluate a record; ConfigError when there is none."""
+    truths: dict[str, list[tuple[int, list[float], bool, bool]]] = defaultdict(list)
+    periods_ms: dict[str, list[float]] = defaultdict(list)
+    for sample in read(folder, ("truth", "tick")):
+        values = sample.values
+        if sample.topic == "tick":
+            period_s = values.get("period_s")
+            if period_s:
+                periods_ms[sample.name].append(1e3 * period_s)
+        elif None not in values["position_enu_m"]:
+            row = (sample.stamp_ns, values["position_enu_m"], values["is_on_ground"], values["is_collided"])
+            truths[sample.name].append(row)
+    tracks = {name: track(rows) for name, rows in truths.items()}
+    pairs = separations(tracks)
+    stamps = [value.stamp_ns for value in tracks.values()]
+    begin_ns = min((int(value[0]) for value in stamps), default=0)
+    end_ns = max((int(value[-1]) for value in stamps), default=0)
+    return FlightReport(
+        smallest=min(pairs.values(), key=lambda pair: pair.distance_m, default=None),
+        pairs=pairs,
+        collided=tuple(sorted(name for name, value in tracks.items() if value.is_collided)),
+        loops={name: loop_timing(values) for name, values in sorted(periods_ms.items())},
+        begin_ns=begin_ns,
+        duration_s=(end_ns - begin_ns) * 1e-9,
+    )
+
+
+def track(rows: list[tuple[int, list[float], bool, bool]]) -> Track:
+    """Rows (stamp, position, on ground, collided) of one vehicle, sorted by stamp, each stamp once."""
+    stamps, first = np.unique(np.array([row[0] for row in rows], dtype=np.int64), return_index=True)
+    return Track(
+        stamps,
+        np.array([rows[index][1] for index in first], dtype=np.float64).reshape(-1, 3),
+        np.array([rows[index][2] for index in first], dtype=np.bool_),
+        any(row[3] for row in rows),
+    )
+
+
+def separations(tracks: dict[str, Track]) -> dict[str, Separation]:
+    """Smallest horizontal distance of each pair while at least one of the two flies, at either one's stamps.
+
+    Between samples positions are interpolated; where one of the two has a gap longer than MAX_GAP_S nothing is said.
+    """
+    found = {}
+    for one, two in itertools.combinations(sorted(tracks), 2):
+        first, second = tracks[one], tracks[two]
+        stamps = np.union1d(first.stamp_ns, second.stamp_ns)
+        stamps = stamps[
+            (stamps >= max(first.stamp_ns[0], second.stamp_ns[0]))
+            & (stamps <= min(first.stamp_ns[-1], second.stamp_ns[-1]))
+        ]
+        is_valid = _covered(first, stamps) & _covered(second, stamps)
+        is_flying = ~(_on_ground(first, stamps) & _on_ground(second, stamps))
+        stamps = stamps[is_valid & is_flying]
+        if stamps.size:
+            distance_m = np.linalg.norm(_at(first, stamps) - _at(second, stamps), axis=-1)
+            at = int(np.argmin(distance_m))
+            found[f"{one}-{two}"] = Separation(one, two, float(distance_m[at]), int(stamps[at]), is_truth=True)
+    return found
+
+
+def loop_timing(periods_ms: list[float]) -> LoopTiming:
+    """Percentiles of the periods of one loop."""
+    values = np.array(periods_ms)
+    if not values.size:
+        return LoopTiming(math.nan, math.nan, math.nan, 0)
+    p50, p99 = np.percentile(values, [50, 99])
+    return LoopTiming(round(float(p50), 3), round(float(p99), 3), round(float(values.max()), 3), int(values.size))
+
+
+def _at(value: Track, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+    origin = value.stamp_ns[0]  # int64 nanoseconds do not fit into a double; differences do
+    times, known = (stamps - origin).astype(np.float64), (value.stamp_ns - origin).astype(np.float64)
+    return np.stack([np.interp(times, known, value.position_enu_m[:, axis]) for axis in (0, 1)], axis=-1)
+
+
+def _on_ground(value: Track, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+    index = np.clip(np.searchsorted(value.stamp_ns, stamps, side="right") - 1, 0, None)
+    return np.asarray(value.is_on_ground[index])
+
+
+def _covered(value: Track, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+    before = np.clip(np.searchsorted(value.stamp_ns, stamps, side="right") - 1, 0, None)
+    after = np.clip(np.searchsorted(value.stamp_ns, stamps, side="left"), None, value.stamp_ns.size - 1)
+    return np.asarray(value.stamp_ns[after] - value.stamp_ns[before] <= MAX_GAP_S * 1e9)

@@ -1,0 +1,203 @@
+"""The flight record: everything heard, into one folder, without ever holding up the flight.
+
+A sink only puts into a bounded queue; one thread encodes and writes. Once a second what is there goes to the file, so
+that a crash costs at most a second. A full disk ends the record with an event, never the flight.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import queue
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, TextIO
+
+import msgspec
+from mcap.writer import CompressionType, Writer
+
+from groundstation.recording.channels import json_schema, rows
+from onboard.bus.schema import Event, Message, Order, OrderReply
+from onboard.bus.topics import Topic
+
+FLUSH_PERIOD_S = 1.0
+CHUNK_BYTES = 128 * 1024
+MAX_QUEUED = 20_000
+RECORD_NAME = "flight.mcap"
+
+_Item = tuple[Topic, str, Message, int]
+
+
+class RecordWriter:
+    """Writes ``flight.mcap``, ``events.txt`` and ``orders.txt`` into a folder.
+
+    Args:
+        folder: created by :meth:`start`.
+        on_failure: called once, on the writer's thread, with a sentence when the record had to end.
+        open_file: for tests.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        on_failure: Callable[[str], None] = lambda sentence: None,
+        open_file: Callable[[Path], IO[bytes]] = lambda path: path.open("wb"),
+    ) -> None:
+        self.folder = folder
+        self.dropped = 0
+        self.failure: str | None = None
+        self.on_failure = on_failure
+        self._open_file = open_file
+        self._queue: queue.Queue[_Item | None] = queue.Queue(MAX_QUEUED)
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Create the folder and begin; OSError when that is impossible. A second call does nothing."""
+        if self._thread is not None:
+            return
+        self.folder.mkdir(parents=True, exist_ok=True)
+        files = _Files(self.folder, self._open_file(self.folder / RECORD_NAME))
+        self._thread = threading.Thread(target=self._run, args=(files,), name="record", daemon=True)
+        self._thread.start()
+
+    def put(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
+        """Take one message, from any thread; dropped and counted when the writer is far behind."""
+        if self.failure is not None or self._thread is None:
+            return
+        try:
+            self._queue.put_nowait((topic, name, message, received_ns))
+        except queue.Full:
+            self.dropped += 1
+
+    def stop(self, timeout_s: float = 10.0) -> None:
+        """Write what is left and finish the files; a second call does nothing."""
+        thread, self._thread = self._thread, None
+        if thread is None:
+            return
+        try:
+            self._queue.put(None, timeout=timeout_s)
+        except queue.Full:
+            return  # the disk hangs: the thread is a daemon, and every whole second so far is on it
+        thread.join(timeout_s)
+
+    def _run(self, files: _Files) -> None:
+        next_flush_s = time.monotonic() + FLUSH_PERIOD_S
+        try:
+            while True:
+                try:
+                    item = self._queue.get(timeout=max(0.0, next_flush_s - time.monotonic()))
+                except queue.Empty:
+                    pass
+                else:
+                    if item is None:
+                        break
+                    files.write(*item)
+                if time.monotonic() >= next_flush_s:
+                    files.flush()
+                    next_flush_s = time.monotonic() + FLUSH_PERIOD_S
+            files.finish()
+        except OSError as error:
+            self.failure = (
+                f"The record ended: {self.folder} cannot be written ({error.strerror or error}). The flight goes on "
+                "without it. Free some space before the next one."
+            )
+            self.on_failure(self.failure)
+        finally:
+            files.close()
+
+
+class _Files:
+    """The open files of a record; every method may raise OSError."""
+
+    def __init__(self, folder: Path, stream: IO[bytes]) -> None:
+        self._stream = stream
+        self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer.start(profile="", library="covey")
+        self._schemas: dict[type[Message], int] = {}
+        self._channels: dict[str, tuple[int, int]] = {}
+        self._begin_ns = time.monotonic_ns()
+        head = f"# seconds since {datetime.datetime.now().astimezone().isoformat(timespec='seconds')}\n"
+        self._texts: dict[str, TextIO] = {}
+        for name in ("events.txt", "orders.txt"):
+            self._texts[name] = (folder / name).open("w", encoding="utf-8")
+            self._texts[name].write(head)
+
+    def write(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
+        for row in rows(topic, name, message, received_ns):
+            channel, sequence = self._channel(row.channel, row.kind)
+            self._writer.add_message(
+                channel, log_time=row.stamp_ns, publish_time=row.stamp_ns, sequence=sequence, data=row.data
+            )
+        if isinstance(message, Event):
+            self._line("events.txt", received_ns, event_line(message))
+            if message.order_id:
+                outcome = message.order_outcome or message.code
+                self._line("orders.txt", received_ns, f"{name} {message.order_id} {outcome}: {message.sentence}")
+        elif isinstance(message, Order):
+            self._line("orders.txt", received_ns, order_line(name, message))
+        elif isinstance(message, OrderReply):
+            answer = "accepted" if message.is_accepted else "refused"
+            self._line("orders.txt", received_ns, f"{name} {message.order_id} {answer}: {message.reason}")
+
+    def flush(self) -> None:
+        # mcap has no public call that ends a chunk; without it a quiet flight would stay in memory for a minute.
+        finish_chunk = getattr(self._writer, "_Writer__finalize_chunk", None)
+        if finish_chunk is not None:
+            finish_chunk()
+        self._stream.flush()
+        for text in self._texts.values():
+            text.flush()
+
+    def finish(self) -> None:
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._stream.flush()
+        for text in self._texts.values():
+            text.flush()
+
+    def close(self) -> None:
+        for close in (self._stream.close, *(text.close for text in self._texts.values())):
+            with contextlib.suppress(OSError):  # what could be written was; the failure itself has been told
+                close()
+
+    def _channel(self, name: str, kind: type[Message]) -> tuple[int, int]:
+        found = self._channels.get(name)
+        if found is None:
+            schema = self._schemas.get(kind)
+            if schema is None:
+                schema = self._schemas[kind] = self._writer.register_schema(
+                    name=f"covey.{kind.__name__}", encoding="jsonschema", data=json_schema(kind)
+                )
+            found = (self._writer.register_channel(topic=name, message_encoding="json", schema_id=schema), 0)
+        self._channels[name] = (found[0], found[1] + 1)
+        return found
+
+    def _line(self, name: str, received_ns: int, text: str) -> None:
+        seconds = (received_ns - self._begin_ns) * 1e-9
+        self._texts[name].write(f"{seconds:9.3f} {' '.join(text.split())}\n")
+
+
+def event_line(event: Event) -> str:
+    """An event as one line of text."""
+    return f"{event.vehicle} {event.severity} {event.code}: {event.sentence}"
+
+
+def order_line(vehicle: str, order: Order) -> str:
+    """An order as one line of text."""
+    numbers = (
+        "" if order.position_enu_m is None else " to " + " ".join(f"{value:.3f}" for value in order.position_enu_m)
+    )
+    height = "" if order.height_m is None else f" to {order.height_m:.2f} m"
+    duration = f" in {order.duration_s:g} s" if order.duration_s else ""
+    return f"{vehicle} {order.order_id} ordered by {order.author}: {order.kind}{numbers}{height}{duration}"
+
+
+def write_json(path: Path, value: object) -> str | None:
+    """Write a value as readable JSON; a sentence when the disk refuses."""
+    try:
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n")
+    except OSError as error:
+        return f"{path} cannot be written ({error.strerror or error})."
+    return None
