@@ -1,0 +1,125 @@
+"""Colours, signs and numbers of the console. Pure.
+
+The palette is Okabe and Ito's, lightened for a dark ground: safe for the common kinds of colour blindness. No meaning is
+carried by colour alone; a sign or a word always says it too.
+"""
+
+from __future__ import annotations
+
+import math
+import unicodedata
+
+from rich.cells import cell_len, set_cell_size
+from rich.style import Style
+
+GROUND = "#0f141a"
+TEXT = "#d5dde6"
+FAINT = "#7b8896"
+RULE = "#2b3641"
+GOOD = "#2fc29a"
+WARN = "#e8a61c"
+BAD = "#f0722d"
+KILL = "#dd8fbc"
+CALM = "#63bdf0"
+
+VEHICLE_COLOURS = ("#63bdf0", "#e8a61c", "#2fc29a", "#dd8fbc", "#f0e442", "#f0722d", "#8f9df5", "#c3c9d0")
+
+STATE_SIGNS: dict[str, tuple[str, str]] = {
+    "waiting": ("…", FAINT),
+    "ready": ("○", CALM),
+    "armed": ("◎", WARN),
+    "taking off": ("▲", GOOD),
+    "flying": ("●", GOOD),
+    "holding": ("■", CALM),
+    "landing": ("▼", WARN),
+    "landed": ("○", CALM),
+    "failed": ("✖", BAD),
+}
+SEVERITY_SIGNS: dict[str, tuple[str, str]] = {
+    "debug": ("·", FAINT),
+    "info": ("·", TEXT),
+    "warning": ("▲", WARN),
+    "critical": ("✖", BAD),
+}
+PHASE_SIGNS: dict[str, tuple[str, str]] = {
+    "sent": ("→", FAINT),
+    "accepted": ("▸", CALM),
+    "direct": ("▸", WARN),
+    "done": ("✔", GOOD),
+    "superseded": ("↷", FAINT),
+    "refused": ("✖", BAD),
+    "failed": ("✖", BAD),
+    "timed out": ("✖", BAD),
+    "no answer": ("✖", BAD),
+    "unfinished": ("✖", WARN),
+}
+
+_STYLES: dict[tuple[str, bool, bool], Style] = {}
+
+
+def style(colour: str = TEXT, *, bold: bool = False, dim: bool = False) -> Style:
+    """A cached style; ``dim`` swaps the colour for the faint one, since terminals disagree about dim."""
+    key = (colour, bold, dim)
+    if key not in _STYLES:
+        _STYLES[key] = Style(color=FAINT if dim else colour, bold=bold, italic=dim)
+    return _STYLES[key]
+
+
+def vehicle_colour(index: int) -> str:
+    """Colour of the vehicle at this place of the fleet file."""
+    return VEHICLE_COLOURS[index % len(VEHICLE_COLOURS)]
+
+
+def clean(text: object, limit: int = 400) -> str:
+    """Text from outside as one printable line: no control characters, no escape sequences, no endless strings."""
+    line = str(text)[:limit]
+    return "".join(" " if char in "\n\r\t" else char for char in line if char in "\n\r\t" or _is_printable(char))
+
+
+def number(value: object, digits: int = 1, *, sign: bool = False, unit: str = "", limit: float = 99_999.0) -> str:
+    """A number for people, or ``-`` for what is no finite, plausible number; never ``-0.0``."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value) or abs(value) > limit:
+        return "-"
+    rounded = round(float(value), digits) + 0.0
+    return f"{rounded:{'+' if sign else ''}.{digits}f}{unit}"
+
+
+def fit(text: str, width: int, *, right: bool = False) -> str:
+    """``text`` in exactly ``width`` cells, cut with an ellipsis where it is too long."""
+    if width <= 0:
+        return ""
+    cells = cell_len(text)
+    if cells > width:
+        return set_cell_size(text, width - 1) + "…"
+    return " " * (width - cells) + text if right else text + " " * (width - cells)
+
+
+def meter(frac: float, width: int) -> str:
+    """A bar of ``width`` cells with steps of an eighth of a cell."""
+    if not math.isfinite(frac):
+        return " " * width
+    eighths = round(min(1.0, max(0.0, frac)) * width * 8)
+    full, rest = divmod(eighths, 8)
+    return ("█" * full + (" ▏▎▍▌▋▊▉"[rest] if rest else "")).ljust(width)
+
+
+def wrap(text: str, width: int, most: int = 6) -> list[str]:
+    """``text`` broken at spaces into at most ``most`` lines of ``width`` cells; longer words are cut."""
+    lines: list[str] = []
+    line = ""
+    for word in text.split(" "):
+        joined = f"{line} {word}" if line else word
+        if cell_len(joined) <= width:
+            line = joined
+            continue
+        if line:
+            lines.append(line)
+        line = word if cell_len(word) <= width else fit(word, max(1, width))
+    lines.append(line)
+    if len(lines) > most:
+        return [*lines[: most - 1], fit(" ".join(lines[most - 1 :]), max(1, width))]
+    return lines
+
+
+def _is_printable(char: str) -> bool:
+    return unicodedata.category(char) not in ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")

@@ -1,0 +1,94 @@
+"""The single lines: title, results of the last order, worst alarm with the keys."""
+
+from __future__ import annotations
+
+from rich.cells import cell_len
+from rich.segment import Segment
+from textual.strip import Strip
+from textual.widget import Widget
+
+from groundstation.handle import OrderHandle
+from groundstation.tui import look
+from groundstation.tui.alarms import CRITICAL, WARNING, Alarm
+from groundstation.tui.look import BAD, CALM, FAINT, GOOD, KILL, TEXT, WARN, clean
+
+KEYS = "ctrl+l LAND ALL   ctrl+o HOLD ALL   : order   ? help   q quit"
+SHORT_KEYS = "^l LAND ALL  ? help"
+_SEVERITY = {CRITICAL: ("✖", BAD), WARNING: ("▲", WARN)}
+
+
+class Bar(Widget):
+    """One line of segments."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(id=name)
+        self._segments: list[Segment] = []
+
+    def put(self, segments: list[Segment]) -> None:
+        """Show these; nothing is drawn when nothing changed."""
+        if segments != self._segments:
+            self._segments = segments
+            self.refresh()
+
+    def render_line(self, y: int) -> Strip:
+        """The line."""
+        return Strip(self._segments if y == 0 else []).adjust_cell_length(self.size.width, self.rich_style)
+
+
+class TitleBar(Bar):
+    """Who is there, and how the mission goes."""
+
+    def show(self, title: str, heard: int, of: int, flying: int, right: str) -> None:
+        """Update the line."""
+        left = f" COVEY  {clean(title, 60)}"
+        middle = f"   {heard}/{of} heard   {flying} fly" if heard else f"   waiting for {of} vehicles"
+        room = self.size.width - cell_len(left) - cell_len(middle) - 1
+        self.put(
+            [
+                Segment(" COVEY ", look.style(CALM, bold=True)),
+                Segment(left[7:], look.style(TEXT, bold=True)),
+                Segment(middle, look.style(GOOD if heard == of else WARN)),
+                Segment(look.fit(clean(right, 120), room, right=True), look.style(TEXT)),
+            ]
+        )
+
+
+class ResultLine(Bar):
+    """The last order, and each vehicle's answer as it comes in."""
+
+    def show_order(self, handle: OrderHandle) -> None:
+        """Results as they stand."""
+        segments = [Segment(f" {look.fit(clean(handle.intent, 60), min(34, len(clean(handle.intent, 60))))} ")]
+        segments[0] = Segment(segments[0].text, look.style(TEXT, bold=True))
+        for name, result in handle.results.items():
+            sign, colour = look.PHASE_SIGNS.get(result.phase, ("?", WARN))
+            segments.append(Segment(f"  {name} {sign} {result.phase}", look.style(colour)))
+        self.put(segments)
+
+    def show_sentence(self, sentence: str, colour: str = WARN) -> None:
+        """Words instead of results."""
+        self.put([Segment(f" {clean(sentence, 300)}", look.style(colour))])
+
+
+class StatusBar(Bar):
+    """The worst alarm, on every screen; the keys where there is room."""
+
+    def show(self, alarms: list[Alarm], kill: str | None) -> None:
+        """Update the line; an armed kill key comes before everything."""
+        width = self.size.width
+        if kill is not None:
+            text = f" KILL {kill}? The same key again within 1 s stops its motors: it falls."
+            self.put([Segment(look.fit(text, width), look.style(KILL, bold=True))])
+            return
+        worst = alarms[0] if alarms else None
+        sign, colour = ("●", GOOD) if worst is None else _SEVERITY.get(worst.severity, ("…", CALM))
+        more = f" (+{len(alarms) - 1})" if len(alarms) > 1 else ""
+        text = f" {sign} {worst.sentence if worst else 'all well'}{more}"
+        keys = KEYS if cell_len(text) + len(KEYS) + 2 <= width else SHORT_KEYS
+        room = width - len(keys) - 2
+        self.put(
+            [
+                Segment(look.fit(text, room), look.style(colour, bold=worst is not None and worst.severity > 0)),
+                Segment(f" {keys} ", look.style(FAINT)),
+            ]
+        )
