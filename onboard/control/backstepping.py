@@ -62,7 +62,7 @@ def step(
         position_enu_m, velocity_enu_m_s: (..., 3), predicted to the time at which the thrust acts.
         setpoint: for that same time, (..., 3) each.
     Returns:
-        F/m (..., 3) [m/s^2] ENU with gravity included: hover is (0, 0, g). Horizontal and vertical acceleration bounded.
+        F/m (..., 3) [m/s^2] ENU with gravity included: hover is (0, 0, g). Bounded as the params say.
     Properties: yaw-rotation- and translation-equivariant; homogeneous in length; zero error gives a_s + g.
     """
     k1, k2, c = params.position_gain_1_s, params.velocity_gain_1_s, params.coupling_1_s2

@@ -62,7 +62,7 @@ class GuidanceMemory:
 
 
 def initial(position_enu_m: Array) -> GuidanceMemory:
-    """At rest at a position (..., 3), with no leg: the next goal is planned whatever its sequence."""
+    """At rest at a position (..., 3), without a leg: the next goal is planned whatever it is."""
     position = np.array(position_enu_m, dtype=np.float64)
     shape = position.shape[:-1]
     zero, still = np.zeros(shape), np.zeros_like(position)
@@ -81,7 +81,7 @@ def initial(position_enu_m: Array) -> GuidanceMemory:
 
 
 def reset(memory: GuidanceMemory, position_enu_m: Array) -> GuidanceMemory:
-    """Re-anchored at rest at a position (..., 3), for instance while on the ground; non-finite rows stay as they are."""
+    """Re-anchored at rest at a position (..., 3), for instance on the ground; rows not finite rest where they are."""
     position = np.asarray(position_enu_m, dtype=np.float64)
     finite = np.asarray(np.isfinite(position).all(axis=-1))
     return initial(np.where(finite[..., None], position, setpoint(memory).position_enu_m))

@@ -62,12 +62,12 @@ def step(
     Args:
         thrust_frac: (...) throttle sent on the last tick. cos_tilt: (...) of the attitude flown.
         vertical_acceleration_m_s2: (...) estimated, up positive, without gravity. height_m: (...) above the ground.
-        is_flying: (...) False freezes and forgets the motor state.
+        is_flying: (...) False (on the ground, lifting off) freezes the estimate; the motors are followed all the same.
     Returns:
         memory and hover_thrust_frac (...), within max_deviation of the configured value, always finite.
     """
     blend = 1.0 - np.exp(-dt_s / params.motor_lag_s)
-    sent = np.where(np.isfinite(thrust_frac) & is_flying, thrust_frac, memory.effective_thrust_frac)
+    sent = np.where(np.isfinite(thrust_frac), thrust_frac, memory.effective_thrust_frac)
     effective = memory.effective_thrust_frac + blend * (sent - memory.effective_thrust_frac)
     acceleration = np.where(np.isfinite(vertical_acceleration_m_s2), vertical_acceleration_m_s2, np.inf)
     usable = (

@@ -45,13 +45,15 @@ def test_the_attitude_points_the_thrust_exactly_and_keeps_the_yaw() -> None:
 def test_thrust_to_the_east_pitches_a_vehicle_that_faces_east_nose_down() -> None:
     q = allocation.allocate(Thrust(np.array([1.0, 0.0, G])), 0.0, 0.5, params=WIDE).quaternion_wxyz
     nose = frames.rotate(q, np.array([1.0, 0.0, 0.0]))
-    assert nose[2] < -0.05 and abs(nose[1]) < 1e-12
+    assert nose[2] < -0.05
+    assert abs(nose[1]) < 1e-12
 
 
 def test_thrust_to_the_north_rolls_a_vehicle_that_faces_east_left_side_down() -> None:
     q = allocation.allocate(Thrust(np.array([0.0, 1.0, G])), 0.0, 0.5, params=WIDE).quaternion_wxyz
     left = frames.rotate(q, np.array([0.0, 1.0, 0.0]))
-    assert left[2] < -0.05 and abs(left[0]) < 1e-12
+    assert left[2] < -0.05
+    assert abs(left[0]) < 1e-12
 
 
 def test_a_turned_world_turns_the_attitude() -> None:
@@ -79,7 +81,8 @@ def test_limits_hold_for_any_thrust() -> None:
     f = RNG.normal(size=(2000, 3)) * 10.0 ** RNG.uniform(-3, 3, (2000, 1))
     attitude = allocation.allocate(Thrust(f), np.zeros(2000), np.full(2000, 0.75), params=params)
     assert (allocation.tilt_rad(attitude) <= math.radians(25.0) + 1e-9).all()
-    assert (attitude.thrust_frac >= 0.1 - 1e-9).all() and (attitude.thrust_frac <= 0.95 + 1e-9).all()
+    assert (attitude.thrust_frac >= 0.1 - 1e-9).all()
+    assert (attitude.thrust_frac <= 0.95 + 1e-9).all()
 
 
 def test_height_comes_before_tracking_when_the_throttle_runs_out() -> None:
@@ -87,7 +90,8 @@ def test_height_comes_before_tracking_when_the_throttle_runs_out() -> None:
     asked = np.array([6.0, 0.0, 1.25 * G])  # more than thrust/weight 1.33 allows
     got = allocation.limit(Thrust(asked), np.float64(0.75), params=params).thrust_enu_m_s2
     assert got[2] == pytest.approx(1.25 * G)
-    assert 0.0 < got[0] < 6.0 and got[1] == 0.0
+    assert 0.0 < got[0] < 6.0
+    assert got[1] == 0.0
     assert np.linalg.norm(got) == pytest.approx(G / 0.75)
 
 

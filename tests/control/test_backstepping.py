@@ -32,7 +32,7 @@ def acceleration(p: Array, v: Array, setpoint: TrajectorySetpoint, params: Backs
 def test_a_setpoint_to_the_east_north_or_up_thrusts_that_way(axis: int, sign: float, kind: str) -> None:
     ahead = np.zeros(3)
     ahead[axis] = 0.2 * sign
-    setpoint = at(**{**{"position": np.zeros(3)}, kind: ahead})
+    setpoint = at(**{"position": np.zeros(3), kind: ahead})
     a = acceleration(np.zeros(3), np.zeros(3), setpoint, BacksteppingParams())
     assert a[axis] * sign > 0.0
     assert np.allclose(np.delete(a, axis), 0.0)

@@ -159,7 +159,8 @@ def test_attitude_and_throttle_drive_it_east_when_tilted_east() -> None:
     for _ in range(50):
         memory = estimate.drive(memory, tilted, 0.75 / np.cos(0.2), 0.75, params=params, dt_s=DT)
     assert memory.acceleration_enu_m_s2[0] == pytest.approx(G * np.tan(0.2), rel=1e-6)
-    assert abs(memory.acceleration_enu_m_s2[1]) < 1e-12 and abs(memory.acceleration_enu_m_s2[2]) < 1e-6
+    assert abs(memory.acceleration_enu_m_s2[1]) < 1e-12
+    assert abs(memory.acceleration_enu_m_s2[2]) < 1e-6
 
 
 def test_throttle_acts_behind_the_motor_lag() -> None:
@@ -176,7 +177,8 @@ def test_standing_on_the_ground_is_not_falling() -> None:
     for _ in range(200):
         memory = estimate.drive(memory, LEVEL, 0.1, 0.75, params=params, dt_s=DT, is_on_ground=True)
         memory = estimate.correct(memory, np.zeros(3), 0.02, params=params)
-    assert np.allclose(memory.velocity_enu_m_s, 0.0) and np.allclose(memory.bias_enu_m_s2, 0.0)
+    assert np.allclose(memory.velocity_enu_m_s, 0.0)
+    assert np.allclose(memory.bias_enu_m_s2, 0.0)
 
 
 def test_a_constant_error_of_the_model_becomes_the_bias() -> None:
@@ -229,7 +231,8 @@ def test_samples_that_are_not_finite_change_nothing_and_warn_nothing(sample: lis
         after = estimate.predict(after, np.array([np.nan, 0.0, 0.0]), params=params, dt_s=DT)
         after = estimate.drive(after, LEVEL, np.nan, 0.5, params=params, dt_s=DT)
         after = estimate.drive(after, np.full(4, np.nan), 0.5, 0.5, params=params, dt_s=DT)
-    assert np.isfinite(after.position_enu_m).all() and np.isfinite(after.velocity_enu_m_s).all()
+    assert np.isfinite(after.position_enu_m).all()
+    assert np.isfinite(after.velocity_enu_m_s).all()
     assert np.isfinite(after.covariance).all()
 
 

@@ -60,13 +60,15 @@ def test_level_px4_attitude_facing_north_has_its_nose_north_and_its_top_up() -> 
 def test_px4_pitch_down_accelerates_towards_the_nose() -> None:
     pitch_down = np.array([math.cos(-0.1), 0.0, math.sin(-0.1), 0.0])  # FRD: negative pitch is nose down
     up = frames.body_up(frames.quaternion_enu_flu_from_ned_frd(pitch_down))
-    assert up[1] > 0.1 and abs(up[0]) < 1e-12  # nose north
+    assert up[1] > 0.1
+    assert abs(up[0]) < 1e-12
 
 
 def test_px4_roll_right_accelerates_to_the_right() -> None:
     roll_right = np.array([math.cos(0.1), math.sin(0.1), 0.0, 0.0])
     up = frames.body_up(frames.quaternion_enu_flu_from_ned_frd(roll_right))
-    assert up[0] > 0.1 and abs(up[1]) < 1e-12  # facing north, right is east
+    assert up[0] > 0.1
+    assert abs(up[1]) < 1e-12
 
 
 def test_rotate_and_multiply_agree_with_matrices() -> None:

@@ -86,7 +86,8 @@ def test_from_rest_speed_and_acceleration_reach_a_bound_and_never_pass_it(distan
     seconds = float(guidance.shortest_duration_s(distance, PARAMS)) + 0.1
     _, s = fly(start, goal(np.array([0.6, 0.0, 0.8]) * distance), seconds)
     speed, force = norm(s.velocity_enu_m_s).max(), norm(s.acceleration_enu_m_s2).max()
-    assert speed <= 1.0 + 1e-9 and force <= 1.5 + 1e-9
+    assert speed <= 1.0 + 1e-9
+    assert force <= 1.5 + 1e-9
     assert max(speed / 1.0, force / 1.5) > 0.8 or distance < 0.1
 
 
@@ -152,7 +153,8 @@ def test_reset_rests_at_the_given_place_and_takes_the_same_order_again() -> None
     memory, _ = fly(guidance.initial(np.zeros(3)), goal([3.0, 0.0, 0.0]), 1.0)
     memory = guidance.reset(memory, np.array([0.5, 0.5, 0.0]))
     s = guidance.setpoint(memory)
-    assert np.array_equal(s.position_enu_m, [0.5, 0.5, 0.0]) and not s.velocity_enu_m_s.any()
+    assert np.array_equal(s.position_enu_m, [0.5, 0.5, 0.0])
+    assert not s.velocity_enu_m_s.any()
     memory, s_all = fly(memory, goal([3.0, 0.0, 0.0]), 6.0)
     assert np.allclose(s_all.position_enu_m[-1], [3.0, 0.0, 0.0])
 

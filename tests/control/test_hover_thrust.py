@@ -69,7 +69,8 @@ def test_a_throttle_that_is_not_finite_is_ignored() -> None:
     memory, hover = hover_thrust.step(
         memory, np.float64(np.nan), np.float64(1.0), np.float64(0.0), np.float64(1.0), params=PARAMS, dt_s=0.02
     )
-    assert hover == 0.70 and np.isfinite(memory.effective_thrust_frac)
+    assert hover == 0.70
+    assert np.isfinite(memory.effective_thrust_frac)
 
 
 def test_acceleration_in_units_of_gravity_alone_decides() -> None:
@@ -95,3 +96,13 @@ def test_batch_equals_loop() -> None:
         for i in range(8):
             singles[i], one = hover_thrust.step(singles[i], u[i], c[i], a[i], h[i], params=PARAMS, dt_s=0.02)
             assert one == together[i]
+
+
+def test_lifting_off_teaches_nothing_and_flying_starts_with_settled_motors() -> None:
+    memory = hover_thrust.initial(params=PARAMS)
+    args = (np.float64(0.70), np.float64(1.0), np.float64(0.0), np.float64(1.0))
+    for _ in range(50):
+        memory, hover = hover_thrust.step(memory, *args, params=PARAMS, dt_s=0.02, is_flying=False)
+        assert hover == 0.70
+    memory, hover = hover_thrust.step(memory, *args, params=PARAMS, dt_s=0.02)
+    assert hover == pytest.approx(0.70, abs=1e-6)

@@ -91,7 +91,8 @@ def test_identical_samples_are_called_frozen_within_a_tenth_of_a_second() -> Non
 def test_a_sample_that_is_not_finite_is_invalid(bad: float) -> None:
     memory, _ = settled(10)
     same, fault = health.watch(memory, 0, np.array([bad, 0.0, 0.0]), 11 * TICK_NS, params=PARAMS)
-    assert fault is MocapFault.INVALID and same is memory
+    assert fault is MocapFault.INVALID
+    assert same is memory
 
 
 def test_a_repeated_or_older_stamp_is_invalid() -> None:
