@@ -1,0 +1,8 @@
+"""``python -m onboard``: one vehicle's agent."""
+
+import sys
+
+from onboard.agent.__main__ import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,459 @@
+"""The agent without I/O: events in, commands out, time passed in. The shell in run.py moves bytes and time.
+
+One tick: estimate, conditions, failsafe, state machine, pipeline, the last check before the wire, messages.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from onboard.agent import messages, orders
+from onboard.agent.events import (
+    AutopilotHeard,
+    Command,
+    EventIn,
+    Exit,
+    LoopTimed,
+    MessageMalformed,
+    NeighbourHeard,
+    NodeSeen,
+    OrderArrived,
+    ParamsRead,
+    PoseArrived,
+    Publish,
+    Reply,
+    SendAttitude,
+    SendOdometry,
+    ShutdownAsked,
+    TickFailed,
+)
+from onboard.agent.flight import Flight, Step, View
+from onboard.agent.neighbours import NeighbourTable
+from onboard.agent.own_state import OwnState
+from onboard.agent.watch import PERIOD_S, POSITION_LOST_S, Watch
+from onboard.bus.schema import Order, OrderReply, Telemetry, TickBatch, TickSample
+from onboard.bus.topics import Topic
+from onboard.config import FleetConfig
+from onboard.control import pipeline
+from onboard.control.pipeline import Phase
+from onboard.frames import body_up
+from onboard.link.autopilot import Landed, Snapshot, Vec3
+from onboard.safety import preflight
+from onboard.safety.failsafe import Action, Condition, Situation, decide
+from onboard.types import Array, AttitudeSetpoint, State, Tick
+
+_ODOMETRY_EVERY_NS = 18_000_000  # every sample of a mocap at 50 Hz
+_TELEMETRY_TICKS = 5
+_BATCH_TICKS = 10
+_MOCAP_STD_M = 0.01
+_CONFLICT_CHECK_S = 0.6
+_QUIET = {Condition.LOOP_LATE, Condition.GROUND_LOST, Condition.NOT_FINITE, Condition.SHUTDOWN}
+_ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+
+class AgentCore:
+    """One vehicle's agent.
+
+    Args:
+        fleet: the fleet file. vehicle_name: which of its vehicles this is.
+        boot_id: differs from one start of the process to the next.
+        law: overrides the fleet file's law.
+    """
+
+    def __init__(self, fleet: FleetConfig, vehicle_name: str, *, boot_id: int, law: str | None = None) -> None:
+        self.fleet, self.vehicle, self.boot_id = fleet, fleet.vehicles[vehicle_name], boot_id
+        self.params = pipeline.pipeline_params(fleet, vehicle_name, law=law)
+        self.own = OwnState(self.vehicle)
+        self.neighbours = NeighbourTable(fleet, vehicle_name)
+        self.flight = Flight(fleet, self.vehicle)
+        self.watch = Watch(fleet)
+        self.not_ready: tuple[str, ...] = ()
+        self.is_stopping = False
+        self.is_warm = False
+        self.last_tick: Tick | None = None
+        self._config_hash = fleet.config_hash
+        self._memory = pipeline.initial(self.params, np.asarray(self.vehicle.start_enu_m, dtype=np.float64))
+        self._snapshot = Snapshot()
+        self._view = View(0, _ZERO, _ZERO, False, self._snapshot)
+        self._loop = LoopTimed(0.0, 0.0, 0.0, 0)
+        self._param_problems: tuple[str, ...] | None = None
+        self._nodes: set[str] = set()
+        self._answered: dict[str, OrderReply] = {}
+        self._conditions: set[Condition] = set()
+        self._distances: dict[str, float] = {}
+        self._samples: list[TickSample] = []
+        self._last_ns = self._offboard_since_ns = self._odometry_ns = 0
+        self._sequence = self._ticks = self._malformed = 0
+        self._sent_thrust_frac = 0.0
+        self._hover_frac = self.vehicle.hover_thrust_frac
+        self._is_last_finite = True
+        self._conflict_check_ns = 0
+
+    # -- events -----------------------------------------------------------------------------------------------------
+
+    def handle(self, event: EventIn, now_ns: int) -> list[Command]:
+        """Take one event; only orders and poses answer at once."""
+        match event:
+            case AutopilotHeard(snapshot):
+                self._snapshot = snapshot
+            case PoseArrived(pose, received_ns):
+                if pose.body == self.vehicle.body and self.own.add_pose(pose, received_ns):
+                    self.neighbours.last_heard_ns = max(self.neighbours.last_heard_ns, received_ns)
+                    if now_ns - self._odometry_ns >= _ODOMETRY_EVERY_NS:
+                        self._odometry_ns = now_ns
+                        return [SendOdometry(pose.position_enu_m, pose.quaternion_enu_flu_wxyz, _MOCAP_STD_M)]
+            case NeighbourHeard(message, received_ns):
+                self.neighbours.hear(message, received_ns)
+            case NodeSeen(node, is_alive):
+                (self._nodes.add if is_alive else self._nodes.discard)(node)
+            case OrderArrived(order):
+                return self._take_order(order, now_ns)
+            case ParamsRead(problems):
+                self._param_problems = problems
+            case LoopTimed():
+                self._loop = event
+            case MessageMalformed(count):
+                self._malformed += count
+            case TickFailed(sentence):
+                self._is_last_finite = False
+                self.flight.say(self._view, "critical", "tick-failed", sentence)
+            case ShutdownAsked():
+                self.is_stopping = True
+        return []
+
+    def _take_order(self, order: Order, now_ns: int) -> list[Command]:
+        known = self._answered.get(order.order_id)
+        if known is not None:
+            return [Reply(known)]  # asked again: same answer, nothing begins twice
+        view = replace(self._view, now_ns=now_ns, snapshot=self._snapshot)
+        reason = orders.refusal(
+            order,
+            now_ns,
+            flight=self.flight,
+            snapshot=self._snapshot,
+            position_enu_m=view.position_enu_m,
+            not_ready=self.not_ready,
+            others=self.neighbours.telemetries(),
+            fleet=self.fleet,
+        )
+        if reason is None and self.is_stopping and order.kind not in ("kill", "land", "disarm"):
+            reason = "This agent has been asked to stop: start it again."
+        reply = OrderReply(
+            order_id=order.order_id, vehicle=self.vehicle.name, is_accepted=reason is None, reason=reason or ""
+        )
+        self._answered[order.order_id] = reply
+        if len(self._answered) > 200:
+            self._answered.pop(next(iter(self._answered)))
+        if reason is None:
+            self._begin(order, view)
+        return [Reply(reply), *self._drain()]
+
+    def _begin(self, order: Order, view: View) -> None:
+        flight = self.flight
+        match order.kind:
+            case "arm":
+                flight.begin_start(view, order, None)
+            case "takeoff":
+                height = orders.DEFAULT_HEIGHT_M if order.height_m is None else order.height_m
+                flight.begin_start(view, order, height)
+            case "move":
+                assert order.position_enu_m is not None
+                flight.begin_move(view, order, order.position_enu_m, max(0.0, order.duration_s))
+                self._conflict_check_ns = view.now_ns + int(_CONFLICT_CHECK_S * 1e9)
+            case "hold":
+                flight.begin_hold(view, order, "ordered")
+            case "land" if flight.state == "failed":
+                flight.begin_px4_land(view, "ordered", order)
+            case "land":
+                flight.begin_land(view, order, "ordered")
+            case "disarm":
+                flight.begin_disarm(view, order)
+            case "kill":
+                flight.kill(view, order)
+
+    # -- a tick -----------------------------------------------------------------------------------------------------
+
+    def tick(self, now_ns: int) -> list[Command]:
+        """One pass at 50 Hz; the commands are to be executed in their order."""
+        period_s = (now_ns - self._last_ns) * 1e-9 if self._last_ns else PERIOD_S
+        self._last_ns = now_ns
+        dt_s = min(max(period_s, 0.005), 0.1)
+        flight = self.flight
+        on_ground = flight.phase is Phase.GROUND or flight.step is Step.LIFTOFF
+        self.own.update(now_ns, dt_s, self._snapshot, self._sent_thrust_frac, self._hover_frac, on_ground)
+        state = self.own.state
+        self._view = self._look(now_ns, state)
+        self._distances = self.neighbours.distances_m(self._view.position_enu_m, now_ns)
+        action = self._failsafe(period_s)
+        flight.advance(self._view)
+        if not flight.must_be_offboard:
+            self._offboard_since_ns = now_ns
+        tick = self._run_pipeline(state, dt_s, flight.phase, now_ns)
+        out = self._to_wire(tick, action)
+        self._publish(tick, now_ns, period_s, out)
+        if self.is_stopping and flight.situation in (Situation.GROUND, Situation.SILENT):
+            out.append(Exit())
+        return out
+
+    def _look(self, now_ns: int, state: State | None) -> View:
+        if state is None:
+            return View(now_ns, self._view.position_enu_m, _ZERO, False, self._snapshot)
+        is_fresh = self.own.age_s < POSITION_LOST_S
+        return View(
+            now_ns,
+            messages.vec3(state.position_enu_m),
+            messages.vec3(state.velocity_enu_m_s),
+            is_fresh,
+            self._snapshot,
+        )
+
+    def _failsafe(self, period_s: float) -> Action:
+        view, flight = self._view, self.flight
+        has_peers = len(self.fleet.enabled_names) > 1 or self.vehicle.mocap_required
+        heard_ns = self.neighbours.last_heard_ns
+        self._conditions, before = (
+            self.watch.conditions(
+                view,
+                period_s=period_s,
+                position_age_s=self.own.age_s,
+                is_last_tick_finite=self._is_last_finite,
+                must_be_offboard=flight.must_be_offboard,
+                offboard_since_ns=self._offboard_since_ns,
+                bus_age_s=(view.now_ns - heard_ns) * 1e-9 if heard_ns and has_peers and not self._has_ground else 0.0,
+                has_ground=self._has_ground,
+                nearest_m=min(self._distances.values(), default=math.inf) if self._is_airborne else math.inf,
+                silent_neighbours=bool(self.neighbours.silent(view.now_ns)),
+                is_stopping=self.is_stopping,
+            ),
+            self._conditions,
+        )
+        situation = flight.situation
+        action, condition = decide(situation, self._conditions)
+        if situation not in (Situation.GROUND, Situation.SILENT):
+            for new in self._conditions - before - _QUIET:
+                severity = "critical" if action >= Action.LAND else "warning"
+                flight.say(view, severity, new.name.lower().replace("_", "-"), self._sentence(new, action))
+        if condition is not None:
+            self._obey(action, self._sentence(condition, action))
+        if flight.situation is Situation.GROUND:
+            self.not_ready = self._reasons_not_ready()
+            if flight.state in ("waiting", "ready") and flight.step is Step.IDLE:
+                flight.state = "waiting" if self.not_ready else "ready"
+        return action
+
+    def _obey(self, action: Action, sentence: str) -> None:
+        view, flight = self._view, self.flight
+        if action is Action.HOLD and flight.state != "holding":
+            flight.begin_hold(view, None, sentence)
+        elif action is Action.LAND and flight.state != "landing":
+            flight.begin_land(view, None, sentence)
+        elif action is Action.PX4_LAND:
+            flight.begin_px4_land(view, sentence)
+        elif action is Action.DISARM:
+            flight.disarm(view, sentence)
+        elif action is Action.STOP:
+            flight.stop(view, sentence)
+
+    def _sentence(self, condition: Condition, action: Action) -> str:
+        what = condition.value[0].upper() + condition.value[1:]
+        if condition is Condition.LEFT_OFFBOARD:
+            what += f" (now {self._snapshot.mode})"
+        if condition is Condition.NEIGHBOUR_SILENT:
+            what += f" ({', '.join(self.neighbours.silent(self._view.now_ns))})"
+        doing = {
+            Action.GO_ON: "going on",
+            Action.REFUSE: "no take-off",
+            Action.HOLD: "holding",
+            Action.LAND: "landing",
+            Action.LEVEL: "level at hover thrust",
+            Action.PX4_LAND: "PX4 lands",
+            Action.DISARM: "disarming",
+            Action.STOP: "no more setpoints are sent",
+        }[action]
+        return f"{what}: {doing}."
+
+    def _run_pipeline(self, state: State | None, dt_s: float, phase: Phase, now_ns: int) -> Tick:
+        if state is None:
+            start = np.asarray(self.vehicle.start_enu_m, dtype=np.float64)
+            zero = np.zeros(())
+            state = State(start, np.zeros(3), np.zeros(3), zero, zero, zero, zero)
+            phase = Phase.GROUND
+        self._memory, tick = pipeline.step(
+            self._memory,
+            state,
+            self.flight.goal(),
+            self.neighbours.snapshot(now_ns),
+            params=self.params,
+            dt_s=dt_s,
+            phase=phase,
+        )
+        self._hover_frac = float(tick.hover_thrust_frac)
+        self._is_last_finite = bool(tick.is_finite) and _is_sendable(tick.attitude, self._max_tilt_cos)
+        self.last_tick = tick
+        return tick
+
+    def _to_wire(self, tick: Tick, action: Action) -> list[Command]:
+        out = self._drain()
+        flight = self.flight
+        if not flight.is_streaming:
+            self._sent_thrust_frac = 0.0
+            return out
+        setpoint = tick.attitude
+        if flight.phase is not Phase.GROUND and (action is Action.LEVEL or not self._is_last_finite):
+            hover = self._hover_frac if math.isfinite(self._hover_frac) else self.vehicle.hover_thrust_frac
+            setpoint = AttitudeSetpoint(np.array([1.0, 0.0, 0.0, 0.0]), np.asarray(hover))
+        # last check: finite, bounded, from a fresh position; else the wire stays silent
+        is_fresh = self.own.age_s < POSITION_LOST_S + 0.2
+        if is_fresh and _is_sendable(setpoint, self._max_tilt_cos):
+            self._sent_thrust_frac = float(setpoint.thrust_frac)
+            out.append(SendAttitude(self.own.to_px4(setpoint)))
+        return out
+
+    def _drain(self) -> list[Command]:
+        out, self.flight.out = self.flight.out, []
+        return out
+
+    # -- what it says ---------------------------------------------------------------------------------------------------
+
+    @property
+    def _max_tilt_cos(self) -> float:
+        return math.cos(math.radians(self.vehicle.max_tilt_deg + 1.0))
+
+    @property
+    def _has_ground(self) -> bool:
+        return any(node.startswith("ground") for node in self._nodes)
+
+    @property
+    def _is_airborne(self) -> bool:
+        snapshot, flight = self._snapshot, self.flight
+        told = snapshot.landed in (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
+        return told or (flight.is_under_law and flight.step is not Step.LIFTOFF)
+
+    def _reasons_not_ready(self) -> tuple[str, ...]:
+        now_ns, snapshot = self._view.now_ns, self._snapshot
+        facts = preflight.Facts(
+            autopilot_age_s=(now_ns - snapshot.last_packet_ns) * 1e-9 if snapshot.last_packet_ns else math.inf,
+            heartbeat_age_s=(now_ns - snapshot.heartbeat_ns) * 1e-9 if snapshot.heartbeat_ns else math.inf,
+            position_age_s=self.own.age_s,
+            position_enu_m=self._view.position_enu_m,
+            battery_frac=snapshot.battery_frac,
+            missing_neighbours=self.neighbours.missing(now_ns),
+            other_hashes=self.neighbours.other_hashes(self._config_hash),
+            config_hash=self._config_hash,
+            param_problems=self._param_problems,
+            is_law_warm=self.is_warm,
+            is_airborne=self._is_airborne,
+        )
+        return preflight.reasons(facts, self.fleet, self.vehicle)
+
+    def _publish(self, tick: Tick, now_ns: int, period_s: float, out: list[Command]) -> None:
+        self._ticks += 1
+        self._sequence += 1
+        flight, name = self.flight, self.vehicle.name
+        is_valid = self._view.has_position
+        state = messages.state_message(
+            tick,
+            vehicle=name,
+            boot_id=self.boot_id,
+            sequence=self._sequence,
+            stamp_ns=now_ns,
+            is_valid=is_valid,
+            is_airborne=self._is_airborne,
+            is_cooperative=is_valid and flight.is_under_law,
+        )
+        out.append(Publish(Topic.STATE, state))
+        active = int(tick.law.active_neighbour)
+        names = self.neighbours.names
+        self._samples.append(
+            messages.tick_sample(
+                tick,
+                stamp_ns=now_ns,
+                period_s=period_s,
+                state=flight.state,
+                active_neighbour=names[active] if 0 <= active < len(names) else "",
+                distances_m=self._distances,
+                ages_s={other: self.neighbours.age_s(other, now_ns) for other in self._distances},
+                attitude_enu_flu=self.own.attitude(self._snapshot),
+            )
+        )
+        if len(self._samples) >= _BATCH_TICKS:
+            batch = TickBatch(
+                vehicle=name, boot_id=self.boot_id, sequence=self._sequence, ticks=tuple(self._samples)
+            )
+            self._samples.clear()
+            out.append(Publish(Topic.TICK, batch))
+        if self._ticks % _TELEMETRY_TICKS == 0:
+            self._check_conflict(now_ns)
+            out.append(Publish(Topic.TELEMETRY, self._telemetry(tick, now_ns)))
+
+    def _check_conflict(self, now_ns: int) -> None:
+        flight = self.flight
+        if not self._conflict_check_ns or now_ns < self._conflict_check_ns:
+            return
+        self._conflict_check_ns = 0
+        if flight.step is not Step.LEG or flight.order is None:
+            return
+        # By now every vehicle of the same order has announced its goal; before, a swap of places looked like a conflict.
+        sentence = orders.goal_conflict(
+            flight.goal_position_enu_m, self.neighbours.telemetries(), self.fleet.fleet.safety_distance_m
+        )
+        if sentence is not None:
+            flight.finish(self._view, "refused", sentence)
+            flight.begin_hold(self._view, None, sentence)
+
+    def _telemetry(self, tick: Tick, now_ns: int) -> Telemetry:
+        flight, snapshot, view = self.flight, self._snapshot, self._view
+        nearest = min(self._distances, key=self._distances.__getitem__, default="")
+        order = flight.order
+        goal = flight.goal_position_enu_m if flight.is_under_law else view.position_enu_m
+        return Telemetry(
+            vehicle=self.vehicle.name,
+            boot_id=self.boot_id,
+            sequence=self._sequence,
+            stamp_ns=now_ns,
+            state=flight.state,
+            reason=flight.reason,
+            not_ready=self.not_ready if flight.situation is Situation.GROUND else (),
+            is_armed=snapshot.is_armed,
+            is_airborne=self._is_airborne,
+            mode=snapshot.mode,
+            position_enu_m=view.position_enu_m,
+            velocity_enu_m_s=view.velocity_enu_m_s,
+            yaw_deg=math.degrees(float(tick.state.yaw_rad)),
+            is_position_valid=view.has_position,
+            setpoint_position_enu_m=messages.vec3(tick.setpoint.position_enu_m),
+            goal_position_enu_m=goal,
+            battery_frac=snapshot.battery_frac,
+            battery_voltage_v=snapshot.battery_voltage_v,
+            law=self.params.law.name,
+            law_status=messages.law_status(tick),
+            intervention_m_s2=float(tick.law.intervention_m_s2),
+            nearest_vehicle=nearest,
+            nearest_distance_m=self._distances.get(nearest, math.inf),
+            order_id=order.order_id if order is not None else "",
+            order_kind=order.kind if order is not None else "",
+            order_phase=flight.step.value,
+            state_age_s=self.own.age_s,
+            autopilot_age_s=(now_ns - snapshot.last_packet_ns) * 1e-9 if snapshot.last_packet_ns else math.inf,
+            neighbour_age_s=self.neighbours.oldest_age_s(now_ns),
+            loop_period_p50_ms=self._loop.p50_ms,
+            loop_period_p99_ms=self._loop.p99_ms,
+            loop_period_max_ms=self._loop.max_ms,
+            late_ticks=self._loop.late_ticks,
+            malformed_messages=self._malformed + self.neighbours.ignored_messages + self.own.ignored_samples,
+            hover_thrust_frac=self._hover_frac,
+            config_hash=self._config_hash,
+            system_id=self.vehicle.system_id,
+        )
+
+
+def _is_sendable(setpoint: AttitudeSetpoint, min_up: float) -> bool:
+    """Whether a setpoint may go to PX4, which itself takes anything: finite, a unit quaternion, bounded tilt and thrust."""
+    q: Array = np.asarray(setpoint.quaternion_wxyz)
+    thrust = float(setpoint.thrust_frac)
+    if not (np.isfinite(q).all() and 0.0 <= thrust <= 1.0):
+        return False
+    return abs(float(q @ q) - 1.0) < 1e-3 and float(body_up(q)[2]) >= min_up

@@ -1,0 +1,411 @@
+"""The flight of one vehicle as a state machine: what it does now, towards which goal, for which order.
+
+``begin_*`` start something, :meth:`Flight.advance` moves on by what the telemetry confirms. Nothing counts as armed, in
+OFFBOARD, landed or disarmed before PX4 says so. Commands and events collect in ``out``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+
+from onboard.agent.events import Arm, Command, Disarm, Kill, Publish, Px4Land, SetOffboard
+from onboard.bus.schema import AgentState, Event, Order, OrderOutcome, Severity
+from onboard.bus.topics import Topic
+from onboard.config import FleetConfig, Vehicle
+from onboard.control.pipeline import Phase
+from onboard.link.autopilot import Landed, Snapshot, Vec3
+from onboard.safety.failsafe import Situation
+from onboard.types import Goal
+
+CONFIRM_TIMEOUT_S = 5.0
+_STREAM_BEFORE_OFFBOARD_S = 0.3
+_RETRY_S = 1.2
+_LIFTED_M = 0.12
+_LIFTOFF_TIMEOUT_S = 6.0
+_CLIMB_SPEED_M_S = 0.45
+_CLIMB_TIMEOUT_S = 40.0
+_ARRIVED_M, _ARRIVED_M_S, _ARRIVED_S = 0.12, 0.10, 0.5
+_SINK_SPEED_M_S = 0.4
+_UNDER_GROUND_M = 0.10
+_CONTACT_HEIGHT_M, _CONTACT_M_S, _CONTACT_S = 0.06, 0.10, 0.3
+_STALLED_M, _STALLED_M_S, _STALLED_S = 0.30, 0.05, 1.5
+_DISARM_AFTER_S = 4.0
+
+
+class Step(Enum):
+    """Where in its state the vehicle is; the words are shown to people."""
+
+    IDLE = ""
+    OFFBOARD = "waiting for OFFBOARD"
+    ARMING = "waiting to be armed"
+    LIFTOFF = "lift-off"
+    CLIMB = "climb"
+    LEG = "on the way"
+    ARRIVED = "arrived"
+    DESCENT = "descent"
+    CONTACT = "on the ground, waiting for PX4"
+    PX4 = "PX4 lands"
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What the flight needs to know at one tick; position and velocity in fleet ENU."""
+
+    now_ns: int
+    position_enu_m: Vec3
+    velocity_enu_m_s: Vec3
+    has_position: bool
+    snapshot: Snapshot
+
+    @property
+    def is_on_ground(self) -> bool:
+        """PX4 says so."""
+        return self.snapshot.landed is Landed.ON_GROUND
+
+
+@dataclass(slots=True)
+class Flight:
+    """State of one vehicle's flight."""
+
+    fleet: FleetConfig
+    vehicle: Vehicle
+    state: AgentState = "waiting"
+    step: Step = Step.IDLE
+    reason: str = ""
+    order: Order | None = None
+    goal_position_enu_m: Vec3 = (0.0, 0.0, 0.0)
+    is_streaming: bool = False
+    ground_z_m: float = 0.0
+    out: list[Command] = field(default_factory=list)
+    _goal_duration_s: float = 0.0
+    _goal_sequence: int = 0
+    _step_ns: int = 0
+    _steady_ns: int = 0
+    _last_ask_ns: int = 0
+    _takeoff_height_m: float | None = None
+
+    # -- what it is -----------------------------------------------------------------------------------------------
+
+    @property
+    def situation(self) -> Situation:
+        """For the failsafe table."""
+        if self.state == "failed":
+            return Situation.SILENT
+        if self.state == "armed" or self.step in (Step.OFFBOARD, Step.ARMING):
+            return Situation.ARMED
+        if self.state in ("taking off", "flying", "holding"):
+            return Situation.FLYING
+        if self.state == "landing":
+            return Situation.PX4_LANDING if self.step is Step.PX4 else Situation.LANDING
+        return Situation.GROUND
+
+    @property
+    def phase(self) -> Phase:
+        """For the pipeline."""
+        if self.step is Step.LIFTOFF:
+            return Phase.LIFTOFF
+        if self.step is Step.DESCENT:
+            return Phase.LANDING
+        return Phase.FLYING if self.situation is Situation.FLYING else Phase.GROUND
+
+    @property
+    def is_under_law(self) -> bool:
+        """Whether what is flown is the pipeline's output."""
+        return self.is_streaming and self.phase is not Phase.GROUND
+
+    @property
+    def must_be_offboard(self) -> bool:
+        """Whether a heartbeat with another mode means that somebody took the vehicle away."""
+        return self.is_streaming and self.step is not Step.OFFBOARD
+
+    def goal(self) -> Goal:
+        """For guidance."""
+        return Goal(
+            np.asarray(self.goal_position_enu_m, dtype=np.float64),
+            np.asarray(self._goal_duration_s),
+            np.asarray(self._goal_sequence, dtype=np.int64),
+        )
+
+    # -- orders and failsafes begin something -----------------------------------------------------------------------
+
+    def begin_start(self, view: View, order: Order | None, takeoff_height_m: float | None) -> None:
+        """Stream, enter OFFBOARD, arm; with a height also take off."""
+        self._replace_order(view, order)
+        self._takeoff_height_m = takeoff_height_m
+        self.reason = ""
+        if self.state == "armed" and takeoff_height_m is not None:
+            self._lift(view)
+            return
+        self.is_streaming = True
+        self.ground_z_m = view.position_enu_m[2]
+        self.goal_position_enu_m = view.position_enu_m
+        self.state = "taking off" if takeoff_height_m is not None else "ready"
+        self._enter(Step.OFFBOARD, view)
+
+    def begin_move(self, view: View, order: Order, position_enu_m: Vec3, duration_s: float) -> None:
+        """Fly to a point."""
+        self._replace_order(view, order)
+        self.state, self.reason = "flying", ""
+        self._set_goal(position_enu_m, duration_s)
+        self._enter(Step.LEG, view)
+
+    def begin_hold(self, view: View, order: Order | None, reason: str) -> None:
+        """Stop as soon as the acceleration allows, and stay there, inside the fence."""
+        self._replace_order(view, order)
+        self.state, self.reason = "holding", reason
+        self._set_goal(self._stop_point(view), 0.0)
+        self._enter(Step.ARRIVED, view)
+        if order is not None:
+            self.finish(view, "done", "Holding.")
+
+    def begin_land(self, view: View, order: Order | None, reason: str) -> None:
+        """Descend where it is, under the law."""
+        self._replace_order(view, order)
+        self.state, self.reason = "landing", reason
+        x, y, _ = self._stop_point(view)
+        height_m = max(0.0, view.position_enu_m[2] - self.ground_z_m)
+        self._set_goal((x, y, self.ground_z_m - _UNDER_GROUND_M), max(1.0, height_m / _SINK_SPEED_M_S))
+        self._enter(Step.DESCENT, view)
+
+    def begin_px4_land(self, view: View, reason: str, order: Order | None = None) -> None:
+        """Leave the landing to PX4 and be silent."""
+        self._replace_order(view, order)
+        self.state, self.reason, self.is_streaming = "landing", reason, False
+        self._enter(Step.PX4, view)
+        self._ask(view, Px4Land(), now=True)
+
+    def stop(self, view: View, reason: str) -> None:
+        """Give up: silence on the wire."""
+        self.is_streaming = False
+        self.finish(view, "failed", reason)
+        self.state, self.reason = "failed", reason
+        self._enter(Step.IDLE, view)
+
+    def disarm(self, view: View, reason: str) -> None:
+        """Give up on the ground."""
+        self.finish(view, "failed", reason)
+        self._to_ground(view, "waiting", reason)
+        self.out.append(Disarm())
+
+    def begin_disarm(self, view: View, order: Order) -> None:
+        """The order to disarm, on the ground."""
+        self._replace_order(view, order)
+        self._to_ground(view, "ready", "")
+        self._ask(view, Disarm(), now=True)
+
+    def kill(self, view: View, order: Order) -> None:
+        """Motors off, wherever it is."""
+        self._replace_order(view, order)
+        self.is_streaming = False
+        self.state, self.reason = "failed", f"Killed by order of {order.author}."
+        self._enter(Step.IDLE, view)
+        self._ask(view, Kill(), now=True)
+
+    # -- every tick -------------------------------------------------------------------------------------------------
+
+    def advance(self, view: View) -> None:
+        """Move on by what telemetry and estimate say now."""
+        handler = {
+            Step.OFFBOARD: self._await_offboard,
+            Step.ARMING: self._await_arming,
+            Step.LIFTOFF: self._lift_off,
+            Step.CLIMB: self._climb,
+            Step.LEG: self._fly_leg,
+            Step.DESCENT: self._descend,
+            Step.CONTACT: self._await_landed,
+            Step.PX4: self._await_px4_landing,
+        }.get(self.step, self._idle)
+        handler(view)
+
+    def _idle(self, view: View) -> None:
+        armed = view.snapshot.is_armed
+        if self.order is not None and self.order.kind in ("kill", "disarm"):
+            if not armed and self._told(view):
+                self.finish(view, "done", "PX4 is disarmed.")
+            elif armed:
+                if self._seconds(view) > CONFIRM_TIMEOUT_S:
+                    self.finish(view, "timed out", f"PX4 is still armed. {view.snapshot.status_text}".strip())
+                else:
+                    self._ask(view, Kill() if self.order.kind == "kill" else Disarm())
+        if self.state == "armed" and not armed and self._told(view):
+            self.say(view, "warning", "auto-disarmed", "PX4 disarmed by itself before take-off.")
+            self._to_ground(view, "ready", "")
+        elif self.state == "failed" and not armed and view.is_on_ground:
+            self.say(view, "info", "landed", "On the ground and disarmed.")
+            self.state = "landed"
+        elif self.state in ("waiting", "ready", "landed") and armed and not view.is_on_ground and self.order is None:
+            self.stop(view, "PX4 flies without this agent: land it from the transmitter, or order land or kill.")
+
+    def _await_offboard(self, view: View) -> None:
+        if view.snapshot.is_offboard and view.snapshot.heartbeat_ns > self._step_ns and self._seconds(view) > 0.1:
+            self._enter(Step.ARMING, view)
+        elif self._seconds(view) > CONFIRM_TIMEOUT_S:
+            self._give_up_start(view, f"PX4 did not enter OFFBOARD within {CONFIRM_TIMEOUT_S:.0f} s.")
+        elif self._seconds(view) > _STREAM_BEFORE_OFFBOARD_S:
+            self._ask(view, SetOffboard())
+
+    def _await_arming(self, view: View) -> None:
+        if view.snapshot.is_armed and view.snapshot.heartbeat_ns > self._step_ns:
+            if self._takeoff_height_m is not None:
+                self._lift(view)
+            else:
+                self.state = "armed"
+                self._enter(Step.IDLE, view)
+                self.finish(view, "done", "Armed.")
+        elif self._seconds(view) > CONFIRM_TIMEOUT_S:
+            text = view.snapshot.status_text if view.snapshot.status_text_ns > self._step_ns else ""
+            self._give_up_start(view, f"PX4 did not arm within {CONFIRM_TIMEOUT_S:.0f} s. {text}".strip())
+        else:
+            self._ask(view, Arm())
+
+    def _give_up_start(self, view: View, sentence: str) -> None:
+        self.finish(view, "failed", sentence)
+        self._to_ground(view, "waiting", sentence)
+        self.out.append(Disarm())
+
+    def _lift(self, view: View) -> None:
+        self.state = "taking off"
+        x, y, z = view.position_enu_m
+        self.ground_z_m = z
+        top = self._takeoff_height_m if self._takeoff_height_m is not None else 1.0
+        # height counts from the fleet's origin; the leg needs longer than its mean speed says, being a quintic
+        self._set_goal((x, y, top), max(1.5, (top - z) / _CLIMB_SPEED_M_S))
+        self._enter(Step.LIFTOFF, view)
+
+    def _lift_off(self, view: View) -> None:
+        if view.position_enu_m[2] > self.ground_z_m + _LIFTED_M:
+            self._enter(Step.CLIMB, view)
+        elif self._seconds(view) > _LIFTOFF_TIMEOUT_S:
+            sentence = "The vehicle did not leave the ground: check propellers, battery and hover_thrust_frac."
+            self.finish(view, "failed", sentence)
+            self.say(view, "critical", "no-liftoff", sentence)
+            self.state, self.reason = "landing", sentence
+            self._enter(Step.CONTACT, view)
+
+    def _climb(self, view: View) -> None:
+        if self._is_steady(view):
+            self.state = "flying"
+            self._enter(Step.ARRIVED, view)
+            self.finish(view, "done", f"At {view.position_enu_m[2]:.2f} m.")
+        elif self._seconds(view) > _CLIMB_TIMEOUT_S:
+            self.finish(view, "timed out", f"Not at its height after {_CLIMB_TIMEOUT_S:.0f} s; holding.")
+            self.begin_hold(view, None, "the climb took too long")
+
+    def _fly_leg(self, view: View) -> None:
+        if self._is_steady(view):
+            self._enter(Step.ARRIVED, view)
+            x, y, z = view.position_enu_m
+            self.finish(view, "done", f"At ({x:.2f}, {y:.2f}, {z:.2f}) m.")
+
+    def _descend(self, view: View) -> None:
+        height, sink = view.position_enu_m[2] - self.ground_z_m, abs(view.velocity_enu_m_s[2])
+        low = height < _CONTACT_HEIGHT_M and sink < _CONTACT_M_S
+        overdue = self._seconds(view) > self._goal_duration_s + 1.0
+        stalled = overdue and sink < _STALLED_M_S and height < _STALLED_M
+        if not (low or stalled):
+            self._steady_ns = view.now_ns
+        steady_s = (view.now_ns - self._steady_ns) * 1e-9
+        if steady_s > (_CONTACT_S if low else _STALLED_S) or (view.is_on_ground and self._seconds(view) > 1.0):
+            self._enter(Step.CONTACT, view)
+        elif overdue and height > _CONTACT_HEIGHT_M and self._seconds(view) > self._goal_duration_s + 3.0:
+            # the floor is lower here than where it took off: go on down slowly
+            x, y, z = self.goal_position_enu_m
+            self._set_goal((x, y, min(z, view.position_enu_m[2]) - 0.3), 1.0)
+            self._step_ns = view.now_ns
+
+    def _await_landed(self, view: View) -> None:
+        if not view.snapshot.is_armed and self._told(view) and view.is_on_ground:
+            self._landed(view)
+        elif self._seconds(view) > _DISARM_AFTER_S:
+            self._ask(view, Disarm())
+
+    def _await_px4_landing(self, view: View) -> None:
+        if not view.snapshot.is_armed and view.is_on_ground:
+            self._landed(view)
+        elif view.snapshot.mode != "LAND" and not view.is_on_ground:
+            self._ask(view, Px4Land())
+
+    def _landed(self, view: View) -> None:
+        reason = self.reason
+        if self.order is not None and self.order.kind == "land":
+            self.finish(view, "done", "Landed and disarmed.")
+        self.finish(view, "failed", reason or "Landed.")
+        self.say(view, "info", "landed", "Landed and disarmed.")
+        self._to_ground(view, "landed", reason)
+
+    # -- helpers ------------------------------------------------------------------------------------------------------
+
+    def finish(self, view: View, outcome: OrderOutcome, sentence: str) -> None:
+        """End the order in progress, if there is one."""
+        order, self.order = self.order, None
+        if order is not None:
+            severity: Severity = "info" if outcome in ("done", "superseded") else "warning"
+            self.say(view, severity, f"order-{order.kind}", sentence, order.order_id, outcome)
+
+    def say(
+        self,
+        view: View,
+        severity: Severity,
+        code: str,
+        sentence: str,
+        order_id: str = "",
+        outcome: OrderOutcome | None = None,
+    ) -> None:
+        """An event for people and programs."""
+        event = Event(
+            vehicle=self.vehicle.name,
+            stamp_ns=view.now_ns,
+            severity=severity,
+            code=code,
+            sentence=sentence,
+            order_id=order_id,
+            order_outcome=outcome or "",
+        )
+        self.out.append(Publish(Topic.EVENT, event))
+
+    def _replace_order(self, view: View, order: Order | None) -> None:
+        if self.order is not None:
+            by = f"order {order.kind} of {order.author}" if order is not None else "a failsafe"
+            self.finish(view, "superseded" if order is not None else "failed", f"Ended by {by}.")
+        self.order = order
+
+    def _enter(self, step: Step, view: View) -> None:
+        self.step, self._step_ns, self._steady_ns, self._last_ask_ns = step, view.now_ns, view.now_ns, 0
+
+    def _to_ground(self, view: View, state: AgentState, reason: str) -> None:
+        self.is_streaming = False
+        self.state, self.reason = state, reason
+        self._enter(Step.IDLE, view)
+
+    def _ask(self, view: View, command: Command, *, now: bool = False) -> None:
+        if now or (view.now_ns - self._last_ask_ns) * 1e-9 > _RETRY_S:
+            self._last_ask_ns = view.now_ns
+            self.out.append(command)
+
+    def _seconds(self, view: View) -> float:
+        return (view.now_ns - self._step_ns) * 1e-9
+
+    def _told(self, view: View) -> bool:
+        """Whether a heartbeat has come since this step began; the one before it may be a second old."""
+        return view.snapshot.heartbeat_ns > self._step_ns
+
+    def _set_goal(self, position_enu_m: Vec3, duration_s: float) -> None:
+        self.goal_position_enu_m, self._goal_duration_s = position_enu_m, duration_s
+        self._goal_sequence += 1
+
+    def _is_steady(self, view: View) -> bool:
+        miss = np.subtract(self.goal_position_enu_m, view.position_enu_m)
+        if not (np.linalg.norm(miss) < _ARRIVED_M and np.linalg.norm(view.velocity_enu_m_s) < _ARRIVED_M_S):
+            self._steady_ns = view.now_ns
+        return (view.now_ns - self._steady_ns) * 1e-9 > _ARRIVED_S
+
+    def _stop_point(self, view: View) -> Vec3:
+        p, v = np.asarray(view.position_enu_m), np.asarray(view.velocity_enu_m_s)
+        way = p + v * (float(np.linalg.norm(v)) / self.vehicle.max_acceleration_m_s2)
+        fence = self.fleet.fleet.geofence_m
+        low, high = np.array([fence.x[0], fence.y[0], fence.z[0]]), np.array([fence.x[1], fence.y[1], fence.z[1]])
+        x, y, z = np.clip(way, low + 0.05, high - 0.05).tolist()
+        return x, y, z

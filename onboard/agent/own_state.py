@@ -1,0 +1,146 @@
+"""The own motion: mocap samples, PX4's attitude and the own thrust through the estimator, and the heading of PX4.
+
+PX4's heading may be off by tens of degrees (it has only its magnetometer). The difference to the mocap's heading,
+low-passed, turns PX4's attitude into the fleet frame and the attitude setpoint back out of it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from onboard.bus.codec import is_finite
+from onboard.bus.schema import MocapPose
+from onboard.config import Vehicle
+from onboard.control import estimate
+from onboard.frames import enu_from_ned, quaternion_from_yaw, quaternion_multiply, wrap_rad, yaw_from_quaternion
+from onboard.link.autopilot import Snapshot
+from onboard.types import Array, AttitudeSetpoint, State
+
+_MAX_POSITION_M = 1e4
+_HEADING_TIME_S = 1.0
+_MAX_QUEUE = 8
+_FUTURE_NS = 5_000_000
+_REJECTED_TO_RESTART = 10
+_PX4_POSITION_STD_M = 0.05
+
+
+@dataclass(slots=True)
+class OwnState:
+    """Estimate of one vehicle; ``update`` once a tick, samples whenever they come.
+
+    ignored_samples: mocap samples that were not finite, repeated, out of order, from the future or a jump.
+    """
+
+    vehicle: Vehicle
+    ignored_samples: int = 0
+    heading_offset_rad: float = 0.0
+    _params: estimate.EstimateParams = field(init=False)
+    _memory: estimate.EstimateMemory | None = None
+    _queue: list[tuple[Array, int, float]] = field(default_factory=list)
+    _newest: tuple[int, int] = (0, -1)
+    _has_heading: bool = False
+    _local_ns: int = 0
+    _local_offset_enu_m: Array | None = None
+    _yaw_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        vehicle = self.vehicle
+        if vehicle.mocap_required:
+            self._params = estimate.EstimateParams(drag_1_s=vehicle.drag_1_s)
+        else:
+            self._params = estimate.EstimateParams(
+                drag_1_s=vehicle.drag_1_s, position_noise_m=_PX4_POSITION_STD_M, jump_gate_m=1.0
+            )
+
+    def add_pose(self, pose: MocapPose, received_ns: int) -> bool:
+        """Queue a mocap sample for the next update; False if it cannot be used."""
+        if not pose.is_tracked:
+            return False
+        same_life, newer = pose.boot_id == self._newest[0], pose.sequence > self._newest[1]
+        norm = math.hypot(*pose.quaternion_enu_flu_wxyz)
+        usable = (
+            is_finite(pose.position_enu_m, pose.quaternion_enu_flu_wxyz)
+            and max(map(abs, pose.position_enu_m)) < _MAX_POSITION_M
+            and 0.9 < norm < 1.1
+            and (newer or not same_life)
+            and pose.stamp_ns <= received_ns + _FUTURE_NS
+        )
+        if not usable:
+            self.ignored_samples += 1
+            return False
+        self._newest = (pose.boot_id, pose.sequence)
+        yaw = float(yaw_from_quaternion(np.asarray(pose.quaternion_enu_flu_wxyz)))
+        self._queue.append((np.asarray(pose.position_enu_m, dtype=np.float64), pose.stamp_ns, yaw))
+        del self._queue[:-_MAX_QUEUE]
+        return True
+
+    def update(
+        self, now_ns: int, dt_s: float, snapshot: Snapshot, thrust_frac: float, hover_frac: float, is_on_ground: bool
+    ) -> None:
+        """Propagate to ``now_ns`` with the attitude flown and the throttle sent last, then take the queued samples."""
+        if not self.vehicle.mocap_required:
+            self._take_local_position(snapshot, is_on_ground and not snapshot.is_armed)
+        if self._memory is not None:
+            self._memory = estimate.drive(
+                self._memory,
+                self.attitude(snapshot),
+                thrust_frac,
+                hover_frac,
+                params=self._params,
+                dt_s=dt_s,
+                is_on_ground=is_on_ground,
+            )
+        for position, stamp_ns, yaw_rad in self._queue:
+            age_s = max(0.0, (now_ns - stamp_ns) * 1e-9)
+            if self._memory is None or (is_on_ground and self._memory.rejected_count >= _REJECTED_TO_RESTART):
+                self._memory = estimate.initial(position, params=self._params)
+            before = float(self._memory.rejected_count)
+            self._memory = estimate.correct(self._memory, position, age_s, params=self._params)
+            self.ignored_samples += int(float(self._memory.rejected_count) > before)
+            self._yaw_rad = yaw_rad
+            if self.vehicle.mocap_required:
+                self._follow_heading(yaw_rad, snapshot, dt_s)
+        self._queue.clear()
+
+    def _follow_heading(self, yaw_rad: float, snapshot: Snapshot, dt_s: float) -> None:
+        if snapshot.attitude_ns == 0:
+            return
+        px4_yaw = float(yaw_from_quaternion(np.asarray(snapshot.quaternion_enu_flu_wxyz)))
+        miss = float(wrap_rad(yaw_rad - px4_yaw - self.heading_offset_rad))
+        share = 1.0 if not self._has_heading else min(1.0, dt_s / _HEADING_TIME_S)
+        self.heading_offset_rad = float(wrap_rad(self.heading_offset_rad + share * miss))
+        self._has_heading = True
+
+    def _take_local_position(self, snapshot: Snapshot, may_anchor: bool) -> None:
+        if snapshot.local_position_ns == self._local_ns:
+            return
+        self._local_ns = snapshot.local_position_ns
+        local = enu_from_ned(np.asarray(snapshot.position_local_ned_m))
+        if self._local_offset_enu_m is None or may_anchor:
+            # PX4's local origin is where its estimator started: on the ground we know where that is
+            self._local_offset_enu_m = np.asarray(self.vehicle.start_enu_m) - local
+        yaw = float(yaw_from_quaternion(np.asarray(snapshot.quaternion_enu_flu_wxyz)))
+        self._queue.append((local + self._local_offset_enu_m, snapshot.local_position_ns, yaw))
+
+    def attitude(self, snapshot: Snapshot) -> Array:
+        """Attitude in the fleet frame (4,) wxyz."""
+        q = np.asarray(snapshot.quaternion_enu_flu_wxyz)
+        return quaternion_multiply(quaternion_from_yaw(self.heading_offset_rad), q)
+
+    def to_px4(self, setpoint: AttitudeSetpoint) -> AttitudeSetpoint:
+        """An attitude setpoint of the fleet frame as PX4's heading has it."""
+        turned = quaternion_multiply(quaternion_from_yaw(-self.heading_offset_rad), setpoint.quaternion_wxyz)
+        return AttitudeSetpoint(turned, setpoint.thrust_frac)
+
+    @property
+    def age_s(self) -> float:
+        """Age of the newest sample that was used, as of the last update; inf before the first."""
+        return math.inf if self._memory is None else float(self._memory.last_age_s)
+
+    @property
+    def state(self) -> State | None:
+        """The estimate as of the last update; None before the first sample."""
+        return None if self._memory is None else estimate.state(self._memory, self._yaw_rad)

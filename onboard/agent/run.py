@@ -1,0 +1,271 @@
+"""The agent's shell: moves bytes and time between PX4, the bus and the core, and decides nothing.
+
+One thread runs the core: a timer on an absolute schedule calls it 50 times a second. What comes from MAVSDK's and
+Zenoh's threads is handed over and waits for the next tick, orders excepted. Blocking calls (parameters, discovery,
+reliable messages) have executors of their own, so that nothing can stand between a tick and the wire.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import logging
+import os
+import signal
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from onboard.agent import events as ev
+from onboard.agent.core import AgentCore
+from onboard.agent.ticker import Ticker
+from onboard.bus.codec import Malformed
+from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessage, Telemetry
+from onboard.bus.session import BusError, BusSession
+from onboard.bus.topics import TOPICS, Delivery, Topic
+from onboard.config import FleetConfig
+from onboard.link.autopilot import LinkError
+from onboard.link.params import differences, required_params
+from onboard.link.px4 import Px4Link
+from onboard.mocap.bus_source import BusMocap
+from onboard.safety.failsafe import Situation
+
+EXIT_OK, EXIT_WRONG_INPUT, EXIT_INTERRUPTED = 0, 2, 130
+PERIOD_NS = 20_000_000
+_MAX_EVENTS = 2000
+_STATISTICS_TICKS = 25
+_FAILED_TICKS_TO_LAND = 25
+_PARAM_REPEAT_S = 5.0
+_SILENT_NS = 1_000_000_000
+
+log = logging.getLogger("covey.agent")
+
+
+class Agent:
+    """One vehicle's process."""
+
+    def __init__(self, fleet: FleetConfig, name: str, *, apply_params: bool, law: str | None) -> None:
+        self.fleet, self.name, self.vehicle = fleet, name, fleet.vehicles[name]
+        self._apply_params = apply_params
+        self._core = AgentCore(fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF, law=law)
+        self._link = Px4Link(self.vehicle.autopilot, self.vehicle.system_id)
+        others = [fleet.vehicles[other].agent for other in fleet.enabled_names if other != name]
+        self._bus = BusSession(
+            namespace=fleet.namespace,
+            node=name,
+            listen=[self.vehicle.agent],
+            connect=[*others, fleet.simulator_endpoint],
+        )
+        self._inbox: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)
+        self._replies: dict[str, Callable[[OrderReply], None]] = {}
+        self._blocking = ThreadPoolExecutor(1, thread_name_prefix="link")
+        self._reliable = ThreadPoolExecutor(1, thread_name_prefix="bus")
+        self._ended: asyncio.Future[int] | None = None
+        self._ticks = self._failed_ticks = self._signals = 0
+        self._was_ready = False
+
+    async def run(self) -> int:
+        """Fly until told to stop; exit status."""
+        loop = asyncio.get_running_loop()
+        self._ended = loop.create_future()
+        _warm_up(self.fleet, self.name, self._core.params.law.name)
+        self._link.start()
+        try:
+            self._bus.start()
+            self._subscribe(loop)
+            for number in (signal.SIGINT, signal.SIGTERM):
+                loop.add_signal_handler(number, self._signalled)
+            self._core.is_warm = True
+            gc.collect()
+            gc.freeze()
+            sys.setswitchinterval(0.0005)
+            place = self.vehicle.index / max(1, len(self.fleet.vehicles))
+            ticker = self._ticker = Ticker(PERIOD_NS, self._tick, offset_ns=int(place * PERIOD_NS))
+            ticker.start(loop)
+            link_task = asyncio.create_task(self._keep_link(loop))
+            try:
+                done, _ = await asyncio.wait({self._ended, link_task}, return_when=asyncio.FIRST_COMPLETED)
+                return next(iter(done)).result() or EXIT_OK
+            finally:
+                ticker.stop()
+                link_task.cancel()
+        finally:
+            self._blocking.shutdown(wait=True, cancel_futures=True)
+            self._reliable.shutdown(wait=True, cancel_futures=False)
+            self._bus.stop()
+            self._link.stop()
+
+    # -- in -----------------------------------------------------------------------------------------------------------
+
+    def _subscribe(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Bus threads only append to the inbox (a deque is safe for that) or wake the loop for an order."""
+
+        def neighbour(_topic: Topic, name: str, message: Message | Malformed) -> None:
+            if isinstance(message, (StateMessage, Telemetry)):
+                if name != self.name:
+                    self._inbox.append(ev.NeighbourHeard(message, time.monotonic_ns()))
+            else:
+                self._inbox.append(ev.MessageMalformed())
+
+        def pose(message: MocapPose, received_ns: int) -> None:
+            self._inbox.append(ev.PoseArrived(message, received_ns))
+
+        def order(message: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
+            loop.call_soon_threadsafe(self._ordered, message, reply)
+
+        self._bus.subscribe(Topic.STATE, "*", neighbour)
+        self._bus.subscribe(Topic.TELEMETRY, "*", neighbour)
+        if self.vehicle.mocap_required and self.vehicle.body:
+            BusMocap(self._bus, self.vehicle.body, pose, lambda: self._inbox.append(ev.MessageMalformed())).start()
+        self._bus.serve_orders(self.name, order)
+        self._bus.watch_alive(lambda node, is_alive: self._inbox.append(ev.NodeSeen(node, is_alive)))
+
+    def _ordered(self, message: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
+        if isinstance(message, Malformed):
+            self._core.handle(ev.MessageMalformed(), time.monotonic_ns())
+            answer = OrderReply(order_id="", vehicle=self.name, is_accepted=False, reason="The order is not readable.")
+            self._reliable.submit(reply, answer)
+            return
+        self._replies[message.order_id] = reply
+        self._core.handle(ev.AutopilotHeard(self._link.snapshot()), time.monotonic_ns())
+        self._execute(self._core.handle(ev.OrderArrived(message), time.monotonic_ns()))
+        log.info("order %s of %s", message.kind, message.author)
+
+    def _signalled(self) -> None:
+        self._signals += 1
+        if self._signals > 1:
+            self._end(EXIT_INTERRUPTED)
+        else:
+            log.info("asked to stop: landing first if in the air")
+            self._inbox.append(ev.ShutdownAsked())
+
+    # -- tick -----------------------------------------------------------------------------------------------------------
+
+    def _tick(self) -> None:
+        now_ns = time.monotonic_ns()
+        try:
+            while self._inbox:
+                self._execute(self._core.handle(self._inbox.popleft(), now_ns))
+            self._core.handle(ev.AutopilotHeard(self._link.snapshot()), now_ns)
+            self._execute(self._core.tick(now_ns))
+            self._failed_ticks = 0
+        except Exception as error:  # our own bug in flight: the one place that catches it
+            log.exception("tick failed")
+            self._failed_ticks += 1
+            self._core.handle(ev.TickFailed(f"Internal error: {type(error).__name__}: {error}."), now_ns)
+            if self._failed_ticks == _FAILED_TICKS_TO_LAND:
+                self._link.land()
+        self._ticks += 1
+        if self._ticks % _STATISTICS_TICKS == 0:
+            p50, p99, longest = self._ticker.statistics_ms()
+            self._core.handle(ev.LoopTimed(p50, p99, longest, self._ticker.late_ticks), now_ns)
+        if not self._was_ready and self._core.flight.state == "ready":
+            self._was_ready = True
+            print(f"agent {self.name}: ready", flush=True)
+
+    def _execute(self, commands: list[ev.Command]) -> None:
+        for command in commands:
+            match command:
+                case ev.SendAttitude(setpoint):
+                    self._link.send_attitude(setpoint)
+                case ev.Publish(topic, message):
+                    if TOPICS[topic].delivery is Delivery.RELIABLE:
+                        log.info("%s", getattr(message, "sentence", topic.value))
+                        self._reliable.submit(self._bus.publish, topic, self.name, message)
+                    else:
+                        self._bus.publish(topic, self.name, message)
+                case ev.SendOdometry(position, quaternion, std_m):
+                    self._link.send_odometry(position, quaternion, std_m)
+                case ev.Reply(answer):
+                    reply = self._replies.pop(answer.order_id, None)
+                    if reply is not None:
+                        self._reliable.submit(reply, answer)
+                case ev.SetOffboard():
+                    self._link.set_offboard()
+                case ev.Arm():
+                    self._link.arm()
+                case ev.Disarm():
+                    self._link.disarm()
+                case ev.Px4Land():
+                    self._link.land()
+                case ev.Kill():
+                    self._link.kill()
+                case ev.Exit():
+                    self._end(EXIT_OK)
+
+    def _end(self, status: int) -> None:
+        if self._ended is not None and not self._ended.done():
+            self._ended.set_result(status)
+
+    # -- link -------------------------------------------------------------------------------------------------------------
+
+    async def _keep_link(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Discovery, rates and parameters; again when PX4 restarts."""
+        required = required_params(self.vehicle)
+        while True:
+            try:
+                if await loop.run_in_executor(self._blocking, self._link.connect, 1.0):
+                    break
+            except LinkError as error:
+                log.error("%s", error)
+                self._inbox.append(ev.ParamsRead((str(error),)))
+                await asyncio.sleep(_PARAM_REPEAT_S)
+        log.info("PX4 answers at %s", self.vehicle.autopilot)
+        while True:
+            self._link.request_rates()
+            if self.vehicle.mocap_required:
+                self._link.set_global_origin()
+            if self._apply_params:
+                await loop.run_in_executor(self._blocking, self._link.apply_params, required)
+            problems: tuple[str, ...] | None = None
+            boot_ms = self._link.snapshot().px4_boot_ms
+            while True:
+                if problems is None or (problems and self._core.flight.situation is Situation.GROUND):
+                    actual = await loop.run_in_executor(self._blocking, self._link.read_params, required)
+                    problems = differences(required, actual)
+                    self._inbox.append(ev.ParamsRead(problems))
+                    for sentence in problems:
+                        log.warning("%s", sentence)
+                await asyncio.sleep(_PARAM_REPEAT_S if problems else 1.0)
+                before, boot_ms = boot_ms, self._link.snapshot().px4_boot_ms
+                if boot_ms + 1000 < before:
+                    log.warning("PX4 has restarted")
+                    break
+
+
+def _warm_up(fleet: FleetConfig, name: str, law: str) -> None:
+    """Run the whole core on made-up data, so that the first real tick is not the slow one (imports, allocations)."""
+    core = AgentCore(fleet, name, boot_id=0, law=law)
+    vehicle = core.vehicle
+    for count in range(1, 60):
+        now_ns = count * PERIOD_NS
+        pose = MocapPose(
+            body=vehicle.body or "",
+            boot_id=1,
+            sequence=count,
+            stamp_ns=now_ns,
+            is_tracked=True,
+            position_enu_m=vehicle.start_enu_m,
+            quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
+        )
+        core.own.add_pose(pose, now_ns)
+        core.flight.step = core.flight.step.CLIMB if count > 10 else core.flight.step
+        core.flight.state = "taking off" if count > 10 else "waiting"
+        core.tick(now_ns)
+    assert core.last_tick is None or np.isfinite(core.last_tick.attitude.quaternion_wxyz).all()
+
+
+def run_agent(fleet: FleetConfig, name: str, *, apply_params: bool = False, law: str | None = None) -> int:
+    """Run one agent until it is told to stop; exit status as in the documentation of the commands."""
+    level = os.environ.get("COVEY_LOG", "INFO")
+    logging.basicConfig(level=level, format=f"%(asctime)s {name} %(levelname)s %(message)s", stream=sys.stderr)
+    agent = Agent(fleet, name, apply_params=apply_params, law=law)
+    try:
+        return asyncio.run(agent.run())
+    except (LinkError, BusError) as error:
+        print(f"agent {name}: {error}", file=sys.stderr, flush=True)
+        return EXIT_WRONG_INPUT

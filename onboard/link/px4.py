@@ -1,0 +1,341 @@
+"""PX4 over MAVSDK 4; the only file of the project that imports mavsdk.
+
+Everything that is sent while flying goes through ``mavlink_direct``: MAVSDK's offboard plugin repeats the last setpoint
+from a thread of its own, so that a hung loop would not be noticed by PX4. Modes and arming are plain commands without
+waiting for an answer, since PX4 accepts what it then does not do; HEARTBEAT tells. Parameters are the only blocking
+calls and belong on an executor of their own (:meth:`Px4Link.apply_params`).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+import numpy as np
+from mavsdk import ComponentType
+from mavsdk import logging as mavsdk_logging
+from mavsdk.mavsdk import Configuration, Mavsdk
+from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
+from mavsdk.plugins.param import Param, ParamError
+
+from onboard.frames import ned_from_enu, quaternion_enu_flu_from_ned_frd, quaternion_ned_frd_from_enu_flu
+from onboard.link import modes
+from onboard.link.autopilot import Landed, LinkError, Snapshot, Vec3, Vec4
+from onboard.link.ports import PortClaim
+from onboard.types import AttitudeSetpoint
+
+_COMPONENT_ID = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
+_AUTOPILOT_COMPONENT_ID = 1
+_TYPE_MASK_ATTITUDE_AND_THRUST = 7
+_FRAME_LOCAL_NED, _FRAME_LOCAL_FRD_VELOCITY = 1, 12
+_ESTIMATOR_TYPE_VISION = 2
+_RATES_HZ = {31: 50.0, 32: 50.0, 245: 10.0, 147: 2.0}  # ATTITUDE_QUATERNION, LOCAL_POSITION_NED, EXTENDED_SYS_STATE, ..
+_ORIGIN = (47.397742, 8.545594, 489.4)  # any place will do indoors: only PX4's global frame hangs on it
+
+
+def _silent(*_: Any) -> bool:
+    """MAVSDK logs to stdout, which belongs to the agent."""
+    return True
+
+
+class Px4Link:
+    """One PX4 at one endpoint.
+
+    Args:
+        endpoint: for instance ``udpin://127.0.0.1:14540``.
+        system_id: MAVLink id that the fleet file gives this vehicle; another id on the endpoint is refused.
+    """
+
+    def __init__(self, endpoint: str, system_id: int) -> None:
+        self.endpoint, self.system_id = endpoint, system_id
+        self._claim = PortClaim(endpoint)
+        self._mavsdk: Mavsdk | None = None
+        self._system: Any = None
+        self._direct: MavlinkDirect | None = None
+        self._param: Param | None = None
+        self._lock = threading.Lock()
+        self._slot = Snapshot()
+        self._start_ns = 0
+        self.send_failures = 0
+
+    # -- life ---------------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Open the endpoint; PX4 need not be there yet.
+
+        Raises:
+            LinkError: port taken or endpoint not usable.
+        """
+        if self._mavsdk is not None:
+            return
+        self._claim.take()
+        mavsdk_logging.log_subscribe(_silent)
+        configuration = Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER)
+        configuration.system_id, configuration.component_id = self.system_id, _COMPONENT_ID
+        mavsdk = Mavsdk(configuration)
+        result = mavsdk.add_any_connection(self.endpoint)
+        if int(result) != 0:
+            mavsdk.destroy()
+            self._claim.release()
+            raise LinkError(
+                f"MAVSDK cannot open {self.endpoint} ({result}). Correct 'autopilot' of this vehicle in the fleet file."
+            )
+        self._mavsdk, self._start_ns = mavsdk, time.monotonic_ns()
+
+    def connect(self, timeout_s: float) -> bool:
+        """Wait (blocking: for an executor) until PX4 has been heard, then subscribe to all that the agent needs.
+
+        Raises:
+            LinkError: another system id answers.
+        """
+        if self._mavsdk is None or self._direct is not None:
+            return self._direct is not None
+        system = self._mavsdk.first_autopilot(timeout_s)
+        if system is None:
+            return False
+        found = int(system.get_system_id())
+        if found != self.system_id:
+            raise LinkError(
+                f"At {self.endpoint} answers MAVLink system id {found}, but the fleet file says {self.system_id}. "
+                "Correct 'system_id' or 'autopilot' of this vehicle, or MAV_SYS_ID of this PX4."
+            )
+        self._system, self._param = system, Param(system)
+        direct = MavlinkDirect(system)
+        for name in _HANDLERS:
+            direct.subscribe_message(name, self._receive)
+        self._direct = direct
+        self.request_rates()
+        return True
+
+    def stop(self) -> None:
+        """Close the link; a second call does nothing. No call to this object may be under way in another thread."""
+        mavsdk, self._mavsdk = self._mavsdk, None
+        self._direct = self._param = self._system = None
+        if mavsdk is not None:
+            mavsdk.destroy()
+        self._claim.release()
+
+    # -- in -----------------------------------------------------------------------------------------------------
+
+    def snapshot(self) -> Snapshot:
+        """The newest values; safe from any thread."""
+        return self._slot
+
+    def _receive(self, message: MavlinkMessage, _: Any) -> None:
+        if message.system_id != self.system_id or message.component_id != _AUTOPILOT_COMPONENT_ID:
+            return
+        now_ns = time.monotonic_ns()
+        try:
+            fields = msgspec.json.decode(message.fields_json)
+            changes = _HANDLERS[message.message_name](fields, now_ns)
+        except (msgspec.DecodeError, KeyError, TypeError, ValueError):
+            return
+        with self._lock:
+            self._slot = replace(self._slot, last_packet_ns=now_ns, system_id=self.system_id, **changes)
+
+    # -- out ----------------------------------------------------------------------------------------------------
+
+    def send_attitude(self, setpoint: AttitudeSetpoint) -> None:
+        """SET_ATTITUDE_TARGET with attitude and thrust, ENU/FLU in, NED/FRD on the wire."""
+        q = quaternion_ned_frd_from_enu_flu(np.asarray(setpoint.quaternion_wxyz, dtype=np.float64))
+        self._send(
+            "SET_ATTITUDE_TARGET",
+            time_boot_ms=self._boot_ms(),
+            target_system=self.system_id,
+            target_component=_AUTOPILOT_COMPONENT_ID,
+            type_mask=_TYPE_MASK_ATTITUDE_AND_THRUST,
+            q=q.tolist(),
+            body_roll_rate=0.0,
+            body_pitch_rate=0.0,
+            body_yaw_rate=0.0,
+            thrust=float(setpoint.thrust_frac),
+        )
+
+    def set_offboard(self) -> None:
+        """DO_SET_MODE to OFFBOARD."""
+        self._command(modes.CMD_SET_MODE, float(modes.BASE_MODE_CUSTOM_ENABLED), float(modes.MAIN_MODE_OFFBOARD))
+
+    def land(self) -> None:
+        """PX4's own landing at the present spot."""
+        self._command(modes.CMD_LAND)
+
+    def arm(self) -> None:
+        """Ask to arm, never by force."""
+        self._command(modes.CMD_ARM, 1.0)
+
+    def disarm(self) -> None:
+        """Ask to disarm; PX4 refuses in the air."""
+        self._command(modes.CMD_ARM, 0.0)
+
+    def kill(self) -> None:
+        """Disarm by force: the motors stop at once, also in the air."""
+        self._command(modes.CMD_ARM, 0.0, modes.FORCE_DISARM_MAGIC)
+
+    def send_odometry(self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float) -> None:
+        """ODOMETRY in the fleet's axes as NED; velocity is not known to a mocap and left out."""
+        position = ned_from_enu(np.asarray(position_enu_m, dtype=np.float64)).tolist()
+        q = quaternion_ned_frd_from_enu_flu(np.asarray(quaternion_enu_flu_wxyz, dtype=np.float64)).tolist()
+        variance, angle_variance = std_m * std_m, 1e-4
+        diagonal = {0: variance, 6: variance, 11: variance, 15: angle_variance, 18: angle_variance, 20: angle_variance}
+        self._send(
+            "ODOMETRY",
+            time_usec=time.monotonic_ns() // 1000,
+            frame_id=_FRAME_LOCAL_NED,
+            child_frame_id=_FRAME_LOCAL_FRD_VELOCITY,
+            x=position[0],
+            y=position[1],
+            z=position[2],
+            q=q,
+            vx=None,
+            vy=None,
+            vz=None,
+            rollspeed=None,
+            pitchspeed=None,
+            yawspeed=None,
+            pose_covariance=[diagonal.get(place, 0.0) for place in range(21)],
+            velocity_covariance=[None] * 21,
+            reset_counter=0,
+            estimator_type=_ESTIMATOR_TYPE_VISION,
+            quality=100,
+        )
+
+    def set_global_origin(self) -> None:
+        """Give PX4 a global origin: without one it refuses its position modes, its hold and land among them."""
+        self._send(
+            "SET_GPS_GLOBAL_ORIGIN",
+            target_system=self.system_id,
+            latitude=round(_ORIGIN[0] * 1e7),
+            longitude=round(_ORIGIN[1] * 1e7),
+            altitude=round(_ORIGIN[2] * 1e3),
+            time_usec=time.monotonic_ns() // 1000,
+        )
+
+    def request_rates(self) -> None:
+        """SET_MESSAGE_INTERVAL for what the agent reads; PX4's defaults are too slow for close flight."""
+        for message_id, rate_hz in _RATES_HZ.items():
+            self._command(modes.CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)
+
+    # -- parameters: blocking, for an executor --------------------------------------------------------------------
+
+    def read_params(self, names: Mapping[str, float | int]) -> dict[str, float | int | None]:
+        """PX4's values of ``names``; None where it did not answer. The kind of each given value selects int or float."""
+        return {name: self._read_param(name, like) for name, like in names.items()}
+
+    def apply_params(self, values: Mapping[str, float | int]) -> None:
+        """Set parameters; whether that worked is for :meth:`read_params` to say."""
+        if self._param is None:
+            return
+        for name, value in values.items():
+            for _ in range(2):
+                try:
+                    if isinstance(self._read_param(name, value), int):
+                        self._param.set_param_int(name, int(value))
+                    else:
+                        self._param.set_param_float(name, float(value))
+                except ParamError:
+                    continue
+                break
+
+    def _read_param(self, name: str, like: float | int) -> float | int | None:
+        if self._param is None:
+            return None
+        readers = [self._param.get_param_int, self._param.get_param_float]
+        for read in readers if isinstance(like, int) else readers[::-1]:
+            try:
+                value = read(name)
+            except ParamError:
+                continue
+            return int(value) if read == self._param.get_param_int else float(value)
+        return None
+
+    # -- wire ---------------------------------------------------------------------------------------------------
+
+    def _boot_ms(self) -> int:
+        return (time.monotonic_ns() - self._start_ns) // 1_000_000 & 0xFFFFFFFF
+
+    def _command(self, command: int, param1: float = 0.0, param2: float = 0.0) -> None:
+        self._send(
+            "COMMAND_LONG",
+            target_system=self.system_id,
+            target_component=_AUTOPILOT_COMPONENT_ID,
+            command=command,
+            confirmation=0,
+            param1=param1,
+            param2=param2,
+            param3=0.0,
+            param4=None if command == modes.CMD_LAND else 0.0,  # None goes out as NaN: keep the heading
+            param5=None if command == modes.CMD_LAND else 0.0,
+            param6=None if command == modes.CMD_LAND else 0.0,
+            param7=None if command == modes.CMD_LAND else 0.0,
+        )
+
+    def _send(self, name: str, **fields: Any) -> None:
+        direct = self._direct
+        if direct is None:
+            return
+        message = MavlinkMessage(
+            name, self.system_id, _COMPONENT_ID, self.system_id, _AUTOPILOT_COMPONENT_ID, json.dumps(fields)
+        )
+        try:
+            direct.send_message(message)
+        except MavlinkDirectError:
+            self.send_failures += 1
+
+
+def _attitude(f: dict[str, Any], now_ns: int) -> dict[str, Any]:
+    q = quaternion_enu_flu_from_ned_frd(np.array([f["q1"], f["q2"], f["q3"], f["q4"]], dtype=np.float64))
+    if not np.isfinite(q).all():
+        return {}
+    return {
+        "quaternion_enu_flu_wxyz": tuple(q.tolist()),
+        "attitude_ns": now_ns,
+        "px4_boot_ms": int(f["time_boot_ms"]),
+    }
+
+
+def _local_position(f: dict[str, Any], now_ns: int) -> dict[str, Any]:
+    position, velocity = (f["x"], f["y"], f["z"]), (f["vx"], f["vy"], f["vz"])
+    if not all(isinstance(value, float) and math.isfinite(value) for value in (*position, *velocity)):
+        return {}
+    return {"position_local_ned_m": position, "velocity_local_ned_m_s": velocity, "local_position_ns": now_ns}
+
+
+def _heartbeat(f: dict[str, Any], now_ns: int) -> dict[str, Any]:
+    return {
+        "heartbeat_ns": now_ns,
+        "is_armed": bool(int(f["base_mode"]) & modes.BASE_MODE_ARMED),
+        "mode": modes.mode_name(int(f["custom_mode"])),
+        "is_failsafe": int(f["system_status"]) == modes.STATUS_CRITICAL,
+    }
+
+
+def _extended_state(f: dict[str, Any], now_ns: int) -> dict[str, Any]:
+    return {"landed": Landed(int(f["landed_state"])), "landed_ns": now_ns}
+
+
+def _battery(f: dict[str, Any], _: int) -> dict[str, Any]:
+    remaining, voltages = int(f["battery_remaining"]), f["voltages"]
+    return {
+        "battery_frac": remaining / 100.0 if remaining >= 0 else math.nan,
+        "battery_voltage_v": sum(v for v in voltages if v < 65535) / 1000.0,
+    }
+
+
+def _status_text(f: dict[str, Any], now_ns: int) -> dict[str, Any]:
+    return {"status_text": str(f["text"]).strip(), "status_text_ns": now_ns}
+
+
+_HANDLERS = {
+    "HEARTBEAT": _heartbeat,
+    "ATTITUDE_QUATERNION": _attitude,
+    "LOCAL_POSITION_NED": _local_position,
+    "EXTENDED_SYS_STATE": _extended_state,
+    "BATTERY_STATUS": _battery,
+    "STATUSTEXT": _status_text,
+}
