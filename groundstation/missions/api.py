@@ -1,0 +1,248 @@
+"""A mission's view of the fleet: ``await fleet.takeoff()``, ``await fleet["mav1"].reached(...)``; results per vehicle."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable, Sequence
+
+from groundstation.client import FleetClient
+from groundstation.fleet import FleetState
+from groundstation.handle import VehicleResult
+from groundstation.missions.verdict import Arrival, StepResult, is_landed
+from groundstation.orders import DEFAULT_HEIGHT_M, Intent, OrderError
+from onboard.bus.schema import Vec3
+from onboard.config import ConfigError, FleetConfig
+
+READY_STATES = ("ready", "landed", "armed", "flying", "holding")
+ARRIVED_M = 0.15
+Results = dict[str, VehicleResult]
+Who = str | Sequence[str]
+
+
+class OrderFailed(RuntimeError):
+    """At least one vehicle did not do what was ordered; ``results`` says which and why."""
+
+    def __init__(self, intent: Intent, results: Results) -> None:
+        self.results = results
+        reasons = [
+            f"{result.vehicle} {result.phase}: {result.sentence}" for result in results.values() if not result.is_done
+        ]
+        super().__init__(f"'{intent}' failed. {' '.join(reasons)}")
+
+
+class NotReady(RuntimeError):
+    """The fleet did not get ready in time; ``heard`` tells whether anybody answered at all."""
+
+    def __init__(self, sentence: str, heard: bool) -> None:
+        self.heard = heard
+        super().__init__(sentence)
+
+
+class Fleet:
+    """All vehicles of a fleet, for missions.
+
+    Args:
+        client: started.
+        say: progress in words, one line a call.
+    """
+
+    def __init__(self, client: FleetClient, *, say: Callable[[str], None] = lambda line: None) -> None:
+        self.client = client
+        self.say = say
+        self.steps: list[StepResult] = []
+        self.arrivals: list[Arrival] = []
+
+    @property
+    def config(self) -> FleetConfig:
+        """The fleet file."""
+        return self.client.fleet
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Vehicles that take part."""
+        return self.config.enabled_names
+
+    @property
+    def state(self) -> FleetState:
+        """What is known now."""
+        return self.client.state
+
+    def __getitem__(self, name: str) -> VehicleHandle:
+        if name not in self.names:
+            raise ConfigError(
+                f"'{name}' is not a vehicle of fleet '{self.config.fleet.name}': {', '.join(self.names)}."
+            )
+        return VehicleHandle(self, name)
+
+    async def ready(self, timeout_s: float = 60.0) -> None:
+        """Wait until every vehicle reports that it may fly. NotReady otherwise."""
+
+        def is_ready(state: FleetState) -> bool:
+            return all(_is_ready(state, name, self.client.now_ns()) for name in self.names)
+
+        if await self.client.wait_for(is_ready, timeout_s):
+            return
+        now_ns = self.client.now_ns()
+        reasons, heard = [], False
+        for name in self.names:
+            view = self.state.vehicles[name]
+            if view.telemetry is None or not view.is_fresh(now_ns):
+                reasons.append(f"{name} does not answer.")
+                continue
+            heard = True
+            if not _is_ready(self.state, name, now_ns):
+                why = "; ".join(view.telemetry.not_ready) or view.telemetry.reason or "it does not say why"
+                reasons.append(f"{name} is {view.telemetry.state}: {why}.")
+        raise NotReady(f"Not ready within {timeout_s:g} s. {' '.join(reasons)}", heard)
+
+    async def arm(self, vehicles: Who = "all", *, timeout_s: float = 15.0) -> Results:
+        """Arm on the ground."""
+        return await self.order(Intent("arm", self._select(vehicles)), timeout_s)
+
+    async def takeoff(
+        self, height_m: float = DEFAULT_HEIGHT_M, vehicles: Who = "all", *, timeout_s: float = 40.0
+    ) -> Results:
+        """Climb to a height above the fleet's origin."""
+        return await self.order(Intent("takeoff", self._select(vehicles), height_m=height_m), timeout_s)
+
+    async def move(
+        self, position_enu_m: Vec3, vehicles: Who = "all", *, duration_s: float = 0.0, timeout_s: float = 40.0
+    ) -> Results:
+        """One vehicle: its own goal. Several: the position of the formation that holds."""
+        names = self._select(vehicles)
+        return await self.order(Intent("move", names, position_enu_m=position_enu_m, duration_s=duration_s), timeout_s)
+
+    async def formation(
+        self,
+        name: str,
+        position_enu_m: Vec3,
+        vehicles: Who = "all",
+        *,
+        duration_s: float = 0.0,
+        timeout_s: float = 40.0,
+    ) -> Results:
+        """Take up a formation at a position."""
+        if name not in self.config.formations:
+            known = ", ".join(self.config.formations) or "none"
+            raise ConfigError(f"'{name}' is no formation of this fleet; it has {known}.")
+        names = self._select(vehicles)
+        if vehicles == "all":
+            names = tuple(vehicle for vehicle in names if vehicle in self.config.formations[name])
+        intent = Intent("formation", names, position_enu_m=position_enu_m, formation=name, duration_s=duration_s)
+        return await self.order(intent, timeout_s)
+
+    async def hold(self, vehicles: Who = "all", *, timeout_s: float = 15.0) -> Results:
+        """Stop at the present spot."""
+        return await self.order(Intent("hold", self._select(vehicles)), timeout_s)
+
+    async def land(self, vehicles: Who = "all", *, timeout_s: float = 40.0) -> Results:
+        """Land and disarm."""
+        return await self.order(Intent("land", self._select(vehicles)), timeout_s)
+
+    async def disarm(self, vehicles: Who = "all", *, timeout_s: float = 15.0) -> Results:
+        """Disarm on the ground."""
+        return await self.order(Intent("disarm", self._select(vehicles)), timeout_s)
+
+    async def wait(self, duration_s: float) -> None:
+        """Let time pass."""
+        await asyncio.sleep(duration_s)
+
+    async def order(self, intent: Intent, timeout_s: float) -> Results:
+        """Give an order, wait for its end, note the results. OrderFailed unless every vehicle did it."""
+        self.say(f"{intent}")
+        begin_ns = self.client.now_ns()
+        try:
+            handle = await self.client.submit(intent)
+        except OrderError as error:
+            raise ConfigError(str(error)) from None
+        results = await handle.wait(timeout_s)
+        for name, order in handle.plan.orders.items():
+            if order.position_enu_m is not None:
+                self.arrivals.append(self._arrival(str(intent.verb), name, order.position_enu_m))
+        self.steps.append(
+            StepResult(
+                step=str(intent),
+                duration_s=round((self.client.now_ns() - begin_ns) * 1e-9, 2),
+                vehicles={name: result.phase for name, result in results.items()},
+                sentences={name: result.sentence for name, result in results.items()},
+            )
+        )
+        for name, result in results.items():
+            if not result.is_done:
+                self.say(f"  {name} {result.phase}: {result.sentence}")
+        if not all(result.is_done for result in results.values()):
+            raise OrderFailed(intent, results)
+        return results
+
+    async def land_all(self, timeout_s: float = 40.0) -> bool:
+        """Land whoever is not down yet, whatever happened; True when all are landed and disarmed."""
+        up = tuple(
+            name for name in self.names if self.state.vehicles[name].telemetry and not is_landed(self.state, name)
+        )
+        if up:
+            self.say(f"Landing {', '.join(up)}.")
+            handle = await self.client.submit(Intent("land", up))
+            await handle.wait(timeout_s)
+            for result in handle.results.values():
+                if not result.is_done:
+                    self.say(f"  {result.vehicle} {result.phase}: {result.sentence}")
+        return all(is_landed(self.state, name) for name in up)
+
+    def _select(self, vehicles: Who) -> tuple[str, ...]:
+        return self.config.select(vehicles if isinstance(vehicles, str) else ",".join(vehicles))
+
+    def _arrival(self, step: str, name: str, goal: Vec3) -> Arrival:
+        view = self.state.vehicles[name]
+        now_ns = self.client.now_ns()
+        if view.truth is not None and view.has_truth(now_ns):
+            return Arrival(step, name, round(math.dist(view.truth.position_enu_m, goal), 4), True)
+        spot = view.position_enu_m(now_ns)
+        return Arrival(step, name, math.inf if spot is None else round(math.dist(spot, goal), 4), False)
+
+
+class VehicleHandle:
+    """One vehicle of a fleet."""
+
+    def __init__(self, fleet: Fleet, name: str) -> None:
+        self._fleet = fleet
+        self.name = name
+
+    @property
+    def position_enu_m(self) -> Vec3 | None:
+        """Where it reports to be; None when it does not, now."""
+        return self._fleet.state.vehicles[self.name].position_enu_m(self._fleet.client.now_ns())
+
+    async def reached(self, position_enu_m: Vec3, within_m: float = ARRIVED_M, timeout_s: float = 40.0) -> bool:
+        """Wait until it reports a position within ``within_m``; False when it did not in time."""
+
+        def is_there(state: FleetState) -> bool:
+            spot = state.vehicles[self.name].position_enu_m(self._fleet.client.now_ns())
+            return spot is not None and math.dist(spot, position_enu_m) <= within_m
+
+        return await self._fleet.client.wait_for(is_there, timeout_s)
+
+    async def takeoff(self, height_m: float = DEFAULT_HEIGHT_M, *, timeout_s: float = 40.0) -> VehicleResult:
+        """Climb to a height above the fleet's origin."""
+        return (await self._fleet.takeoff(height_m, self.name, timeout_s=timeout_s))[self.name]
+
+    async def move(self, position_enu_m: Vec3, *, duration_s: float = 0.0, timeout_s: float = 40.0) -> VehicleResult:
+        """Fly to a point."""
+        results = await self._fleet.move(position_enu_m, self.name, duration_s=duration_s, timeout_s=timeout_s)
+        return results[self.name]
+
+    async def hold(self, *, timeout_s: float = 15.0) -> VehicleResult:
+        """Stop at the present spot."""
+        return (await self._fleet.hold(self.name, timeout_s=timeout_s))[self.name]
+
+    async def land(self, *, timeout_s: float = 40.0) -> VehicleResult:
+        """Land and disarm."""
+        return (await self._fleet.land(self.name, timeout_s=timeout_s))[self.name]
+
+
+def _is_ready(state: FleetState, name: str, now_ns: int) -> bool:
+    view = state.vehicles[name]
+    telemetry = view.telemetry
+    return (
+        telemetry is not None and view.is_fresh(now_ns) and telemetry.state in READY_STATES and not telemetry.not_ready
+    )

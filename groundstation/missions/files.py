@@ -1,0 +1,285 @@
+"""Mission files: TOML steps with schema 1, checked whole before anything starts. Unknown keys are errors."""
+
+from __future__ import annotations
+
+import ast
+import os
+from pathlib import Path
+from typing import Any, Literal, cast
+
+import msgspec
+
+from groundstation.orders import Intent, plan
+from onboard.config import ConfigError, FleetConfig, Vec3, check_schema, convert, load_fleet, read_toml
+
+Names = str | list[str]
+
+
+class _Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    do: str
+
+
+class _OrderStep(_Step, frozen=True, kw_only=True):
+    vehicles: Names = "all"
+    timeout_s: float = 40.0
+
+
+class ArmStep(_OrderStep, frozen=True, kw_only=True):
+    """Arm on the ground."""
+
+    timeout_s: float = 15.0
+
+
+class TakeoffStep(_OrderStep, frozen=True, kw_only=True):
+    """Climb to a height above the fleet's origin."""
+
+    height_m: float = 1.0
+
+
+class MoveStep(_OrderStep, frozen=True, kw_only=True):
+    """One vehicle: its own goal. Several: the position of the formation that holds."""
+
+    position_enu_m: Vec3
+    duration_s: float = 0.0
+
+
+class FormationStep(_OrderStep, frozen=True, kw_only=True):
+    """Take up a formation at a position."""
+
+    name: str
+    position_enu_m: Vec3
+    duration_s: float = 0.0
+
+
+class HoldStep(_OrderStep, frozen=True, kw_only=True):
+    """Stop at the present spot."""
+
+    timeout_s: float = 15.0
+
+
+class LandStep(_OrderStep, frozen=True, kw_only=True):
+    """Land and disarm."""
+
+
+class DisarmStep(_OrderStep, frozen=True, kw_only=True):
+    """Disarm on the ground."""
+
+    timeout_s: float = 15.0
+
+
+class WaitStep(_Step, frozen=True, kw_only=True):
+    """Let time pass."""
+
+    duration_s: float
+
+
+class Expect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What has to come true. As a step: so far. As ``[expect]``: judged at the end of the mission."""
+
+    min_separation_m: float | None = None
+    arrived_within_m: float | None = None
+    all_landed: bool | None = None
+
+
+class ExpectStep(_Step, frozen=True, kw_only=True):
+    """Judge now; the mission goes on only if all of it holds."""
+
+    min_separation_m: float | None = None
+    arrived_within_m: float | None = None
+    all_landed: bool | None = None
+
+    @property
+    def expect(self) -> Expect:
+        """The expectations without the step around them."""
+        return Expect(
+            min_separation_m=self.min_separation_m,
+            arrived_within_m=self.arrived_within_m,
+            all_landed=self.all_landed,
+        )
+
+
+class OnFailure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What happens when a step fails: land everybody, or stop everybody where they are."""
+
+    do: Literal["land", "hold"] = "land"
+
+
+OrderStep = ArmStep | TakeoffStep | MoveStep | FormationStep | HoldStep | LandStep | DisarmStep
+Step = OrderStep | WaitStep | ExpectStep
+STEPS: dict[str, type[Step]] = {
+    "arm": ArmStep,
+    "takeoff": TakeoffStep,
+    "move": MoveStep,
+    "formation": FormationStep,
+    "hold": HoldStep,
+    "wait": WaitStep,
+    "land": LandStep,
+    "disarm": DisarmStep,
+    "expect": ExpectStep,
+}
+
+
+class Mission(msgspec.Struct, frozen=True):
+    """A mission file, resolved; ``steps`` is empty for a Python mission, whose function runs instead."""
+
+    path: str
+    fleet: FleetConfig
+    steps: tuple[Step, ...]
+    expect: Expect
+    on_failure: OnFailure
+    text: str
+    is_python: bool = False
+
+    @property
+    def name(self) -> str:
+        """File name without its ending."""
+        return Path(self.path).stem
+
+
+def load_mission(path: str | os.PathLike[str], fleet: FleetConfig | str | None = None) -> Mission:
+    """Read and check a mission, TOML or Python; ``fleet`` overrides the fleet that it names.
+
+    Raises:
+        ConfigError: missing file, unknown key, unknown vehicle or formation, goal outside the fence ...
+    """
+    name = os.fspath(path)
+    if name.endswith(".py"):
+        return _load_python(name, fleet)
+    data, text = read_toml(name, "mission file")
+    return mission_from_mapping(data, path=name, text=text, fleet=fleet)
+
+
+def mission_from_mapping(
+    data: dict[str, Any], *, path: str, text: str = "", fleet: FleetConfig | str | None = None
+) -> Mission:
+    """Resolve and check the content of a mission file; see :func:`load_mission`."""
+    check_schema(data, path)
+    known = {"schema", "fleet", "step", "expect", "on_failure"}
+    for key in data:
+        if key not in known:
+            raise ConfigError(f"{path}: unknown key '{key}'. Known keys here: {', '.join(sorted(known))}.")
+    config = _fleet_of(data.get("fleet"), fleet, path)
+    tables = data.get("step", [])
+    if not isinstance(tables, list) or not tables:
+        raise ConfigError(f"{path}: 'step' is missing or no list of tables. Add at least one [[step]] with do = ...")
+    steps = tuple(_step(table, f"step[{index}]", path) for index, table in enumerate(tables))
+    expect = convert(data.get("expect", {}), Expect, path, "expect")
+    _check_expect(expect, path, "expect")
+    mission = Mission(
+        path=path,
+        fleet=config,
+        steps=steps,
+        expect=expect,
+        on_failure=convert(data.get("on_failure", {}), OnFailure, path, "on_failure"),
+        text=text,
+    )
+    _check_steps(mission)
+    return mission
+
+
+def intent_of(step: OrderStep, fleet: FleetConfig) -> Intent:
+    """The order that a step gives; ConfigError on unknown vehicles."""
+    vehicles = step.vehicles if isinstance(step.vehicles, str) else ",".join(step.vehicles)
+    names = fleet.select(vehicles)
+    if isinstance(step, TakeoffStep):
+        return Intent("takeoff", names, height_m=step.height_m)
+    if isinstance(step, MoveStep):
+        return Intent("move", names, position_enu_m=step.position_enu_m, duration_s=step.duration_s)
+    if isinstance(step, FormationStep):
+        if vehicles == "all":
+            names = tuple(name for name in names if name in fleet.formations.get(step.name, {}))
+        return Intent(
+            "formation",
+            names,
+            position_enu_m=step.position_enu_m,
+            formation=step.name,
+            duration_s=step.duration_s,
+        )
+    return Intent(cast(Literal["arm", "hold", "land", "disarm"], step.do), names)
+
+
+def _fleet_of(value: Any, override: FleetConfig | str | None, path: str) -> FleetConfig:
+    if isinstance(override, FleetConfig):
+        return override
+    if override is not None:
+        return load_fleet(override)
+    if not isinstance(value, str):
+        raise ConfigError(f"{path}: 'fleet' must be the path of a fleet file, relative to this file; or give --fleet.")
+    return load_fleet(Path(path).parent / value)
+
+
+def _step(table: Any, key: str, path: str) -> Step:
+    if not isinstance(table, dict) or not isinstance(table.get("do"), str):
+        raise ConfigError(f"{path}: '{key}.do' is missing. It says what to do: {', '.join(STEPS)}.")
+    if table["do"] == "fault":
+        raise ConfigError(f"{path}: '{key}.do' is 'fault'; this version cannot inject faults yet. Remove the step.")
+    kind = STEPS.get(table["do"])
+    if kind is None:
+        raise ConfigError(f"{path}: '{key}.do' is {table['do']!r}. A step can do: {', '.join(STEPS)}.")
+    step = cast(Step, convert(table, kind, path, key))
+    for name in ("timeout_s", "duration_s"):
+        value = getattr(step, name, 1.0)
+        low = 0.0 if name == "duration_s" else 0.1
+        if not low <= value <= 3600.0:
+            raise ConfigError(f"{path}: '{key}.{name}' is {value}; it must lie between {low:g} and 3600 s.")
+    if isinstance(step, ExpectStep):
+        _check_expect(step.expect, path, key)
+    return step
+
+
+def _check_expect(expect: Expect, path: str, key: str) -> None:
+    for name, high in (("min_separation_m", 100.0), ("arrived_within_m", 10.0)):
+        value = getattr(expect, name)
+        if value is not None and not 0.0 < value <= high:
+            raise ConfigError(f"{path}: '{key}.{name}' is {value}; it must lie above 0 and at most {high:g} m.")
+
+
+def _check_steps(mission: Mission) -> None:
+    """Every order of the mission is checked as if it were given, so that nothing starts that must fail later."""
+    fleet, formation = mission.fleet, next(iter(mission.fleet.formations), None)
+    for index, step in enumerate(mission.steps):
+        key = f"step[{index}]"
+        if isinstance(step, (WaitStep, ExpectStep)):
+            continue
+        if isinstance(step, FormationStep) and step.name not in fleet.formations:
+            raise ConfigError(
+                f"{mission.path}: '{key}.name' is {step.name!r}, no formation of fleet '{fleet.fleet.name}' "
+                f"({', '.join(fleet.formations) or 'it has none'}). Correct the name or add the formation."
+            )
+        try:
+            intent = intent_of(step, fleet)
+        except ConfigError as error:
+            raise ConfigError(f"{mission.path}: '{key}.vehicles': {error}") from None
+        checked = plan(intent, fleet, None, formation=formation, author="check", now_ns=0)
+        formation = checked.formation
+        if checked.refusals:
+            reason = next(iter(checked.refusals.values()))
+            raise ConfigError(f"{mission.path}: '{key}' ({step.do}): {reason}")
+
+
+def _load_python(name: str, fleet: FleetConfig | str | None) -> Mission:
+    """A Python mission: ``async def mission(fleet)``; ``FLEET = "path"`` and ``EXPECT = {...}`` are literals."""
+    try:
+        text = Path(name).read_text(encoding="utf-8")
+        tree = ast.parse(text, name)
+    except FileNotFoundError:
+        raise ConfigError(f"{name}: there is no such mission file. Give the path of an existing one.") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{name}: this mission cannot be read ({error}). Check the path.") from None
+    except (SyntaxError, ValueError) as error:
+        raise ConfigError(f"{name}: not valid Python: {error}. Correct that line.") from None
+    if not any(isinstance(node, ast.AsyncFunctionDef) and node.name == "mission" for node in tree.body):
+        raise ConfigError(f"{name}: a Python mission needs 'async def mission(fleet):' at its top level. Add it.")
+    constants: dict[str, Any] = {}
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and len(node.targets) == 1 and isinstance(node.targets[0], ast.Name):
+            target = node.targets[0].id
+            if target in ("FLEET", "EXPECT"):
+                try:
+                    constants[target] = ast.literal_eval(node.value)
+                except ValueError:
+                    raise ConfigError(f"{name}: '{target}' must be a plain literal. Write its value out.") from None
+    expect = convert(constants.get("EXPECT", {}), Expect, name, "EXPECT")
+    _check_expect(expect, name, "EXPECT")
+    config = _fleet_of(constants.get("FLEET"), fleet, name)
+    return Mission(name, config, (), expect, OnFailure(), text, is_python=True)

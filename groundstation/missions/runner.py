@@ -1,0 +1,153 @@
+"""Fly a mission from the first step to the verdict; whatever fails, everybody lands and the verdict is written."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib.util
+import inspect
+import traceback
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from groundstation.client import FleetClient
+from groundstation.missions.api import Fleet, NotReady, OrderFailed
+from groundstation.missions.files import ExpectStep, Mission, WaitStep, intent_of
+from groundstation.missions.verdict import Flown, Verdict, check, is_landed, judge, smallest
+from onboard.config import ConfigError
+
+LAND_TIMEOUT_S = 40.0
+
+
+class MissionRun:
+    """One flight of a mission.
+
+    Args:
+        mission: loaded and checked.
+        client: started.
+        say: progress in words.
+        ready_timeout_s: how long to wait for the vehicles before the first step.
+    """
+
+    def __init__(
+        self,
+        mission: Mission,
+        client: FleetClient,
+        *,
+        say: Callable[[str], None] = lambda line: None,
+        ready_timeout_s: float = 60.0,
+    ) -> None:
+        self.mission = mission
+        self.client = client
+        self.fleet = Fleet(client, say=say)
+        self._ready_timeout_s = ready_timeout_s
+        self._failure = ""
+        self._nobody = False
+        self._is_interrupted = False
+        self._begin_ns = client.now_ns()
+        self._end_ns = self._begin_ns
+        self._task: asyncio.Task[Any] | None = None
+
+    async def run(self) -> Verdict:
+        """Fly it. The verdict of what was heard live; with :meth:`flown` a record can be judged beside it.
+
+        Cancelling this coroutine is an interruption: everybody lands, then the verdict is returned.
+        """
+        task = self._task = asyncio.create_task(self._steps())
+        if self._is_interrupted:
+            task.cancel()
+        try:
+            await asyncio.wait({task})
+        except asyncio.CancelledError:
+            self.interrupt()
+            await asyncio.wait({task})
+        # Whatever a mission raises, also a mistake of its author, the vehicles come down: no list of exceptions.
+        error = None if task.cancelled() else task.exception()
+        if task.cancelled():
+            self._is_interrupted = True
+            self.fleet.say("Interrupted: everybody lands.")
+            await self.fleet.land_all(LAND_TIMEOUT_S)
+        elif isinstance(error, NotReady):
+            self._failure, self._nobody = str(error), not error.heard
+            self.fleet.say(str(error))
+        elif error is not None:
+            is_known = isinstance(error, (OrderFailed, MissionFailed, ConfigError))
+            self._failure = str(error) if is_known else "".join(traceback.format_exception(error)).strip()
+            self.fleet.say(f"The mission ends here: {self._failure}")
+            await self._on_failure()
+        self._end_ns = self.client.now_ns()
+        return self.verdict()
+
+    def interrupt(self) -> None:
+        """Stop the mission and land everybody; :meth:`run` returns when they are down."""
+        if not self._is_interrupted:
+            self._is_interrupted = True
+            if self._task is not None:
+                self._task.cancel()
+
+    def flown(self) -> Flown:
+        """What was observed so far."""
+        return Flown(
+            mission=self.mission.name,
+            fleet=self.mission.fleet,
+            state=self.client.state,
+            begin_ns=self._begin_ns,
+            end_ns=self._end_ns,
+            steps=list(self.fleet.steps),
+            arrivals=list(self.fleet.arrivals),
+            failure=self._failure,
+            nobody=self._nobody,
+            is_interrupted=self._is_interrupted,
+        )
+
+    def verdict(self) -> Verdict:
+        """Judge what was heard live."""
+        return judge(self.flown(), self.mission.expect)
+
+    async def _steps(self) -> None:
+        self.fleet.say(f"Waiting for {', '.join(self.fleet.names)} to be ready.")
+        await self.fleet.ready(self._ready_timeout_s)
+        self._begin_ns = self.client.now_ns()
+        if self.mission.is_python:
+            await load_function(self.mission)(self.fleet)
+            return
+        for index, step in enumerate(self.mission.steps):
+            if isinstance(step, WaitStep):
+                await self.fleet.wait(step.duration_s)
+            elif isinstance(step, ExpectStep):
+                self._expect_now(index, step)
+            else:
+                await self.fleet.order(intent_of(step, self.mission.fleet), step.timeout_s)
+
+    def _expect_now(self, index: int, step: ExpectStep) -> None:
+        state = self.client.state
+        landed = {name: is_landed(state, name) for name in self.fleet.names}
+        for one in check(step.expect, self.mission.fleet, smallest(state), self.fleet.arrivals, landed):
+            self.fleet.say(f"  {one.sentence}")
+            if not one.has_come_true:
+                raise MissionFailed(f"step[{index}] expected: {one.sentence}")
+
+    async def _on_failure(self) -> None:
+        if self.mission.on_failure.do == "land":
+            await self.fleet.land_all(LAND_TIMEOUT_S)
+        else:
+            await self.client.order("hold all", 15.0)
+
+
+class MissionFailed(RuntimeError):
+    """An expectation in the middle of a mission did not come true."""
+
+
+def load_function(mission: Mission) -> Callable[[Fleet], Awaitable[None]]:
+    """The coroutine function ``mission`` of a Python mission; ConfigError when its module cannot be run."""
+    spec = importlib.util.spec_from_file_location(f"covey_mission_{mission.name}", mission.path)
+    if spec is None or spec.loader is None:
+        raise ConfigError(f"{mission.path}: this file cannot be loaded as a Python module.")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except (ImportError, NameError, TypeError, ValueError, AttributeError, OSError) as error:
+        raise ConfigError(f"{mission.path}: running it failed: {type(error).__name__}: {error}.") from error
+    function = module.mission
+    if not inspect.iscoroutinefunction(function):
+        raise ConfigError(f"{mission.path}: 'mission' must be written as 'async def mission(fleet):'.")
+    return function  # type: ignore[no-any-return]

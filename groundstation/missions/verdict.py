@@ -1,0 +1,277 @@
+"""The verdict on a flight: what was expected, what was found, in numbers and in words. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import msgspec
+
+from groundstation.fleet import FleetState, Separation
+from groundstation.missions.files import Expect
+from groundstation.recording.report import PERIOD_NOMINAL_MS, FlightReport
+from onboard.config import FleetConfig
+
+EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT, EXIT_NO_ANSWER, EXIT_MIXED, EXIT_INTERRUPTED = 0, 1, 2, 10, 50, 130
+
+
+class Check(msgspec.Struct, frozen=True):
+    """One expectation and whether it came true."""
+
+    name: str
+    has_come_true: bool
+    sentence: str
+
+
+class Arrival(msgspec.Struct, frozen=True):
+    """How far a vehicle was from its goal when its order was done."""
+
+    step: str
+    vehicle: str
+    distance_m: float
+    is_truth: bool
+
+
+class StepResult(msgspec.Struct, frozen=True):
+    """One step of the mission and each vehicle's phase and sentence."""
+
+    step: str
+    duration_s: float
+    vehicles: dict[str, str]
+    sentences: dict[str, str]
+
+    @property
+    def is_done(self) -> bool:
+        """Whether every vehicle did it."""
+        return all(phase == "done" for phase in self.vehicles.values())
+
+
+class Loop(msgspec.Struct, frozen=True):
+    """Period of an agent's loop; nominal 20 ms."""
+
+    period_p50_ms: float
+    period_p99_ms: float
+    period_max_ms: float
+    ticks: int
+
+
+class Closest(msgspec.Struct, frozen=True):
+    """The smallest separation of the flight."""
+
+    first: str
+    second: str
+    distance_m: float
+    time_s: float
+    source: str
+
+
+class Verdict(msgspec.Struct, frozen=True):
+    """All that ``verdict.json`` holds; ``passed`` only if everything declared came true."""
+
+    passed: bool
+    exit_status: int
+    summary: str
+    mission: str
+    fleet: str
+    law: str
+    checks: list[Check]
+    steps: list[StepResult]
+    closest: Closest | None
+    is_collision: bool
+    arrivals: list[Arrival]
+    worst_arrival_m: float | None
+    landed: dict[str, bool]
+    loop: dict[str, Loop]
+    duration_s: float
+    is_interrupted: bool = False
+    record: str = ""
+    schema: int = 1
+
+    def sentences(self) -> list[str]:
+        """The verdict in words, one sentence a line."""
+        return [*describe(self), self.summary]
+
+
+class Flown(msgspec.Struct, frozen=True):
+    """What the runner observed; the input of :func:`judge`."""
+
+    mission: str
+    fleet: FleetConfig
+    state: FleetState
+    begin_ns: int
+    end_ns: int
+    steps: list[StepResult]
+    arrivals: list[Arrival]
+    failure: str = ""
+    nobody: bool = False
+    is_interrupted: bool = False
+
+
+def is_landed(state: FleetState, name: str) -> bool:
+    """Landed and disarmed, by the vehicle's own telemetry, at the last it was heard."""
+    view = state.vehicles.get(name)
+    telemetry = None if view is None else view.telemetry
+    return telemetry is not None and not telemetry.is_airborne and not telemetry.is_armed
+
+
+def smallest(state: FleetState) -> Separation | None:
+    """By ground truth where there is one."""
+    return state.smallest_truth or state.smallest
+
+
+def check(
+    expect: Expect,
+    fleet: FleetConfig,
+    closest: Separation | None,
+    arrivals: Sequence[Arrival],
+    landed: Mapping[str, bool],
+    collided: Sequence[str] = (),
+) -> list[Check]:
+    """Each declared expectation against what was found."""
+    checks: list[Check] = []
+    if expect.min_separation_m is not None:
+        limit = expect.min_separation_m
+        if closest is None:
+            few = len(fleet.enabled_names) < 2
+            found = "there is only one vehicle" if few else "no separation was measured"
+            checks.append(Check("min_separation_m", few, f"At least {limit:.2f} m between all: {found}."))
+        else:
+            touched = f" {' and '.join(collided)} collided." if collided else ""
+            checks.append(
+                Check(
+                    "min_separation_m",
+                    closest.distance_m >= limit and not collided,
+                    f"At least {limit:.2f} m between all: {closest.first} and {closest.second} came to "
+                    f"{closest.distance_m:.3f} m.{touched}",
+                )
+            )
+    if expect.arrived_within_m is not None:
+        limit = expect.arrived_within_m
+        worst = max(arrivals, key=lambda arrival: arrival.distance_m, default=None)
+        if worst is None:
+            sentence = f"Goals reached within {limit:.2f} m: no goal was flown to."
+            checks.append(Check("arrived_within_m", False, sentence))
+        else:
+            late = [arrival for arrival in arrivals if not arrival.distance_m <= limit]
+            checks.append(
+                Check(
+                    "arrived_within_m",
+                    not late,
+                    f"Goals reached within {limit:.2f} m: {len(arrivals) - len(late)} of {len(arrivals)}; furthest off "
+                    f"was {worst.vehicle}, {_metres(worst.distance_m)} at '{worst.step}'.",
+                )
+            )
+    if expect.all_landed is not None:
+        flying = [name for name in fleet.enabled_names if not landed.get(name, False)]
+        found = f"not {', '.join(flying)}" if flying else "all"
+        checks.append(Check("all_landed", (not flying) == expect.all_landed, f"Landed and disarmed: {found}."))
+    return checks
+
+
+def judge(flown: Flown, expect: Expect, report: FlightReport | None = None, record: str = "") -> Verdict:
+    """The verdict. A record's ground truth counts beside what was heard live: the smaller distance is believed."""
+    state, fleet = flown.state, flown.fleet
+    closest = smallest(state)
+    if (
+        report is not None
+        and report.smallest is not None
+        and (closest is None or not closest.is_truth or report.smallest.distance_m < closest.distance_m)
+    ):
+        closest = report.smallest
+    touched = {name for name, view in state.vehicles.items() if view.truth is not None and view.truth.is_collided}
+    collided = sorted(touched.union(report.collided if report is not None else ()))
+    landed = {name: is_landed(state, name) for name in fleet.enabled_names}
+    checks = check(expect, fleet, closest, flown.arrivals, landed, collided)
+    is_collision = bool(collided) or (closest is not None and closest.distance_m < fleet.fleet.body_diameter_m)
+    failed = [step for step in flown.steps if not step.is_done]
+    is_mixed = any(len(set(step.vehicles.values())) > 1 for step in failed)
+    exit_status = (
+        EXIT_INTERRUPTED
+        if flown.is_interrupted
+        else EXIT_NO_ANSWER
+        if flown.nobody
+        else EXIT_FAILED
+        if not all(one.has_come_true for one in checks)
+        else EXIT_MIXED
+        if is_mixed
+        else EXIT_FAILED
+        if failed or flown.failure
+        else EXIT_OK
+    )
+    summary = _summary(flown, checks, exit_status)
+    return Verdict(
+        passed=exit_status == EXIT_OK,
+        exit_status=exit_status,
+        summary=summary,
+        mission=flown.mission,
+        fleet=fleet.fleet.name,
+        law=fleet.law.name,
+        checks=checks,
+        steps=flown.steps,
+        closest=None
+        if closest is None
+        else Closest(
+            closest.first,
+            closest.second,
+            round(closest.distance_m, 4),
+            round((closest.stamp_ns - flown.begin_ns) * 1e-9, 2),
+            "truth" if closest.is_truth else "telemetry",
+        ),
+        is_collision=is_collision,
+        arrivals=flown.arrivals,
+        worst_arrival_m=max((arrival.distance_m for arrival in flown.arrivals), default=None),
+        landed=landed,
+        loop=_loops(state, report),
+        duration_s=round((flown.end_ns - flown.begin_ns) * 1e-9, 2),
+        is_interrupted=flown.is_interrupted,
+        record=record,
+    )
+
+
+def describe(verdict: Verdict) -> list[str]:
+    """Distance, arrival, landing and timing in words."""
+    lines = []
+    if verdict.closest is not None:
+        near = verdict.closest
+        by = "" if near.source == "truth" else ", by telemetry"
+        touch = ": THEY COLLIDED" if verdict.is_collision else ""
+        lines.append(
+            f"Closest: {near.first} and {near.second}, {near.distance_m:.2f} m between centres, "
+            f"{near.time_s:.1f} s into the flight{by}{touch}."
+        )
+    if verdict.arrivals:
+        within = next((one.sentence for one in verdict.checks if one.name == "arrived_within_m"), "")
+        lines.append(within or f"Furthest from a goal on arrival: {_metres(verdict.worst_arrival_m or 0.0)}.")
+    down = [name for name, has_landed in verdict.landed.items() if has_landed]
+    up = [name for name, has_landed in verdict.landed.items() if not has_landed]
+    lines.append(f"Landed and disarmed: {', '.join(down) or 'nobody'}" + (f"; NOT: {', '.join(up)}." if up else "."))
+    if verdict.loop:
+        parts = (f"{name} {loop.period_p99_ms:.1f} ms" for name, loop in verdict.loop.items())
+        lines.append(f"Loop period, 99th percentile (nominal {PERIOD_NOMINAL_MS:.0f} ms): {', '.join(parts)}.")
+    return lines
+
+
+def _summary(flown: Flown, checks: Sequence[Check], exit_status: int) -> str:
+    law = f"law '{flown.fleet.law.name}'"
+    if exit_status == EXIT_OK:
+        return f"PASSED: mission '{flown.mission}' with {law}: everything it declares came true."
+    if exit_status == EXIT_INTERRUPTED:
+        return f"INTERRUPTED: mission '{flown.mission}' was ended by the operator."
+    broken = [one.sentence for one in checks if not one.has_come_true]
+    reason = [flown.failure] if flown.failure else []
+    return f"FAILED: mission '{flown.mission}' with {law}. {' '.join([*broken, *reason])}".strip()
+
+
+def _loops(state: FleetState, report: FlightReport | None) -> dict[str, Loop]:
+    if report is not None and report.loops:
+        return {name: Loop(loop.p50_ms, loop.p99_ms, loop.max_ms, loop.ticks) for name, loop in report.loops.items()}
+    found = {}
+    for name, view in state.vehicles.items():
+        told = view.telemetry
+        if told is not None:
+            found[name] = Loop(told.loop_period_p50_ms, told.loop_period_p99_ms, told.loop_period_max_ms, 0)
+    return found
+
+
+def _metres(value: float) -> str:
+    return f"{value:.3f} m" if math.isfinite(value) else "an unknown distance"

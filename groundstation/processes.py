@@ -1,0 +1,139 @@
+"""Processes of a simulated flight: started in groups of their own, watched, and never left behind."""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import contextlib
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+_PR_SET_PDEATHSIG = 1
+_LIBC = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
+STOP_TIMEOUT_S = 4.0
+LOG_TAIL_LINES = 6
+
+
+class ProcessError(RuntimeError):
+    """A process did not start or ended too early: a sentence with the end of its log."""
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """One process and where its output goes."""
+
+    name: str
+    process: subprocess.Popen[bytes]
+    log: Path
+
+    @property
+    def tail(self) -> str:
+        """The end of its log."""
+        try:
+            lines = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
+        except OSError:
+            return ""
+        return "\n".join(lines[-LOG_TAIL_LINES:])
+
+
+class Processes:
+    """Start, watch and stop; :meth:`kill` may be called from anywhere, any number of times."""
+
+    def __init__(self, log_folder: Path) -> None:
+        self._folder = log_folder
+        self._started: list[Started] = []
+        self._is_stopping = False
+        atexit.register(self.kill)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Who was started, in order."""
+        return tuple(one.name for one in self._started)
+
+    def start(self, name: str, arguments: Sequence[str]) -> None:
+        """Start ``python -m ...`` with its output in ``<name>.log``; ProcessError when that fails."""
+        log = self._folder / f"{name}.log"
+        environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+        try:
+            with log.open("wb") as file:
+                process = subprocess.Popen(
+                    [sys.executable, "-m", *arguments],
+                    stdin=subprocess.DEVNULL,
+                    stdout=file,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,
+                    env=environment,
+                    preexec_fn=_die_with_parent,  # noqa: PLW1509 - started before there are threads
+                )
+        except OSError as error:
+            raise ProcessError(f"{name} cannot be started ({error}). Is there disk space and memory left?") from None
+        self._started.append(Started(name, process, log))
+
+    def dead(self) -> list[Started]:
+        """Processes that ended although nobody stopped them."""
+        if self._is_stopping:
+            return []
+        return [one for one in self._started if one.process.poll() is not None]
+
+    def check(self) -> None:
+        """ProcessError when one of them ended."""
+        for one in self.dead():
+            raise ProcessError(
+                f"{one.name} ended by itself with status {one.process.returncode}. The end of {one.log}:\n{one.tail}"
+            )
+
+    async def wait_for_line(self, name: str, text: str, timeout_s: float) -> None:
+        """Wait until a process has written a line that begins with ``text``; ProcessError when it does not."""
+        one = next(one for one in self._started if one.name == name)
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not any(line.startswith(text) for line in one.log.read_text(errors="replace").splitlines()):
+                    self.check()
+                    await asyncio.sleep(0.05)
+        except TimeoutError:
+            raise ProcessError(
+                f"{name} was not ready within {timeout_s:g} s. The end of {one.log}:\n{one.tail}"
+            ) from None
+
+    async def stop(self, timeout_s: float = STOP_TIMEOUT_S) -> list[str]:
+        """End them, the last started first, with SIGTERM and then SIGKILL; returns who had to be killed."""
+        self._is_stopping = True
+        killed = []
+        for one in reversed(self._started):
+            _signal_group(one.process, signal.SIGTERM)
+        for one in reversed(self._started):
+            try:
+                async with asyncio.timeout(timeout_s):
+                    while one.process.poll() is None:
+                        await asyncio.sleep(0.02)
+            except TimeoutError:
+                killed.append(one.name)
+        self.kill()
+        return killed
+
+    def kill(self) -> None:
+        """End everything at once."""
+        self._is_stopping = True
+        for one in self._started:
+            _signal_group(one.process, signal.SIGKILL)
+        for one in self._started:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                one.process.wait(2.0)
+        atexit.unregister(self.kill)
+
+
+def _signal_group(process: subprocess.Popen[bytes], number: signal.Signals) -> None:
+    # The group outlives its leader when a process of ours has children of its own (MAVSDK may), so it is asked anyway.
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, number)
+
+
+def _die_with_parent() -> None:
+    if _LIBC is not None:
+        _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
