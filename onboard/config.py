@@ -69,7 +69,7 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``[law]``: the avoidance law's values; onboard/control/README.md explains each one."""
 
     name: LawName = "covey"
-    design_margin_m: float = 0.14
+    design_margin_m: float = 0.10
     kappa_1_1_s: float = 4.0
     kappa_2_1_s: float = 8.0
     kappa_3_1_s: float = 2.0

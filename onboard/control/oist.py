@@ -25,9 +25,10 @@ _COINCIDENT_M = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class LawParams:
-    """Values of the law for one vehicle; d_design_m = safety distance + margin, lag_s = own L, vertical_lag_s = thrust's.
+    """Values of the law for one vehicle; d_design_m is the safety distance plus the margin, lag_s the own L.
 
-    max_thrust_m_s2 is the collective thrust at full throttle per mass. README.md explains each of the others.
+    vertical_lag_s is the motors' lag; max_thrust_m_s2 the collective thrust at full throttle per mass. README.md
+    explains each of the others.
     """
 
     name: Literal["covey", "paper", "off"] = "covey"

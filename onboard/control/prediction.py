@@ -48,7 +48,7 @@ def predict_own(
 ) -> tuple[Array, Array]:
     """State after ``window_s`` (...) under the commands of the last ``window_s`` seconds.
 
-    Line P1: ``P = p + W v + sum u_k l_k (r_k + l_k / 2)``, ``V = v + sum u_k l_k`` with l_k the part of command k inside
+    Line P1: ``P = p + W v + sum u_k l_k (r_k + l_k / 2)``, ``V = v + sum u_k l_k``; l_k is the part of command k inside
     the window and r_k the time left after it.
 
     Args:
