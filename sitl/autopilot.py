@@ -18,6 +18,7 @@ from sitl.modes import MODES, Landed, Mode, Result, SystemStatus
 from sitl.parameters import Parameters
 from sitl.position_control import Goal, PositionControl
 from sitl.rotation import Array
+from sitl.signals import Actuation, Setpoint, SetpointKind, Situation, Text
 
 TICK_S = 0.02
 BOOT_S = 4.3
@@ -29,60 +30,6 @@ _FORCE_MAGIC = 21196.0
 _RTL_NEAR_M = 0.5
 _BATTERY_HOLD_S = 5.0
 _HOVER_LEARN_S = 2.0
-
-
-class SetpointKind(Enum):
-    """What the newest OFFBOARD setpoint asks for."""
-
-    ATTITUDE = "attitude"
-    RATE = "rate"
-    POSITION = "position"
-
-
-@dataclass(frozen=True, slots=True)
-class Setpoint:
-    """Newest OFFBOARD setpoint, already reduced to what PX4 makes of it."""
-
-    kind: SetpointKind
-    time_s: float
-    attitude: Array | None = None
-    rate_rad_s: Array | None = None
-    thrust_frac: float = 0.0
-    goal: Goal | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Situation:
-    """What the autopilot knows of its vehicle at one tick, in its own local NED frame."""
-
-    time_s: float
-    position_ned_m: Array
-    velocity_ned_m_s: Array
-    attitude: Array
-    yaw_rad: float
-    on_ground: bool
-    has_global_position: bool
-    has_local_position: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Actuation:
-    """What the vehicle is to do now; attitude in the frame that the autopilot believes in."""
-
-    attitude: Array
-    rate_rad_s: Array
-    is_rate: bool
-    thrust_frac: float
-    motors_on: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Text:
-    """One STATUSTEXT before it is cut into chunks."""
-
-    time_s: float
-    severity: int
-    text: str
 
 
 class BatteryStage(Enum):

@@ -11,13 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from sitl import rotation
-from sitl.autopilot import TICK_S, Actuation, Autopilot, Setpoint, SetpointKind, Situation
+from sitl.autopilot import TICK_S, Autopilot
 from sitl.position_control import Goal
 from sitl.rotation import Array
 from sitl.sensors import ESTIMATE_EVERY_STEPS, Estimator, Source, vision_level
+from sitl.signals import Actuation, Setpoint, SetpointKind, Situation
 from sitl.vehicle import STEP_S, VehicleProfile
 from sitl.world import Collision, World
 
+_GPS_FIX_S = 2.3
 _TICK_STEPS = round(TICK_S / STEP_S)
 _NAN_DRIFT_RAD_S = -0.12  # PX4 takes an attitude of NaN and rolls away slowly
 _IGNORE_BODY_RATES = 7
@@ -52,6 +54,7 @@ class Emulator:
         self.autopilots = [Autopilot() for _ in specs]
         for autopilot, spec in zip(self.autopilots, specs, strict=True):
             autopilot.params.values["MAV_SYS_ID"] = spec.system_id
+        self.has_global_origin = [False] * len(specs)
         self._applied: list[Actuation | None] = [None] * len(specs)
         self._estimate()
 
@@ -86,9 +89,14 @@ class Emulator:
             attitude=self.believed_attitude(index),
             yaw_rad=self.believed_yaw_rad(index),
             on_ground=bool(states.on_ground[index]),
-            has_global_position=self.estimator.has_gps[index] and self.time_s > 2.3,
+            has_global_position=self._has_global_position(index, source),
             has_local_position=source is not Source.NONE,
         )
+
+    def _has_global_position(self, index: int, source: Source) -> bool:
+        # Satellites give it by themselves; a local position becomes one when somebody has said where its origin is.
+        by_satellites = self.estimator.has_gps[index] and self.time_s > _GPS_FIX_S
+        return by_satellites or (source is Source.VISION and self.has_global_origin[index])
 
     def believed_yaw_rad(self, index: int) -> float:
         """Heading with the compass's error [rad]."""

@@ -11,10 +11,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sitl.autopilot import Text
 from sitl.emulator import Emulator
 from sitl.mavlink import ID_BY_NAME, Decoder, Encoder, Message, text_of
 from sitl.modes import Mode, Result
+from sitl.signals import Text
 from sitl.streams import BUILDERS, Schedule, View
 
 _ACK = ID_BY_NAME["COMMAND_ACK"]
@@ -198,6 +198,10 @@ class Link:
             self._emulator.vision(self._index, position)
         return []
 
+    def _global_origin(self, message: Message) -> list[bytes]:
+        self._emulator.has_global_origin[self._index] = True
+        return [self._build(ID_BY_NAME["GPS_GLOBAL_ORIGIN"])]
+
     def _set_mode(self, message: Message) -> list[bytes]:
         custom = message.fields["custom_mode"]
         result = self._autopilot.request_mode(self._emulator.time_s, custom >> 16 & 0xFF, custom >> 24 & 0xFF)
@@ -302,6 +306,7 @@ _HANDLERS: dict[str, Callable[[Link, Message], list[bytes]]] = {
     "COMMAND_LONG": Link._command,
     "COMMAND_INT": Link._command,
     "SET_MODE": Link._set_mode,
+    "SET_GPS_GLOBAL_ORIGIN": Link._global_origin,
     "SET_ATTITUDE_TARGET": Link._attitude_target,
     "SET_POSITION_TARGET_LOCAL_NED": Link._position_target,
     "ODOMETRY": Link._odometry,

@@ -8,11 +8,11 @@ import struct
 
 import pytest
 from pymavlink.dialects.v20 import common
+from tests.sitl.sitl_flying import Client, emulator, run_for
 
 from sitl.mavlink import LAYOUTS, Decoder, Encoder
 from sitl.modes import Mode
 from sitl.streams import BUILDERS, ONBOARD_RATES_HZ, View
-from tests.sitl.sitl_flying import Client, emulator, run_for
 
 ACCEPTED, REJECTED, UNSUPPORTED, FAILED = 0, 1, 3, 4
 
@@ -181,6 +181,22 @@ def test_vision_moves_the_local_frame_when_satellites_are_off() -> None:
     local = emu.estimator.local(0)
     assert math.dist(local.position_ned_m, (3.0, -4.0, -0.1)) < 0.4
     assert abs(emu.estimator.yaw_error_rad[0]) < 1e-3
+
+
+def test_with_vision_only_hold_can_be_armed_in_once_an_origin_is_given() -> None:
+    emu = emulator()
+    client = Client(emu)
+    client.send("PARAM_SET", param_id=b"EKF2_GPS_CTRL", param_value=0.0, param_type=6, target_system=1)
+
+    def send() -> None:
+        if emu.world.vehicles.steps % 5 == 0:
+            client.send("ODOMETRY", x=0.0, y=0.0, z=0.0, q=[1.0, 0.0, 0.0, 0.0], frame_id=1)
+
+    run_for(emu, 6.0, send)
+    assert client.command(400, 1) == [REJECTED]
+    client.send("SET_GPS_GLOBAL_ORIGIN", target_system=1, latitude=473977420)
+    run_for(emu, 0.1, send)
+    assert client.command(400, 1) == [ACCEPTED]
 
 
 def test_nonsense_is_counted_and_hurts_nobody() -> None:
