@@ -8,14 +8,15 @@ All functions broadcast over leading axes: vectors (..., 3), quaternions (..., 4
 from __future__ import annotations
 
 import math
-from typing import Any, NewType
+from typing import NewType
 
 import numpy as np
+from numpy.typing import NDArray
 
-Array = np.ndarray[Any, np.dtype[np.float64]]
-PositionEnu = NewType("PositionEnu", np.ndarray[Any, np.dtype[np.float64]])
+Array = NDArray[np.float64]
+PositionEnu = NewType("PositionEnu", NDArray[np.float64])
 """Metres in the fleet frame, shared origin (..., 3)."""
-PositionLocalNed = NewType("PositionLocalNed", np.ndarray[Any, np.dtype[np.float64]])
+PositionLocalNed = NewType("PositionLocalNed", NDArray[np.float64])
 """Metres in one vehicle's own local frame (..., 3): its origin is where that vehicle's estimator started."""
 
 _SQRT_HALF = math.sqrt(0.5)

@@ -373,3 +373,16 @@ def test_observer_batch_equals_loop_and_turns_with_the_world() -> None:
             alone[i] = estimate.observe(alone[i], v[i], u[i], params=params, dt_s=DT)
             assert np.allclose(alone[i].disturbance_enu_m_s2, together.disturbance_enu_m_s2[i], atol=1e-13)
     assert np.allclose(turned.disturbance_enu_m_s2, frames.rotate(q, together.disturbance_enu_m_s2), atol=1e-9)
+
+
+def test_a_dead_time_between_two_ticks_delays_by_just_that() -> None:
+    """The response to a ramp of commands lags by the dead time plus 2 zeta/wn, also when that is no whole tick."""
+    for delay_s in (0.03, 0.04, 0.047):
+        params = ObserverParams(delay_s=delay_s, wn_rad_s=11.0, zeta=0.6)
+        memory = estimate.observer_initial(np.zeros(3), params=params)
+        for tick in range(200):
+            command = np.array([tick * DT, 0.0, 0.0])
+            memory = estimate.observe(memory, np.zeros(3), command, params=params, dt_s=DT)
+        lag_s = 199 * DT - float(memory.response_enu_m_s2[0])
+        # a command held over the last tick counts from the tick's middle
+        assert lag_s == pytest.approx(delay_s + 2 * 0.6 / 11.0 - DT / 2, abs=1e-3)
