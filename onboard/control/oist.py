@@ -116,7 +116,7 @@ def saturate(
     batch = raw.shape[:-1]
     is_own_finite = np.asarray(np.isfinite(np.concatenate([raw, *predicted], axis=-1)).all(-1))
     level = np.array([0.0, 0.0, GRAVITY_M_S2])
-    thrust = np.where(is_own_finite[..., None], np.clip(_finite(raw), -_HUGE, _HUGE), level)
+    thrust = np.where(is_own_finite[..., None], _bounded(raw), level)
     position, velocity = _bounded(predicted[0]), _bounded(predicted[1])
     shift = np.zeros((*batch, 2)) if compensation_enu_m_s2 is None else _finite(compensation_enu_m_s2)[..., :2]
     radius = horizontal_limit(thrust[..., 2], params=params)
@@ -301,8 +301,11 @@ def _into_disc(vector: Array, radius: Array) -> Array:
 
 
 def _finite(array: Array) -> Array:
+    """The array without NaN and inf; nothing is copied when there is nothing to mend, which is nearly always."""
+    if np.isfinite(array).all():
+        return array
     return np.nan_to_num(array, nan=0.0, posinf=_HUGE, neginf=-_HUGE)
 
 
 def _bounded(array: Array) -> Array:
-    return np.clip(_finite(array), -_HUGE, _HUGE)
+    return np.minimum(np.maximum(_finite(array), -_HUGE), _HUGE)
