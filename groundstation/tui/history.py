@@ -10,6 +10,7 @@ from groundstation.fleet import FleetState, Separation
 TRAIL_LENGTH = 900
 CHART_LENGTH = 3000
 _TRAIL_STEP_M = 0.03
+_FAR_M = 1e6
 
 
 class History:
@@ -25,7 +26,7 @@ class History:
         """Take in the fleet as it is now."""
         for name, view in state.vehicles.items():
             spot = view.position_enu_m(now_ns)
-            if spot is None or not all(map(math.isfinite, spot)):
+            if spot is None or not all(abs(axis) < _FAR_M for axis in spot):  # false for what is no number, too
                 continue
             trail = self.trails.setdefault(name, deque(maxlen=TRAIL_LENGTH))
             if not trail or math.dist(trail[-1], spot[:2]) > _TRAIL_STEP_M:

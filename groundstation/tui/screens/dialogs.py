@@ -15,7 +15,7 @@ HELP = """[b]Keys[/b]
   [b]F12 F12[/b]      KILL the vehicle under the cursor: same key
                twice within 1 s (or ctrl+\\ twice). It falls.
   [b]↑ ↓ j k[/b]      choose a vehicle
-  [b]+ - 0[/b]        zoom the plan, whole fence again
+  [b]+ - 0[/b]        zoom the plan; 0 shows the whole fence
   [b]pgup pgdn[/b]    look back in the events
   [b]v[/b]            hide or show the verdict
   [b]q[/b]            quit; asks when vehicles fly, and lands them

@@ -41,14 +41,15 @@ class TitleBar(Bar):
     def show(self, title: str, heard: int, of: int, flying: int, right: str) -> None:
         """Update the line."""
         left = f" COVEY  {clean(title, 60)}"
-        middle = f"   {heard}/{of} heard   {flying} fly" if heard else f"   waiting for {of} vehicles"
+        missing = f"   waiting for {of} vehicles" if not heard else f"   {heard} of {of} heard"
+        middle = f"   {flying} of {of} fly" if heard == of else missing
         room = self.size.width - cell_len(left) - cell_len(middle) - 1
         self.put(
             [
                 Segment(" COVEY ", look.style(CALM, bold=True)),
                 Segment(left[7:], look.style(TEXT, bold=True)),
                 Segment(middle, look.style(GOOD if heard == of else WARN)),
-                Segment(look.fit(clean(right, 120), room, right=True), look.style(TEXT)),
+                Segment(look.fit(f"  {clean(right, 120)} ", room, right=True), look.style(TEXT)),
             ]
         )
 

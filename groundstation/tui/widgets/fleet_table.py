@@ -165,7 +165,7 @@ class FleetTable(ScrollView, can_focus=True):
 
     def action_cursor(self, step: int) -> None:
         """Move the cursor by ``step`` rows."""
-        self.cursor = max(0, min(len(self._views) - 1, self.cursor + step))
+        self.cursor = max(0, min(len(self.fleet.enabled_names) - 1, self.cursor + step))
         self.scroll_to_region(Region(0, self.cursor + 1, 1, 1), animate=False)
         self.refresh()
 
@@ -179,7 +179,7 @@ class FleetTable(ScrollView, can_focus=True):
         if row < 0:
             parts = [" " * _NUMBER_WIDTH + look.fit("name", name_width)]
             parts += [look.fit(column.title, column.width, right=column.right) for column in columns]
-            parts += [look.fit("age", _AGE_WIDTH, right=True)] + ([" why"] if left else [])
+            parts += [look.fit("age s", _AGE_WIDTH, right=True)] + ([" why"] if left else [])
             return Strip([Segment(look.fit(" ".join(parts), width), look.style(FAINT))])
         if row >= len(self._views):
             return Strip.blank(width)

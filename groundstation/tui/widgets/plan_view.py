@@ -18,6 +18,8 @@ from groundstation.tui.look import BAD, CALM, FAINT, RULE, TEXT
 from onboard.config import FleetConfig
 
 # The mapping from metres to dots; works on numbers and on arrays.
+_Span = tuple[float, float]
+_ROUND_M = 1.0  # shown around the outermost vehicle
 _At = Callable[..., tuple[Any, Any]]
 _STEPS_M = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 1000.0)
 
@@ -30,6 +32,8 @@ class PlanView(Widget):
         self.fleet = fleet
         self.history = history
         self.zoom = 1.0
+        self.is_whole_fence = False
+        self._spans: tuple[_Span, _Span] | None = None
         self._canvas: Canvas | None = None
         self._state: FleetState | None = None
         self._now_ns = 0
@@ -42,7 +46,9 @@ class PlanView(Widget):
         self.refresh()
 
     def change_zoom(self, factor: float) -> None:
-        """Zoom about the middle of the picture; 0 goes back to the whole fence."""
+        """Zoom about the middle of the picture; 0 switches between the fleet's part of the fence and all of it."""
+        if factor == 0.0:
+            self.is_whole_fence = self.zoom == 1.0 and not self.is_whole_fence
         self.zoom = 1.0 if factor == 0.0 else min(16.0, max(0.25, self.zoom * factor))
 
     def render_line(self, y: int) -> Strip:
@@ -55,9 +61,9 @@ class PlanView(Widget):
     def _draw(self, width: int, height: int) -> Canvas:
         canvas = Canvas(width, height)
         fence = self.fleet.fleet.geofence_m
-        span_x, span_y = fence.x[1] - fence.x[0], fence.y[1] - fence.y[0]
-        scale = min((2 * canvas.width - 3) / span_x, (4 * canvas.height - 3) / span_y)  # dots per metre
-        middle = (sum(fence.x) / 2.0, sum(fence.y) / 2.0)
+        box_x, box_y = self._box()
+        scale = min((2 * canvas.width - 3) / (box_x[1] - box_x[0]), (4 * canvas.height - 3) / (box_y[1] - box_y[0]))
+        middle = (sum(box_x) / 2.0, sum(box_y) / 2.0)
         if self.zoom != 1.0:
             scale, middle = scale * self.zoom, self._fleet_middle(middle)
 
@@ -80,11 +86,11 @@ class PlanView(Widget):
             column, row = _cell(at(x_m, fence.y[0]))
             label = f"{x_m:g}"
             if 2 < column < canvas.width - len(label) - 2:
-                canvas.text(column - len(label) // 2, min(canvas.height - 1, row), label, FAINT)
+                canvas.text(column - (label[0] == "-"), min(canvas.height - 1, row), label, FAINT)
         for y_m in ys:
             column, row = _cell(at(fence.x[0], y_m))
             if 0 < row < canvas.height - 1:
-                canvas.text(max(0, column - 2), row, f"{y_m:g}", FAINT)
+                canvas.text(max(0, column - len(f"{y_m:g}")), row, f"{y_m:g}", FAINT)
         if self._state is not None:
             views = list(self._state.vehicles.values())
             spots = {view.name: self._spot(view) for view in views}
@@ -93,6 +99,32 @@ class PlanView(Widget):
             for index, view in enumerate(views):
                 self._draw_vehicle(canvas, at, scale, view, index, spots)
         return canvas
+
+    def _box(self) -> tuple[_Span, _Span]:
+        """What the picture shows (x, y in metres): the fence, or the part of it that the fleet uses.
+
+        The part only grows: a picture that breathes with every move cannot be read.
+        """
+        fence = self.fleet.fleet.geofence_m
+        if self.is_whole_fence:
+            return fence.x, fence.y
+        points = [self.fleet.vehicles[name].start_enu_m[:2] for name in self.fleet.enabled_names]
+        for view in self._state.vehicles.values() if self._state is not None else ():
+            spot, told = self._spot(view), view.telemetry
+            points += [spot[:2]] if spot is not None else []
+            if told is not None and told.is_airborne and all(map(math.isfinite, told.goal_position_enu_m)):
+                points.append(told.goal_position_enu_m[:2])
+        spans = []
+        for axis, limits in enumerate((fence.x, fence.y)):
+            values = [*(point[axis] for point in points if abs(point[axis]) < 1e6)] or list(limits)
+            low, high = min(values) - _ROUND_M, max(values) + _ROUND_M
+            old = self._spans[axis] if self._spans is not None else (low, high)
+            low, high = min(low, old[0]), max(high, old[1])
+            # Beyond the fence only what has strayed there widens the picture.
+            low, high = max(low, min(limits[0], *values)), min(high, max(limits[1], *values))
+            spans.append((low, max(high, low + 2.0)))
+        self._spans = (spans[0], spans[1])
+        return self._spans
 
     def _fleet_middle(self, default: tuple[float, float]) -> tuple[float, float]:
         spots = [self._spot(view) for view in self._state.vehicles.values()] if self._state is not None else []
