@@ -45,6 +45,25 @@ def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
     return {**data, "fleet": section, "vehicles": vehicles}
 
 
+def busy_ports(fleet: FleetConfig) -> list[str]:
+    """Endpoints of a fleet file on this machine that are in use: a sentence each."""
+    wanted = [("fleet.simulator", fleet.simulator_endpoint, 0, socket.SOCK_STREAM)]
+    for name in fleet.enabled_names:
+        vehicle = fleet.vehicles[name]
+        wanted.append((f"vehicles.{name}.agent", vehicle.agent, 0, socket.SOCK_STREAM))
+        for offset in (0, PX4_OFFSET):
+            wanted.append((f"vehicles.{name}.autopilot", vehicle.autopilot, offset, socket.SOCK_DGRAM))
+        if vehicle.direct is not None:
+            wanted.append((f"vehicles.{name}.direct", vehicle.direct, 0, socket.SOCK_DGRAM))
+    busy = []
+    for key, endpoint, offset, kind in wanted:
+        port = endpoint.rsplit(":", 1)[-1]
+        if port.isdigit() and not is_free(int(port) + offset, kind):
+            protocol = "TCP" if kind == socket.SOCK_STREAM else "UDP"
+            busy.append(f"'{key}' ({endpoint}) needs {protocol} port {int(port) + offset}, which is in use.")
+    return busy
+
+
 def _free_ports() -> Iterator[int]:
     """Ports that are free for TCP and UDP, together with the one that an emulated PX4 binds beside them."""
     low, high = PORT_RANGE

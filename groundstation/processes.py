@@ -41,6 +41,11 @@ class Started:
             return ""
         return "\n".join(lines[-LOG_TAIL_LINES:])
 
+    @property
+    def last_line(self) -> str:
+        """The last line of its log."""
+        return self.tail.rpartition("\n")[2]
+
 
 class Processes:
     """Start, watch and stop; :meth:`kill` may be called from anywhere, any number of times."""
@@ -69,7 +74,7 @@ class Processes:
                     stderr=subprocess.STDOUT,
                     start_new_session=True,
                     env=environment,
-                    preexec_fn=_die_with_parent,  # noqa: PLW1509 - started before there are threads
+                    preexec_fn=_die_with_parent,  # started before this process has threads
                 )
         except OSError as error:
             raise ProcessError(f"{name} cannot be started ({error}). Is there disk space and memory left?") from None
@@ -110,7 +115,7 @@ class Processes:
         for one in reversed(self._started):
             try:
                 async with asyncio.timeout(timeout_s):
-                    while one.process.poll() is None:
+                    while one.process.poll() is None:  # noqa: ASYNC110 - the kernel sets no asyncio.Event
                         await asyncio.sleep(0.02)
             except TimeoutError:
                 killed.append(one.name)
@@ -129,9 +134,9 @@ class Processes:
 
 
 def _signal_group(process: subprocess.Popen[bytes], number: signal.Signals) -> None:
-    # The group outlives its leader when a process of ours has children of its own (MAVSDK may), so it is asked anyway.
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(process.pid, number)
+    if process.poll() is None:  # an ended process's number may belong to somebody else by now
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, number)
 
 
 def _die_with_parent() -> None:

@@ -1,4 +1,4 @@
-"""A mission's view of the fleet: ``await fleet.takeoff()``, ``await fleet["mav1"].reached(...)``; results per vehicle."""
+"""A mission's view of the fleet: ``await fleet.takeoff()``, ``await fleet["mav1"].reached(...)``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from groundstation.client import FleetClient
 from groundstation.fleet import FleetState
 from groundstation.handle import VehicleResult
-from groundstation.missions.verdict import Arrival, StepResult, is_landed
+from groundstation.missions.verdict import Arrival, StepResult, is_landed, smallest
 from groundstation.orders import DEFAULT_HEIGHT_M, Intent, OrderError
 from onboard.bus.schema import Vec3
 from onboard.config import ConfigError, FleetConfig
@@ -168,6 +168,8 @@ class Fleet:
                 sentences={name: result.sentence for name, result in results.items()},
             )
         )
+        if all(result.is_done for result in results.values()):
+            self.say(f"  done in {self.steps[-1].duration_s:.1f} s{self._closest_words()}")
         for name, result in results.items():
             if not result.is_done:
                 self.say(f"  {name} {result.phase}: {result.sentence}")
@@ -188,6 +190,12 @@ class Fleet:
                 if not result.is_done:
                     self.say(f"  {result.vehicle} {result.phase}: {result.sentence}")
         return all(is_landed(self.state, name) for name in up)
+
+    def _closest_words(self) -> str:
+        near = smallest(self.state)
+        return (
+            "" if near is None else f"; smallest distance so far {near.distance_m:.2f} m ({near.first}, {near.second})"
+        )
 
     def _select(self, vehicles: Who) -> tuple[str, ...]:
         return self.config.select(vehicles if isinstance(vehicles, str) else ",".join(vehicles))

@@ -43,6 +43,8 @@ class MissionRun:
         self._failure = ""
         self._nobody = False
         self._is_interrupted = False
+        self._aborted: str | None = None
+        self._can_land = True
         self._begin_ns = client.now_ns()
         self._end_ns = self._begin_ns
         self._task: asyncio.Task[Any] | None = None
@@ -53,7 +55,7 @@ class MissionRun:
         Cancelling this coroutine is an interruption: everybody lands, then the verdict is returned.
         """
         task = self._task = asyncio.create_task(self._steps())
-        if self._is_interrupted:
+        if self._is_interrupted or self._aborted is not None:
             task.cancel()
         try:
             await asyncio.wait({task})
@@ -62,9 +64,14 @@ class MissionRun:
             await asyncio.wait({task})
         # Whatever a mission raises, also a mistake of its author, the vehicles come down: no list of exceptions.
         error = None if task.cancelled() else task.exception()
-        if task.cancelled():
+        if task.cancelled() and self._aborted is not None:
+            self._failure = self._aborted
+            self.fleet.say(f"The mission ends here: {self._failure}")
+            if self._can_land:
+                await self.fleet.land_all(LAND_TIMEOUT_S)
+        elif task.cancelled():
             self._is_interrupted = True
-            self.fleet.say("Interrupted: everybody lands.")
+            self.fleet.say("Interrupted: who flies lands.")
             await self.fleet.land_all(LAND_TIMEOUT_S)
         elif isinstance(error, NotReady):
             self._failure, self._nobody = str(error), not error.heard
@@ -81,6 +88,13 @@ class MissionRun:
         """Stop the mission and land everybody; :meth:`run` returns when they are down."""
         if not self._is_interrupted:
             self._is_interrupted = True
+            if self._task is not None:
+                self._task.cancel()
+
+    def abort(self, reason: str, *, can_land: bool = True) -> None:
+        """End the mission as failed, for a reason from outside; without landing when nobody could be reached."""
+        if self._aborted is None and not self._is_interrupted:
+            self._aborted, self._can_land = reason, can_land
             if self._task is not None:
                 self._task.cancel()
 

@@ -87,6 +87,7 @@ class Verdict(msgspec.Struct, frozen=True):
     record: str = ""
     schema: int = 1
 
+    @property
     def sentences(self) -> list[str]:
         """The verdict in words, one sentence a line."""
         return [*describe(self), self.summary]

@@ -1,0 +1,194 @@
+"""The ``covey`` command: parses, imports what a command needs only then, and turns errors into sentences."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import datetime
+import importlib
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from onboard.config import ConfigError
+
+EXIT_OK, EXIT_WRONG_INPUT, EXIT_INTERRUPTED = 0, 2, 130
+LAWS = ("covey", "paper", "off")
+EXIT_HELP = (
+    "Exit status: 0 all came true; 1 an expectation failed; 2 wrong input, nothing started; 10 nobody answered; "
+    "50 mixed results per vehicle; 130 interrupted. Ctrl-C lands; a second one ends the processes that were started."
+)
+_PASSED_ON = {
+    "sitl": "emulated PX4s for a fleet file",
+    "agent": "one vehicle's agent",
+    "plot": "figures of a recorded flight",
+    "bench": "fly the demo several times and write a table",
+}
+_PASSED_ON_TO = {
+    "sitl": ("sitl.server", "main"),
+    "agent": ("onboard.agent.__main__", "main"),
+    "plot": ("groundstation.plot", "main"),
+    "bench": ("groundstation.bench", "main"),
+}
+_EXTRAS = {"textual", "mcap", "pymavlink", "rich", "matplotlib", "fastcrc", "zstandard"}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; the exit status."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        if words and words[0] in _PASSED_ON:
+            return _pass_on(words[0], words[1:])
+        options = _parser().parse_args(words)
+        run: Callable[[argparse.Namespace], int] = options.run
+        return run(options)
+    except ConfigError as error:
+        print(f"covey: {error}", file=sys.stderr)
+        return EXIT_WRONG_INPUT
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in _EXTRAS:
+            raise
+        print(f"covey: this command needs '{error.name}'. Install it with: pip install 'covey[all]'", file=sys.stderr)
+        return EXIT_WRONG_INPUT
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="covey", description="Fleet ground station for PX4 multirotors that fly close together.", epilog=EXIT_HELP
+    )
+    parser.add_argument("--version", action="version", version=f"covey {_version()}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    demo = commands.add_parser("demo", help="the paper's experiment in simulation, on free ports", epilog=EXIT_HELP)
+    demo.add_argument("--mission", metavar="FILE", help="fly this mission instead")
+    _flight_options(demo)
+    demo.set_defaults(run=_demo)
+
+    fly = commands.add_parser("fly", help="fly a mission, TOML or Python", epilog=EXIT_HELP)
+    fly.add_argument("mission", metavar="MISSION", help="mission file")
+    fly.add_argument("--sitl", action="store_true", help="start the emulator and the agents too, on the file's ports")
+    _flight_options(fly)
+    fly.set_defaults(run=_fly)
+
+    tui = commands.add_parser("tui", help="the console, attached to a fleet")
+    tui.add_argument("--fleet", metavar="FILE", required=True, help="fleet file")
+    tui.set_defaults(run=_tui)
+
+    check = commands.add_parser("check", help="what is wrong with fleet or mission files")
+    check.add_argument("files", metavar="FILE", nargs="+")
+    check.add_argument("--fleet", metavar="FILE", help="check missions against this fleet")
+    check.set_defaults(run=_check)
+
+    for name, text in _PASSED_ON.items():
+        commands.add_parser(name, help=text, add_help=False)
+    return parser
+
+
+def _flight_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--fleet", metavar="FILE", help="fleet file instead of the mission's")
+    parser.add_argument("--headless", action="store_true", help="no console: progress in lines, ends by itself")
+    parser.add_argument("--record", metavar="DIR", help="flight folder (default: flights/<time>)")
+    parser.add_argument("--law", choices=LAWS, help="avoidance law instead of the fleet file's (simulated flights)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of everything random in the emulator (default 0)")
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("covey")
+    except PackageNotFoundError:
+        return "(not installed)"
+
+
+def _demo(options: argparse.Namespace) -> int:
+    mission = options.mission or str(_configs() / "missions" / "paper.toml")
+    return _flight(options, mission, is_simulated=True, has_free_ports=True)
+
+
+def _fly(options: argparse.Namespace) -> int:
+    return _flight(options, options.mission, is_simulated=options.sitl, has_free_ports=False)
+
+
+def _flight(options: argparse.Namespace, mission: str, *, is_simulated: bool, has_free_ports: bool) -> int:
+    from groundstation.flight import Flight, clock_say, prepare
+
+    if options.seed < 0:
+        raise ConfigError(f"--seed is {options.seed}; it must be 0 or more.")
+    if not options.headless and not sys.stdout.isatty():
+        raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
+    folder = Path(options.record) if options.record else _new_folder()
+    settings = prepare(
+        mission,
+        folder.absolute() if options.record is None else folder,
+        fleet_path=options.fleet,
+        law=options.law,
+        is_simulated=is_simulated,
+        has_free_ports=has_free_ports,
+        is_headless=options.headless,
+        seed=options.seed,
+    )
+    return asyncio.run(Flight(settings, say=clock_say()).fly())
+
+
+def _tui(options: argparse.Namespace) -> int:
+    from groundstation.client import FleetClient
+    from groundstation.tui.app import run_console
+    from onboard.config import load_fleet
+
+    fleet = load_fleet(options.fleet)
+    if not sys.stdout.isatty():
+        raise ConfigError("The console needs a terminal, and this output is none.")
+
+    async def attach() -> int:
+        client = FleetClient(fleet)
+        await client.start()
+        try:
+            return await run_console(fleet, client, title=f"fleet {fleet.fleet.name}")
+        finally:
+            await client.stop()
+
+    return asyncio.run(attach())
+
+
+def _check(options: argparse.Namespace) -> int:
+    from groundstation.missions.files import load_mission
+    from onboard.config import load_fleet, read_toml
+
+    status = EXIT_OK
+    for path in options.files:
+        try:
+            if path.endswith(".py") or "step" in read_toml(path, "fleet or mission file")[0]:
+                mission = load_mission(path, options.fleet)
+                what = "Python" if mission.is_python else f"{len(mission.steps)} steps"
+                print(
+                    f"{path}: a valid mission, {what}, for fleet '{mission.fleet.fleet.name}' ({mission.fleet.path})."
+                )
+            else:
+                fleet = load_fleet(path)
+                names = ", ".join(fleet.enabled_names)
+                print(f"{path}: a valid fleet, {len(fleet.enabled_names)} vehicles ({names}), law '{fleet.law.name}'.")
+        except ConfigError as error:
+            print(f"covey: {error}", file=sys.stderr)
+            status = EXIT_WRONG_INPUT
+    return status
+
+
+def _pass_on(command: str, words: list[str]) -> int:
+    """A command with a command line of its own."""
+    module, function = _PASSED_ON_TO[command]
+    run: Callable[[list[str]], int] = getattr(importlib.import_module(module), function)
+    return run(words)
+
+
+def _configs() -> Path:
+    folder = Path(__file__).resolve().parent.parent / "configs"
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: the example configurations are missing. Run this from a clone, or use covey fly.")
+    return folder
+
+
+def _new_folder() -> Path:
+    return Path("flights") / datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
