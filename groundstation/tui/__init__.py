@@ -1,1 +1,1 @@
-"""The console: what a person sees of the fleet, and the keys and words that give orders. Only this package imports textual."""
+"""The console: what a person sees of the fleet, and how they give orders. Only this package imports textual."""

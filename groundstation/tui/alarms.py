@@ -23,8 +23,8 @@ class Alarm:
 
 def alarms(state: FleetState, fleet: FleetConfig, now_ns: int) -> list[Alarm]:
     """All that hold, the worst first."""
-    found = [alarm for view in state.vehicles.values() for alarm in _of_vehicle(view, fleet, now_ns)]
-    found.extend(_of_fleet(state, fleet, now_ns))
+    found = list(_of_fleet(state, fleet, now_ns))
+    found.extend(alarm for view in state.vehicles.values() for alarm in _of_vehicle(view, fleet, now_ns))
     return sorted(found, key=lambda alarm: -alarm.severity)
 
 

@@ -346,7 +346,7 @@ async def run_console(
     Args:
         fleet: the fleet file.
         client: started or about to be; the console says whom it waits for.
-        mission: flies the mission and returns its verdict (``sentences``; ``exit_status`` or ``is_passed`` if it has one).
+        mission: flies the mission and returns its verdict (``sentences``; ``exit_status`` or ``is_passed`` if any).
         title: what stands at the top.
         progress: one line about where the mission is, asked ten times a second.
 

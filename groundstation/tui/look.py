@@ -1,7 +1,7 @@
 """Colours, signs and numbers of the console. Pure.
 
-The palette is Okabe and Ito's, lightened for a dark ground: safe for the common kinds of colour blindness. No meaning is
-carried by colour alone; a sign or a word always says it too.
+The palette is Okabe and Ito's, lightened for a dark ground: safe for the common kinds of colour blindness. No meaning
+is carried by colour alone; a sign or a word always says it too.
 """
 
 from __future__ import annotations

@@ -18,7 +18,8 @@ def telemetry(vehicle: str = "mav0", **changes: object) -> Telemetry:
     zero = (0.0, 0.0, 0.0)
     told = Telemetry(
         vehicle=vehicle, boot_id=1, sequence=1, stamp_ns=1, state="flying", reason="", not_ready=(), is_armed=True,
-        is_airborne=True, mode="OFFBOARD", position_enu_m=(0.0, 0.0, 1.0), velocity_enu_m_s=(0.1, 0.0, 0.0), yaw_deg=0.0,
+        is_airborne=True, mode="OFFBOARD", position_enu_m=(0.0, 0.0, 1.0), velocity_enu_m_s=(0.1, 0.0, 0.0),
+        yaw_deg=0.0,
         is_position_valid=True, setpoint_position_enu_m=zero, goal_position_enu_m=(0.0, 1.0, 1.0), battery_frac=0.83,
         battery_voltage_v=11.6, law="covey", law_status="inactive", intervention_m_s2=0.0, nearest_vehicle="mav1",
         nearest_distance_m=1.4, order_id="", order_kind="", order_phase="", state_age_s=0.01, autopilot_age_s=0.02,
@@ -70,7 +71,8 @@ class FakeClient:
             spot = (radius * math.cos(angle), 0.6 + radius * math.sin(angle), 1.0 + 0.1 * index)
             gap_m = radius * 2.0 * math.sin(math.pi / len(names))
             self.hear(
-                name, position_enu_m=spot, goal_position_enu_m=((0.0, 2.1, 1.0), (-0.8, 0.7, 1.0), (0.8, 0.7, 1.0))[index % 3],
+                name, position_enu_m=spot,
+                goal_position_enu_m=((0.0, 2.1, 1.0), (-0.8, 0.7, 1.0), (0.8, 0.7, 1.0))[index % 3],
                 velocity_enu_m_s=(-0.25 * radius * math.sin(angle), 0.25 * radius * math.cos(angle), 0.0),
                 nearest_vehicle=names[(index + 1) % len(names)], nearest_distance_m=gap_m, order_kind="move",
                 order_phase="under way", law_status="saturated" if gap_m < 1.3 else "inactive", state="flying",

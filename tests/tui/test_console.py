@@ -6,7 +6,6 @@ import asyncio
 from pathlib import Path
 
 import pytest
-from tests.tui.fake import FakeClient
 from textual.widgets import Static
 
 from groundstation.tui.app import ConsoleApp
@@ -17,6 +16,7 @@ from groundstation.tui.widgets.fleet_table import FleetTable
 from groundstation.tui.widgets.order_line import OrderLine, completions
 from groundstation.tui.widgets.plan_view import PlanView
 from onboard.config import FleetConfig, load_fleet
+from tests.tui.fake import FakeClient
 
 SIZES = [(80, 24), (120, 40), (200, 60)]
 FLEET = Path(__file__).parents[2] / "configs" / "fleets" / "paper.toml"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from textual.app import ComposeResult
-from textual.binding import Binding
+from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Static
@@ -35,7 +37,7 @@ HELP = """[b]Keys[/b]
 class HelpScreen(ModalScreen[None]):
     """Everything that can be pressed or written."""
 
-    BINDINGS = [Binding("escape,q,question_mark,enter", "dismiss", "back", show=False)]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,q,question_mark,enter", "dismiss", "back", show=False)]
 
     def compose(self) -> ComposeResult:
         """One box."""
@@ -48,7 +50,7 @@ class HelpScreen(ModalScreen[None]):
 class QuitScreen(ModalScreen[bool]):
     """Asks before leaving while vehicles fly; true: land them and leave."""
 
-    BINDINGS = [
+    BINDINGS: ClassVar[list[BindingType]] = [
         Binding("y,l", "answer(True)", "land and quit", show=False),
         Binding("escape,n,q", "answer(False)", "stay", show=False),
     ]
@@ -65,9 +67,9 @@ class QuitScreen(ModalScreen[bool]):
         with VerticalScroll(id="question") as box:
             box.border_title = "leave the fleet?"
             yield Static(
-                f"{who}.\n\n[b]y[/b]    land {'it' if count == 1 else 'all of them'} where they are, wait until they are "
-                "down, then quit\n[b]esc[/b]  stay\n\nctrl+c twice leaves at once; what this console started lands "
-                "or ends with it."
+                f"{who}.\n\n[b]y[/b]    land {'it' if count == 1 else 'all of them'} where they are, wait "
+                "until they are down, then quit\n[b]esc[/b]  stay\n\nctrl+c twice leaves at once; "
+                "what this console started lands or ends with it."
             )
 
     def action_answer(self, answer: bool) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from textual import events
-from textual.binding import Binding
+from textual.binding import Binding, BindingType
 from textual.message import Message
 from textual.suggester import Suggester
 from textual.widgets import Input
@@ -38,7 +40,7 @@ class _OrderSuggester(Suggester):
 class OrderLine(Input):
     """An Input with history. Enter posts :class:`Given`; escape leaves without an order."""
 
-    BINDINGS = [
+    BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "history(-1)", "earlier order", show=False),
         Binding("down", "history(1)", "later order", show=False),
         Binding("tab", "complete", "complete", show=False),

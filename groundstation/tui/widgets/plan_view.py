@@ -70,8 +70,12 @@ class PlanView(Widget):
         def at(x_m: Any, y_m: Any) -> tuple[Any, Any]:
             return (canvas.width + (x_m - middle[0]) * scale, 2 * canvas.height - (y_m - middle[1]) * scale)
 
-        step_m = next((step for step in _STEPS_M if step * scale >= 14.0), _STEPS_M[-1])
-        self.border_subtitle = f"grid {step_m:g} m · circles touch at {self.fleet.fleet.safety_distance_m:.2f} m"
+        step_m = next((step for step in _STEPS_M if step * scale >= max(12.0, 2 * width / 9)), _STEPS_M[-1])
+        self.border_subtitle = (
+            f"grid {step_m:g} m · circles touch at {self.fleet.fleet.safety_distance_m:.2f} m"
+            if width >= 44
+            else f"grid {step_m:g} m · ○○ {self.fleet.fleet.safety_distance_m:.2f} m"
+        )
         xs = np.arange(math.ceil(fence.x[0] / step_m), math.floor(fence.x[1] / step_m) + 1)[:200] * step_m
         ys = np.arange(math.ceil(fence.y[0] / step_m), math.floor(fence.y[1] / step_m) + 1)[:200] * step_m
         for x_m in xs:

@@ -21,7 +21,7 @@ _MARGIN = 5  # cells for the scale at the left
 
 
 class SeparationView(Widget):
-    """Horizontal distances between centres, in metres, as the vehicles report them; the truth too where there is one."""
+    """Horizontal distances between centres, in metres, as the vehicles report them, and the truth where told."""
 
     def __init__(self, fleet: FleetConfig, history: History) -> None:
         super().__init__(id="separation")
