@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import functools
+import gc
 import re
 import signal
 import socket
@@ -315,6 +316,9 @@ async def _serve(server: Server, bus: BusSession | None) -> None:
         lines = await server.start()
         if bus is not None:
             bus.start()
+        # A full collection would stop every vehicle at once; nothing that exists now will ever be garbage.
+        gc.collect()
+        gc.freeze()
         print(f"ready: {', '.join(lines)}", flush=True)
         await server.run(stopped, _say)
     finally:
