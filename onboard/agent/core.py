@@ -30,20 +30,21 @@ from onboard.agent.events import (
     ShutdownAsked,
     TickFailed,
 )
-from onboard.agent.flight import Flight, Step, View
+from onboard.agent.flight import Flight
 from onboard.agent.neighbours import NeighbourTable
 from onboard.agent.own_state import OwnState
+from onboard.agent.steps import Step, View
 from onboard.agent.watch import PERIOD_S, POSITION_LOST_S, Watch
-from onboard.bus.schema import Order, OrderReply, Telemetry, TickBatch, TickSample
+from onboard.bus.schema import Order, OrderReply, Severity, Telemetry, TickBatch, TickSample
 from onboard.bus.topics import Topic
 from onboard.config import FleetConfig
 from onboard.control import pipeline
 from onboard.control.pipeline import Phase
-from onboard.frames import body_up
 from onboard.link.autopilot import Landed, Snapshot, Vec3
 from onboard.safety import preflight
-from onboard.safety.failsafe import Action, Condition, Situation, decide
-from onboard.types import Array, AttitudeSetpoint, State, Tick
+from onboard.safety.failsafe import TABLE, WORDS, Action, Condition, Situation, decide
+from onboard.safety.wire import is_sendable
+from onboard.types import AttitudeSetpoint, State, Tick
 
 _ODOMETRY_EVERY_NS = 18_000_000  # every sample of a mocap at 50 Hz
 _TELEMETRY_TICKS = 5
@@ -91,8 +92,9 @@ class AgentCore:
         self._hover_frac = self.vehicle.hover_thrust_frac
         self._is_last_finite = True
         self._conflict_check_ns = 0
+        self._shown = (self.flight.state, self.flight.step)
 
-    # -- events -----------------------------------------------------------------------------------------------------
+    # -- events ------------------------------------------------------------------------------------------------------
 
     def handle(self, event: EventIn, now_ns: int) -> list[Command]:
         """Take one event; only orders and poses answer at once."""
@@ -174,7 +176,7 @@ class AgentCore:
             case "kill":
                 flight.kill(view, order)
 
-    # -- a tick -----------------------------------------------------------------------------------------------------
+    # -- a tick ------------------------------------------------------------------------------------------------------
 
     def tick(self, now_ns: int) -> list[Command]:
         """One pass at 50 Hz; the commands are to be executed in their order."""
@@ -233,9 +235,10 @@ class AgentCore:
         situation = flight.situation
         action, condition = decide(situation, self._conditions)
         if situation not in (Situation.GROUND, Situation.SILENT):
-            for new in self._conditions - before - _QUIET:
-                severity = "critical" if action >= Action.LAND else "warning"
-                flight.say(view, severity, new.name.lower().replace("_", "-"), self._sentence(new, action))
+            for new in sorted(self._conditions - before - _QUIET, key=list(Condition).index):
+                asked = TABLE[situation, new]
+                severity: Severity = "critical" if asked >= Action.LAND else "warning"
+                flight.say(view, severity, new.name.lower().replace("_", "-"), self._sentence(new, asked))
         if condition is not None:
             self._obey(action, self._sentence(condition, action))
         if flight.situation is Situation.GROUND:
@@ -263,17 +266,7 @@ class AgentCore:
             what += f" (now {self._snapshot.mode})"
         if condition is Condition.NEIGHBOUR_SILENT:
             what += f" ({', '.join(self.neighbours.silent(self._view.now_ns))})"
-        doing = {
-            Action.GO_ON: "going on",
-            Action.REFUSE: "no take-off",
-            Action.HOLD: "holding",
-            Action.LAND: "landing",
-            Action.LEVEL: "level at hover thrust",
-            Action.PX4_LAND: "PX4 lands",
-            Action.DISARM: "disarming",
-            Action.STOP: "no more setpoints are sent",
-        }[action]
-        return f"{what}: {doing}."
+        return f"{what}: {WORDS[action]}."
 
     def _run_pipeline(self, state: State | None, dt_s: float, phase: Phase, now_ns: int) -> Tick:
         if state is None:
@@ -291,7 +284,7 @@ class AgentCore:
             phase=phase,
         )
         self._hover_frac = float(tick.hover_thrust_frac)
-        self._is_last_finite = bool(tick.is_finite) and _is_sendable(tick.attitude, self._max_tilt_cos)
+        self._is_last_finite = bool(tick.is_finite) and is_sendable(tick.attitude, self.vehicle.max_tilt_deg)
         self.last_tick = tick
         return tick
 
@@ -307,7 +300,7 @@ class AgentCore:
             setpoint = AttitudeSetpoint(np.array([1.0, 0.0, 0.0, 0.0]), np.asarray(hover))
         # last check: finite, bounded, from a fresh position; else the wire stays silent
         is_fresh = self.own.age_s < POSITION_LOST_S + 0.2
-        if is_fresh and _is_sendable(setpoint, self._max_tilt_cos):
+        if is_fresh and is_sendable(setpoint, self.vehicle.max_tilt_deg):
             self._sent_thrust_frac = float(setpoint.thrust_frac)
             out.append(SendAttitude(self.own.to_px4(setpoint)))
         return out
@@ -316,11 +309,7 @@ class AgentCore:
         out, self.flight.out = self.flight.out, []
         return out
 
-    # -- what it says ---------------------------------------------------------------------------------------------------
-
-    @property
-    def _max_tilt_cos(self) -> float:
-        return math.cos(math.radians(self.vehicle.max_tilt_deg + 1.0))
+    # -- what it says ------------------------------------------------------------------------------------------------
 
     @property
     def _has_ground(self) -> bool:
@@ -387,7 +376,10 @@ class AgentCore:
             out.append(Publish(Topic.TICK, batch))
         if self._ticks % _TELEMETRY_TICKS == 0:
             self._check_conflict(now_ns)
-            out.append(Publish(Topic.TELEMETRY, self._telemetry(tick, now_ns)))
+        shown = (flight.state, flight.step)
+        if self._ticks % _TELEMETRY_TICKS == 0 or shown != self._shown:
+            self._shown = shown  # who hears of an order's end finds the state that it led to already there
+            out.insert(0, Publish(Topic.TELEMETRY, self._telemetry(tick, now_ns)))
 
     def _check_conflict(self, now_ns: int) -> None:
         flight = self.flight
@@ -396,7 +388,7 @@ class AgentCore:
         self._conflict_check_ns = 0
         if flight.step is not Step.LEG or flight.order is None:
             return
-        # By now every vehicle of the same order has announced its goal; before, a swap of places looked like a conflict.
+        # By now all vehicles of the same order have announced their goals; before, a swap looked like a conflict.
         sentence = orders.goal_conflict(
             flight.goal_position_enu_m, self.neighbours.telemetries(), self.fleet.fleet.safety_distance_m
         )
@@ -405,55 +397,21 @@ class AgentCore:
             flight.begin_hold(self._view, None, sentence)
 
     def _telemetry(self, tick: Tick, now_ns: int) -> Telemetry:
-        flight, snapshot, view = self.flight, self._snapshot, self._view
-        nearest = min(self._distances, key=self._distances.__getitem__, default="")
-        order = flight.order
-        goal = flight.goal_position_enu_m if flight.is_under_law else view.position_enu_m
-        return Telemetry(
-            vehicle=self.vehicle.name,
+        return messages.telemetry(
+            tick,
+            now_ns,
+            vehicle=self.vehicle,
             boot_id=self.boot_id,
             sequence=self._sequence,
-            stamp_ns=now_ns,
-            state=flight.state,
-            reason=flight.reason,
-            not_ready=self.not_ready if flight.situation is Situation.GROUND else (),
-            is_armed=snapshot.is_armed,
+            flight=self.flight,
+            view=self._view,
+            not_ready=self.not_ready if self.flight.situation is Situation.GROUND else (),
             is_airborne=self._is_airborne,
-            mode=snapshot.mode,
-            position_enu_m=view.position_enu_m,
-            velocity_enu_m_s=view.velocity_enu_m_s,
-            yaw_deg=math.degrees(float(tick.state.yaw_rad)),
-            is_position_valid=view.has_position,
-            setpoint_position_enu_m=messages.vec3(tick.setpoint.position_enu_m),
-            goal_position_enu_m=goal,
-            battery_frac=snapshot.battery_frac,
-            battery_voltage_v=snapshot.battery_voltage_v,
+            distances_m=self._distances,
             law=self.params.law.name,
-            law_status=messages.law_status(tick),
-            intervention_m_s2=float(tick.law.intervention_m_s2),
-            nearest_vehicle=nearest,
-            nearest_distance_m=self._distances.get(nearest, math.inf),
-            order_id=order.order_id if order is not None else "",
-            order_kind=order.kind if order is not None else "",
-            order_phase=flight.step.value,
             state_age_s=self.own.age_s,
-            autopilot_age_s=(now_ns - snapshot.last_packet_ns) * 1e-9 if snapshot.last_packet_ns else math.inf,
             neighbour_age_s=self.neighbours.oldest_age_s(now_ns),
-            loop_period_p50_ms=self._loop.p50_ms,
-            loop_period_p99_ms=self._loop.p99_ms,
-            loop_period_max_ms=self._loop.max_ms,
-            late_ticks=self._loop.late_ticks,
-            malformed_messages=self._malformed + self.neighbours.ignored_messages + self.own.ignored_samples,
-            hover_thrust_frac=self._hover_frac,
+            loop=self._loop,
+            malformed=self._malformed + self.neighbours.ignored_messages + self.own.ignored_samples,
             config_hash=self._config_hash,
-            system_id=self.vehicle.system_id,
         )
-
-
-def _is_sendable(setpoint: AttitudeSetpoint, min_up: float) -> bool:
-    """Whether a setpoint may go to PX4, which itself takes anything: finite, a unit quaternion, bounded tilt and thrust."""
-    q: Array = np.asarray(setpoint.quaternion_wxyz)
-    thrust = float(setpoint.thrust_frac)
-    if not (np.isfinite(q).all() and 0.0 <= thrust <= 1.0):
-        return False
-    return abs(float(q @ q) - 1.0) < 1e-3 and float(body_up(q)[2]) >= min_up

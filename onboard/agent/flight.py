@@ -7,16 +7,16 @@ OFFBOARD, landed or disarmed before PX4 says so. Commands and events collect in 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 
 from onboard.agent.events import Arm, Command, Disarm, Kill, Publish, Px4Land, SetOffboard
+from onboard.agent.steps import Step, View
 from onboard.bus.schema import AgentState, Event, Order, OrderOutcome, Severity
 from onboard.bus.topics import Topic
 from onboard.config import FleetConfig, Vehicle
 from onboard.control.pipeline import Phase
-from onboard.link.autopilot import Landed, Snapshot, Vec3
+from onboard.link.autopilot import Vec3
 from onboard.safety.failsafe import Situation
 from onboard.types import Goal
 
@@ -33,37 +33,6 @@ _UNDER_GROUND_M = 0.10
 _CONTACT_HEIGHT_M, _CONTACT_M_S, _CONTACT_S = 0.06, 0.10, 0.3
 _STALLED_M, _STALLED_M_S, _STALLED_S = 0.30, 0.05, 1.5
 _DISARM_AFTER_S = 4.0
-
-
-class Step(Enum):
-    """Where in its state the vehicle is; the words are shown to people."""
-
-    IDLE = ""
-    OFFBOARD = "waiting for OFFBOARD"
-    ARMING = "waiting to be armed"
-    LIFTOFF = "lift-off"
-    CLIMB = "climb"
-    LEG = "on the way"
-    ARRIVED = "arrived"
-    DESCENT = "descent"
-    CONTACT = "on the ground, waiting for PX4"
-    PX4 = "PX4 lands"
-
-
-@dataclass(frozen=True, slots=True)
-class View:
-    """What the flight needs to know at one tick; position and velocity in fleet ENU."""
-
-    now_ns: int
-    position_enu_m: Vec3
-    velocity_enu_m_s: Vec3
-    has_position: bool
-    snapshot: Snapshot
-
-    @property
-    def is_on_ground(self) -> bool:
-        """PX4 says so."""
-        return self.snapshot.landed is Landed.ON_GROUND
 
 
 @dataclass(slots=True)
@@ -87,7 +56,7 @@ class Flight:
     _last_ask_ns: int = 0
     _takeoff_height_m: float | None = None
 
-    # -- what it is -----------------------------------------------------------------------------------------------
+    # -- what it is --------------------------------------------------------------------------------------------------
 
     @property
     def situation(self) -> Situation:
@@ -129,7 +98,7 @@ class Flight:
             np.asarray(self._goal_sequence, dtype=np.int64),
         )
 
-    # -- orders and failsafes begin something -----------------------------------------------------------------------
+    # -- orders and failsafes begin something ------------------------------------------------------------------------
 
     def begin_start(self, view: View, order: Order | None, takeoff_height_m: float | None) -> None:
         """Stream, enter OFFBOARD, arm; with a height also take off."""
@@ -204,7 +173,7 @@ class Flight:
         self._enter(Step.IDLE, view)
         self._ask(view, Kill(), now=True)
 
-    # -- every tick -------------------------------------------------------------------------------------------------
+    # -- every tick --------------------------------------------------------------------------------------------------
 
     def advance(self, view: View) -> None:
         """Move on by what telemetry and estimate say now."""
@@ -332,11 +301,12 @@ class Flight:
         reason = self.reason
         if self.order is not None and self.order.kind == "land":
             self.finish(view, "done", "Landed and disarmed.")
-        self.finish(view, "failed", reason or "Landed.")
-        self.say(view, "info", "landed", "Landed and disarmed.")
+        else:
+            self.finish(view, "failed", reason or "Landed.")
+            self.say(view, "info", "landed", "Landed and disarmed.")
         self._to_ground(view, "landed", reason)
 
-    # -- helpers ------------------------------------------------------------------------------------------------------
+    # -- helpers -----------------------------------------------------------------------------------------------------
 
     def finish(self, view: View, outcome: OrderOutcome, sentence: str) -> None:
         """End the order in progress, if there is one."""

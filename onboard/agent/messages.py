@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import cast
 
 import numpy as np
 
-from onboard.bus.schema import StateMessage, TickSample, Vec3, Vec4
+from onboard.agent.events import LoopTimed
+from onboard.agent.flight import Flight
+from onboard.agent.steps import View
+from onboard.bus.schema import StateMessage, Telemetry, TickSample, Vec3, Vec4
+from onboard.config import Vehicle
 from onboard.types import Array, LawStatus, Tick
 
 
@@ -99,4 +104,67 @@ def tick_sample(
         setpoint_thrust_frac=float(tick.attitude.thrust_frac),
         attitude_quaternion_enu_flu_wxyz=vec4(np.asarray(attitude_enu_flu)),
         hover_thrust_frac=float(tick.hover_thrust_frac),
+    )
+
+
+def telemetry(
+    tick: Tick,
+    now_ns: int,
+    *,
+    vehicle: Vehicle,
+    boot_id: int,
+    sequence: int,
+    flight: Flight,
+    view: View,
+    not_ready: tuple[str, ...],
+    is_airborne: bool,
+    distances_m: Mapping[str, float],
+    law: str,
+    state_age_s: float,
+    neighbour_age_s: float,
+    loop: LoopTimed,
+    malformed: int,
+    config_hash: str,
+) -> Telemetry:
+    """All that a person looks at."""
+    snapshot, order = view.snapshot, flight.order
+    nearest = min(distances_m, key=distances_m.__getitem__, default="")
+    return Telemetry(
+        vehicle=vehicle.name,
+        boot_id=boot_id,
+        sequence=sequence,
+        stamp_ns=now_ns,
+        state=flight.state,
+        reason=flight.reason,
+        not_ready=not_ready,
+        is_armed=snapshot.is_armed,
+        is_airborne=is_airborne,
+        mode=snapshot.mode,
+        position_enu_m=view.position_enu_m,
+        velocity_enu_m_s=view.velocity_enu_m_s,
+        yaw_deg=math.degrees(float(tick.state.yaw_rad)),
+        is_position_valid=view.has_position,
+        setpoint_position_enu_m=vec3(tick.setpoint.position_enu_m),
+        goal_position_enu_m=flight.goal_position_enu_m if flight.is_under_law else view.position_enu_m,
+        battery_frac=snapshot.battery_frac,
+        battery_voltage_v=snapshot.battery_voltage_v,
+        law=law,
+        law_status=law_status(tick),
+        intervention_m_s2=float(tick.law.intervention_m_s2),
+        nearest_vehicle=nearest,
+        nearest_distance_m=distances_m.get(nearest, math.inf),
+        order_id=order.order_id if order is not None else "",
+        order_kind=order.kind if order is not None else "",
+        order_phase=flight.step.value,
+        state_age_s=state_age_s,
+        autopilot_age_s=(now_ns - snapshot.last_packet_ns) * 1e-9 if snapshot.last_packet_ns else math.inf,
+        neighbour_age_s=neighbour_age_s,
+        loop_period_p50_ms=loop.p50_ms,
+        loop_period_p99_ms=loop.p99_ms,
+        loop_period_max_ms=loop.max_ms,
+        late_ticks=loop.late_ticks,
+        malformed_messages=malformed,
+        hover_thrust_frac=float(tick.hover_thrust_frac),
+        config_hash=config_hash,
+        system_id=vehicle.system_id,
     )

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from onboard.agent.flight import Flight, Step
+from onboard.agent.flight import Flight
+from onboard.agent.steps import Step
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import Order, Telemetry
 from onboard.config import FleetConfig

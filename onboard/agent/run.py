@@ -87,9 +87,9 @@ class Agent:
             ticker = self._ticker = Ticker(PERIOD_NS, self._tick, offset_ns=int(place * PERIOD_NS))
             ticker.start(loop)
             link_task = asyncio.create_task(self._keep_link(loop))
+            link_task.add_done_callback(_log_end)
             try:
-                done, _ = await asyncio.wait({self._ended, link_task}, return_when=asyncio.FIRST_COMPLETED)
-                return next(iter(done)).result() or EXIT_OK
+                return await self._ended
             finally:
                 ticker.stop()
                 link_task.cancel()
@@ -99,7 +99,7 @@ class Agent:
             self._bus.stop()
             self._link.stop()
 
-    # -- in -----------------------------------------------------------------------------------------------------------
+    # -- in ----------------------------------------------------------------------------------------------------------
 
     def _subscribe(self, loop: asyncio.AbstractEventLoop) -> None:
         """Bus threads only append to the inbox (a deque is safe for that) or wake the loop for an order."""
@@ -143,7 +143,7 @@ class Agent:
             log.info("asked to stop: landing first if in the air")
             self._inbox.append(ev.ShutdownAsked())
 
-    # -- tick -----------------------------------------------------------------------------------------------------------
+    # -- tick --------------------------------------------------------------------------------------------------------
 
     def _tick(self) -> None:
         now_ns = time.monotonic_ns()
@@ -201,7 +201,7 @@ class Agent:
         if self._ended is not None and not self._ended.done():
             self._ended.set_result(status)
 
-    # -- link -------------------------------------------------------------------------------------------------------------
+    # -- link --------------------------------------------------------------------------------------------------------
 
     async def _keep_link(self, loop: asyncio.AbstractEventLoop) -> None:
         """Discovery, rates and parameters; again when PX4 restarts."""
@@ -235,6 +235,12 @@ class Agent:
                 if boot_ms + 1000 < before:
                     log.warning("PX4 has restarted")
                     break
+
+
+def _log_end(task: asyncio.Task[None]) -> None:
+    """The link's upkeep never ends by itself; if a bug ends it, the flight goes on without it."""
+    if not task.cancelled() and task.exception() is not None:
+        log.error("upkeep of the link ended", exc_info=task.exception())
 
 
 def _warm_up(fleet: FleetConfig, name: str, law: str) -> None:

@@ -1,4 +1,4 @@
-"""A timer on an absolute schedule that asyncio can watch: Linux's timerfd, and asyncio's own clock where there is none."""
+"""A timer on an absolute schedule that asyncio can watch: timerfd, or asyncio's own clock where there is none."""
 
 from __future__ import annotations
 

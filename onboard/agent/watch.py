@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from onboard.agent.flight import View
+from onboard.agent.steps import View
 from onboard.config import FleetConfig
 from onboard.safety.failsafe import Condition
 
 POSITION_STALE_S, POSITION_LOST_S = 0.2, 0.5
 AUTOPILOT_SILENT_S = 0.3
-LATE_S, STALLED_S = 0.005, 0.2
+LATE_S, STALLED_S, STALLED_LONG_S = 0.005, 0.2, 1.0
 PERIOD_S = 0.02
 BUS_LOST_S = 1.0
 _FENCE_LONG_S = 2.0
@@ -67,6 +67,7 @@ class Watch:
         breach, breach_s = self.lasting(c.FENCE_BREACH, outside, now_ns)
         bad, bad_s = self.lasting(c.NOT_FINITE, not is_last_tick_finite, now_ns)
         bus, bus_s = self.lasting(c.BUS_LOST, bus_age_s > BUS_LOST_S, now_ns)
+        unheard, _ = self.lasting(c.NEIGHBOUR_SILENT, silent_neighbours, now_ns)
         battery_pct = 100.0 * snapshot.battery_frac
         taken = must_be_offboard and not snapshot.is_offboard and snapshot.heartbeat_ns > offboard_since_ns
         for condition, holds in (
@@ -76,6 +77,7 @@ class Watch:
             (c.LEFT_OFFBOARD, taken),
             (c.LOOP_LATE, period_s > PERIOD_S + LATE_S),
             (c.LOOP_STALLED, period_s > STALLED_S),
+            (c.LOOP_STALLED_LONG, period_s > STALLED_LONG_S),
             (c.BUS_LOST, bus >= _LIVE_TICKS),
             (c.BUS_LOST_LONG, bus >= _LIVE_TICKS and bus_s > limits.bus_lost_land_s),
             (c.GROUND_LOST, not has_ground),
@@ -86,7 +88,7 @@ class Watch:
             (c.NOT_FINITE, bad > 0),
             (c.NOT_FINITE_LONG, bad_s > _NOT_FINITE_LONG_S),
             (c.SEPARATION_BREACHED, nearest_m < limits.safety_distance_m),
-            (c.NEIGHBOUR_SILENT, silent_neighbours),
+            (c.NEIGHBOUR_SILENT, unheard >= 2),
             (c.SHUTDOWN, is_stopping),
         ):
             if holds:

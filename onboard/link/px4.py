@@ -64,7 +64,7 @@ class Px4Link:
         self._start_ns = 0
         self.send_failures = 0
 
-    # -- life ---------------------------------------------------------------------------------------------------
+    # -- life --------------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
         """Open the endpoint; PX4 need not be there yet.
@@ -121,7 +121,7 @@ class Px4Link:
             mavsdk.destroy()
         self._claim.release()
 
-    # -- in -----------------------------------------------------------------------------------------------------
+    # -- in ----------------------------------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
         """The newest values; safe from any thread."""
@@ -139,7 +139,7 @@ class Px4Link:
         with self._lock:
             self._slot = replace(self._slot, last_packet_ns=now_ns, system_id=self.system_id, **changes)
 
-    # -- out ----------------------------------------------------------------------------------------------------
+    # -- out ---------------------------------------------------------------------------------------------------------
 
     def send_attitude(self, setpoint: AttitudeSetpoint) -> None:
         """SET_ATTITUDE_TARGET with attitude and thrust, ENU/FLU in, NED/FRD on the wire."""
@@ -221,10 +221,10 @@ class Px4Link:
         for message_id, rate_hz in _RATES_HZ.items():
             self._command(modes.CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)
 
-    # -- parameters: blocking, for an executor --------------------------------------------------------------------
+    # -- parameters: blocking, for an executor -----------------------------------------------------------------------
 
     def read_params(self, names: Mapping[str, float | int]) -> dict[str, float | int | None]:
-        """PX4's values of ``names``; None where it did not answer. The kind of each given value selects int or float."""
+        """PX4's values of ``names``; None where it did not answer. Each given value is of the wanted kind."""
         return {name: self._read_param(name, like) for name, like in names.items()}
 
     def apply_params(self, values: Mapping[str, float | int]) -> None:
@@ -254,7 +254,7 @@ class Px4Link:
             return int(value) if read == self._param.get_param_int else float(value)
         return None
 
-    # -- wire ---------------------------------------------------------------------------------------------------
+    # -- wire --------------------------------------------------------------------------------------------------------
 
     def _boot_ms(self) -> int:
         return (time.monotonic_ns() - self._start_ns) // 1_000_000 & 0xFFFFFFFF

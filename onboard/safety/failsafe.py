@@ -29,6 +29,7 @@ class Condition(Enum):
     AUTOPILOT_SILENT = "PX4 silent"
     LOOP_LATE = "loop late"
     LOOP_STALLED = "loop stalled"
+    LOOP_STALLED_LONG = "loop stalled for long"
     BUS_LOST = "bus lost"
     BUS_LOST_LONG = "bus lost for long"
     GROUND_LOST = "ground station lost"
@@ -56,7 +57,18 @@ class Action(IntEnum):
     STOP = 7  # silence on the wire
 
 
-_C, _S, _A = Condition, Situation, Action
+WORDS: dict[Action, str] = {
+    Action.GO_ON: "going on",
+    Action.REFUSE: "no take-off",
+    Action.HOLD: "holding",
+    Action.LAND: "landing",
+    Action.LEVEL: "level at hover thrust",
+    Action.PX4_LAND: "PX4 lands",
+    Action.DISARM: "disarming",
+    Action.STOP: "no more setpoints are sent",
+}
+
+_C, _A = Condition, Action
 
 TABLE: dict[tuple[Situation, Condition], Action] = {
     (situation, condition): action
@@ -68,6 +80,8 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
         _C.AUTOPILOT_SILENT: (_A.REFUSE, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
         _C.LOOP_LATE: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.LOOP_STALLED: (_A.GO_ON, _A.DISARM, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        # PX4 has begun to land meanwhile: setpoints that come back would take the vehicle from it
+        _C.LOOP_STALLED_LONG: (_A.GO_ON, _A.DISARM, _A.PX4_LAND, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
         _C.BUS_LOST: (_A.REFUSE, _A.DISARM, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.BUS_LOST_LONG: (_A.REFUSE, _A.DISARM, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.GROUND_LOST: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
