@@ -14,7 +14,8 @@ PARAMS = oist.LawParams(lag_s=0.15, d_design_m=0.9)
 def state_of(position, velocity):
     shape = np.shape(position)[:-1]
     zero = np.zeros(shape)
-    return State(np.asarray(position, float), np.asarray(velocity, float), np.zeros((*shape, 3)), zero, zero, zero, zero)
+    p, v = np.asarray(position, float), np.asarray(velocity, float)
+    return State(p, v, np.zeros((*shape, 3)), zero, zero, zero, zero)
 
 
 def neighbours_of(position, velocity, command=None, **changes):
