@@ -109,12 +109,13 @@ def saturate(
         compensation_enu_m_s2: (..., 3) what will be added to the command against drag and gusts; the tilt disc is
             taken about its negative, so that safe thrust and compensation fit into the tilt limit together.
     Returns:
-        Memory and output. Bad input gives a bounded thrust with status INFEASIBLE, never a warning.
+        Memory and output. Bad input gives a bounded thrust with status INFEASIBLE, never a warning; the predicted
+        state is then NaN, since there is none.
     Properties: rotation- and translation-equivariant about the vertical; independent of the neighbours' order.
     """
     raw = thrust_baseline.thrust_enu_m_s2
     batch = raw.shape[:-1]
-    is_own_finite = np.asarray(np.isfinite(np.concatenate([raw, *predicted], axis=-1)).all(-1))
+    is_own_finite = is_plausible(raw) & is_plausible(predicted[0]) & is_plausible(predicted[1])
     level = np.array([0.0, 0.0, GRAVITY_M_S2])
     thrust = np.where(is_own_finite[..., None], _bounded(raw), level)
     position, velocity = _bounded(predicted[0]), _bounded(predicted[1])
@@ -141,8 +142,8 @@ def saturate(
     memory = replace(memory, history=prediction.record(memory.history, acceleration, dt_s), relaxed_share=share)
     output = LawOutput(
         thrust=Thrust(command),
-        predicted_position_enu_m=position,
-        predicted_velocity_enu_m_s=velocity,
+        predicted_position_enu_m=np.where(is_own_finite[..., None], position, np.nan),
+        predicted_velocity_enu_m_s=np.where(is_own_finite[..., None], velocity, np.nan),
         commanded_acceleration_enu_m_s2=acceleration,
         status=status,
         intervention_m_s2=np.sqrt(np.einsum("...c,...c->...", change, change)),
@@ -152,6 +153,11 @@ def saturate(
         lead_time_s=np.full(batch, 0.0 if params.name == "paper" else params.lag_s),
     )
     return memory, output
+
+
+def is_plausible(vector: Array) -> BoolArray:
+    """Whether all components (..., 3) are finite and small enough to be squared, (...)."""
+    return np.asarray((np.abs(vector) < _HUGE).all(-1))
 
 
 def horizontal_limit(thrust_z_m_s2: Array, *, params: LawParams) -> Array:

@@ -23,6 +23,7 @@ from onboard.types import (
     GRAVITY_M_S2,
     Array,
     AttitudeSetpoint,
+    BoolArray,
     Goal,
     Neighbours,
     State,
@@ -178,6 +179,8 @@ def step(
     if phase == Phase.GROUND:
         return _ground(state, neighbours, params, yaw_rad)
     batch = state.position_enu_m.shape[:-1]
+    is_usable = np.asarray(oist.is_plausible(state.position_enu_m) & oist.is_plausible(state.velocity_enu_m_s))
+    given, state = state, _mended(state, is_usable, memory)
     is_frozen = phase == Phase.LIFTOFF
     observer = estimate.observe(
         memory.observer,
@@ -207,6 +210,9 @@ def step(
     # line O: what drag and the observed disturbance take is added after the law, so that the law commands net motion
     compensation = params.drag_1_s * velocity - observer.disturbance_enu_m_s2
     compensation = _limited(compensation, params)
+    if not is_usable.all():  # the law shall know, level out, and publish no state that nobody has
+        position = np.where(is_usable[..., None], position, np.nan)
+        velocity = np.where(is_usable[..., None], velocity, np.nan)
     law_memory, law = oist.saturate(
         memory.law,
         baseline,
@@ -224,8 +230,7 @@ def step(
     thrust = sent.thrust_enu_m_s2
     size = np.sqrt(np.einsum("...c,...c->...", thrust, thrust))
     blend = 1.0 - math.exp(-dt_s / params.activity_time_s)
-    is_finite = np.isfinite(state.position_enu_m).all(-1) & np.isfinite(state.velocity_enu_m_s).all(-1)
-    is_finite = is_finite & np.isfinite(baseline.thrust_enu_m_s2).all(-1)
+    is_finite = np.asarray(is_usable & np.isfinite(baseline.thrust_enu_m_s2).all(-1))
     memory = PipelineMemory(
         guidance=guidance_memory,
         law=law_memory,
@@ -237,7 +242,20 @@ def step(
         thrust_frac=attitude.thrust_frac,
         cos_tilt=thrust[..., 2] / np.maximum(size, 1e-9),
     )
-    return memory, Tick(state, setpoint, baseline, law, attitude, hover, np.asarray(is_finite))
+    return memory, Tick(given, setpoint, baseline, law, attitude, hover, is_finite)
+
+
+def _mended(state: State, is_usable: BoolArray, memory: PipelineMemory) -> State:
+    """The state with rows that cannot be used put at rest on the setpoint, so that no stage computes with garbage."""
+    if is_usable.all():
+        return state
+    usable = is_usable[..., None]
+    return replace(
+        state,
+        position_enu_m=np.where(usable, state.position_enu_m, guidance.setpoint(memory.guidance).position_enu_m),
+        velocity_enu_m_s=np.where(usable, state.velocity_enu_m_s, 0.0),
+        acceleration_enu_m_s2=np.where(usable, state.acceleration_enu_m_s2, np.nan),  # freezes the hover estimate
+    )
 
 
 def clock_rate(
