@@ -1,0 +1,79 @@
+"""Fig. 4: trajectories from above with time marks, starts, slots and the safety circles at the closest approach."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.patches import Circle
+
+from groundstation.figures.data import FlightData
+from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
+
+_STEPS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0)
+
+
+def draw(flight: FlightData) -> Any:
+    """East to the right, north up, one scale for both."""
+    figure = new_figure(9.0, 8.6, f"Trajectories from above: {flight.title}")
+    ax = figure.subplots()
+    length_s = float(flight.grid_s[-1] - flight.grid_s[0])
+    step_s = next((step for step in _STEPS_S if length_s / step <= 14.0), _STEPS_S[-1])
+    marks_s = np.arange(0.0, flight.grid_s[-1], step_s)
+    for index, track in enumerate(flight.tracks):
+        tint, place = colour(index), track.place_enu_m
+        flying = track.place_time_s >= flight.grid_s[0]
+        setpoint = track.setpoint_position_enu_m[track.time_s >= 0.0]
+        ax.plot(setpoint[:, 0], setpoint[:, 1], color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)))
+        ax.plot(place[flying, 0], place[flying, 1], color=tint, linewidth=2.0, label=track.name)
+        marks = track.place_at(marks_s)
+        ax.plot(marks[:, 0], marks[:, 1], "o", color="white", markeredgecolor=tint, markersize=5.5)
+        last = None
+        for time_s, mark in zip(marks_s, marks, strict=True):
+            if last is None or np.hypot(*(mark[:2] - last)) > 0.18:
+                ax.annotate(f"{time_s:g}", mark[:2], (4, 4), textcoords="offset points", fontsize=8, color=tint)
+                last = mark[:2]
+        known = place[np.isfinite(place).all(-1)]
+        if len(known):
+            ax.plot(*known[0, :2], "s", color=tint, markersize=9, markeredgecolor="white")
+        for number, slot in enumerate(track.slots_enu_m):
+            ax.plot(slot[0], slot[1], "+", color=tint, markersize=15, markeredgewidth=2.2)
+            ax.annotate(
+                f"{number + 1}", slot[:2], (7, -12), textcoords="offset points", fontsize=8, weight="bold", color=tint
+            )
+    closest = flight.closest()
+    if closest is not None:
+        pair, at = closest
+        spots = {track.name: track.place_at(flight.grid_s[at : at + 1])[0, :2] for track in flight.tracks}
+        for index, track in enumerate(flight.tracks):
+            if track.name in (pair.first, pair.second):
+                x_m, y_m = spots[track.name]
+                ring = Circle(
+                    (float(x_m), float(y_m)),
+                    flight.safety_distance_m,
+                    fill=False,
+                    color=colour(index),
+                    lw=1.2,
+                    alpha=0.75,
+                )
+                ax.add_patch(ring)
+                ax.plot(*spots[track.name], "o", color=colour(index), markersize=7)
+        ends = np.array([spots[pair.first], spots[pair.second]])
+        ax.plot(ends[:, 0], ends[:, 1], color=LIMIT, linewidth=1.2)
+        ax.set_title(
+            f"closest: {pair.first} and {pair.second}, {pair.distance_m[at]:.2f} m at {flight.grid_s[at]:.1f} s; "
+            f"circles of {flight.safety_distance_m:.2f} m around both (by {flight.source})",
+            loc="left",
+            fontsize=9.5,
+            fontweight="normal",
+        )
+    ax.plot([], [], "s", color=SOFT, label="start")
+    ax.plot([], [], "+", color=SOFT, markersize=12, markeredgewidth=2, label="slot, in order")
+    ax.plot([], [], color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)), label="setpoint")
+    ax.plot([], [], "o", color="white", markeredgecolor=SOFT, label=f"every {step_s:g} s")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.06)
+    ax.set_xlabel("x, east [m]")
+    ax.set_ylabel("y, north [m]")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=min(8, len(flight.tracks) + 4), fontsize=9)
+    return figure

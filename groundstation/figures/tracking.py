@@ -1,0 +1,30 @@
+"""Fig. 5: positions against the desired trajectories, x, y and z over time, a column per vehicle."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from groundstation.figures.data import FlightData
+from groundstation.figures.style import SOFT, colour, new_figure
+
+
+def draw(flight: FlightData) -> Any:
+    """A row per axis; where a vehicle leaves its line, the law held it off or it could not follow."""
+    columns = len(flight.tracks)
+    figure = new_figure(max(5.0, 3.7 * columns), 7.4, f"Position and desired trajectory: {flight.title}")
+    axes = figure.subplots(3, columns, sharex=True, sharey="row", squeeze=False)
+    for index, track in enumerate(flight.tracks):
+        for row, axis in enumerate("xyz"):
+            ax = axes[row, index]
+            wanted = track.setpoint_position_enu_m[:, row]
+            ax.plot(track.time_s, wanted, color=SOFT, linestyle=(0, (4, 2)), label="desired (setpoint)")
+            ax.plot(track.place_time_s, track.place_enu_m[:, row], color=colour(index), label="flown")
+            ax.set_xlim(flight.grid_s[0], max(flight.grid_s[-1], flight.grid_s[0] + 0.1))
+            if row == 0:
+                ax.set_title(track.name, loc="left", color=colour(index))
+                ax.legend(loc="best", fontsize=8.5)
+            if index == 0:
+                ax.set_ylabel(f"{axis} [m]")
+            if row == 2:
+                ax.set_xlabel("time since take-off [s]")
+    return figure
