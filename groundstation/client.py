@@ -265,6 +265,8 @@ class FleetClient:
         answered = asyncio.Event()
 
         def on_reply(reply: OrderReply | Malformed) -> None:
+            if isinstance(reply, OrderReply) and reply.vehicle == vehicle:
+                self._tell_sinks(Topic.ORDER, vehicle, reply)
             self._call(self._answer, handle, vehicle, reply, answered)
 
         def on_end() -> None:
