@@ -55,7 +55,7 @@ def plot(folder: Path, out: Path | None = None) -> tuple[list[Path], bool]:
     home = folder if folder.is_dir() else folder.parent
     from groundstation.figures import attitude, avoidance, plan, tracking
     from groundstation.figures.data import TOPICS, from_samples
-    from groundstation.figures.style import save
+    from groundstation.figures.style import save, styled
 
     title = home.resolve().name
     flight = from_samples(read(path, TOPICS), title=title, safety_distance_m=_safety_distance_m(home))
@@ -67,7 +67,8 @@ def plot(folder: Path, out: Path | None = None) -> tuple[list[Path], bool]:
     target = out or home / "figures"
     target.mkdir(parents=True, exist_ok=True)
     drawn = {"fig2_attitude": attitude, "fig4_plan": plan, "fig5_tracking": tracking, "fig6_avoidance": avoidance}
-    paths = [found for name, module in drawn.items() for found in save(module.draw(flight), target, name)]
+    with styled():
+        paths = [found for name, module in drawn.items() for found in save(module.draw(flight), target, name)]
     return paths, is_complete(path)
 
 

@@ -60,7 +60,8 @@ def _draw_distances(ax: Any, flight: FlightData) -> None:
             ax.plot(
                 flight.grid_s, pair.distance_m, color=colour(places[pair.second]), linewidth=2.2, linestyle=(0, (3, 3))
             )
-            _name_line(ax, flight.grid_s, pair)
+        if flight.pairs:
+            _name_lines(ax, flight.grid_s, flight.pairs)
     else:
         for name, index in places.items():
             own = [pair.distance_m for pair in flight.pairs if name in (pair.first, pair.second)]
@@ -91,11 +92,19 @@ def _draw_distances(ax: Any, flight: FlightData) -> None:
     ax.set_xlabel("time since take-off [s]")
 
 
-def _name_line(ax: Any, grid_s: Array, pair: Pair) -> None:
-    known = np.flatnonzero(np.isfinite(pair.distance_m))
-    if known.size:
-        last = known[-1]
+def _name_lines(ax: Any, grid_s: Array, pairs: tuple[Pair, ...]) -> None:
+    """Each name stands where its line is furthest from the others."""
+    lines = np.stack([pair.distance_m for pair in pairs])
+    margin = len(grid_s) // 20
+    for index, pair in enumerate(pairs):
+        others = np.abs(np.delete(lines, index, axis=0) - pair.distance_m)
+        room = np.fmin.reduce(np.vstack([others, np.full(len(grid_s), 10.0)]))
+        room[~np.isfinite(pair.distance_m)] = -1.0
+        inner = room[margin : len(room) - margin]
+        if inner.size == 0 or inner.max() < 0.0:
+            continue
+        at = margin + int(np.argmax(inner))
         ax.annotate(
-            f"{pair.first} – {pair.second}", (grid_s[last], pair.distance_m[last]), (-4, 5), textcoords="offset points",
-            fontsize=8.5, ha="right", color="#333c44",
+            f"{pair.first} – {pair.second}", (grid_s[at], pair.distance_m[at]), (0, 6), textcoords="offset points",
+            fontsize=9, ha="center", color="#333c44",
         )  # fmt: skip

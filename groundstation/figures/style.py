@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -35,10 +36,14 @@ def colour(index: int) -> str:
     return COLOURS[index % len(COLOURS)]
 
 
+def styled() -> AbstractContextManager[None]:
+    """Draw and save within this context to get the look; matplotlib's settings stay as they were outside."""
+    return matplotlib.rc_context(RC)
+
+
 def new_figure(width_in: float, height_in: float, title: str) -> Any:
     """An empty figure with its title; drawn without any window system."""
-    with matplotlib.rc_context(RC):
-        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
     figure.suptitle(title, fontsize=13, fontweight="bold", x=0.01, ha="left")
     return figure
 
@@ -46,7 +51,6 @@ def new_figure(width_in: float, height_in: float, title: str) -> Any:
 def save(figure: Any, folder: Path, name: str) -> list[Path]:
     """Write PNG and SVG; returns their paths."""
     paths = [folder / f"{name}.png", folder / f"{name}.svg"]
-    with matplotlib.rc_context(RC):
-        figure.savefig(paths[0])
-        figure.savefig(paths[1], metadata={"Date": None})
+    figure.savefig(paths[0])
+    figure.savefig(paths[1], metadata={"Date": None})
     return paths
