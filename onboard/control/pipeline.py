@@ -58,8 +58,8 @@ class PipelineParams:
     allocation: allocation.AllocationParams
     drag_1_s: float
     pursuit_speed_m_s: float
-    clock_slack_m: float = 0.15
-    clock_stop_m: float = 0.5
+    clock_slack_m: float = 0.3
+    clock_stop_m: float = 0.8
     activity_time_s: float = 0.5
     clock_time_s: float = 0.2
 
