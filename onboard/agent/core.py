@@ -318,7 +318,7 @@ class AgentCore:
     @property
     def _is_airborne(self) -> bool:
         snapshot, flight = self._snapshot, self.flight
-        told = snapshot.landed in (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
+        told = snapshot.is_armed and snapshot.landed in (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
         return told or (flight.is_under_law and flight.step is not Step.LIFTOFF)
 
     def _reasons_not_ready(self) -> tuple[str, ...]:
