@@ -139,7 +139,15 @@ class FakeBus:
         x, y, _ = self.vehicles[name].position_enu_m
         if how != "fail":
             if order.kind == "takeoff":
-                self.tell(name, state="flying", is_airborne=True, is_armed=True, position_enu_m=(x, y, order.height_m))
+                spot = (x, y, order.height_m)
+                self.tell(
+                    name,
+                    state="flying",
+                    is_airborne=True,
+                    is_armed=True,
+                    position_enu_m=spot,
+                    goal_position_enu_m=spot,
+                )
             elif order.kind == "move":
                 self.tell(name, position_enu_m=order.position_enu_m, goal_position_enu_m=order.position_enu_m)
             elif order.kind in ("land", "kill"):
@@ -169,8 +177,7 @@ def make_telemetry() -> Callable[..., Telemetry]:
 @pytest.fixture
 async def bus(fleet: FleetConfig) -> Any:
     """A fake bus whose vehicles report."""
-    fake = FakeBus(fleet, has_truth=True)
-    yield fake
+    return FakeBus(fleet, has_truth=True)
 
 
 @pytest.fixture

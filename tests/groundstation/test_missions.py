@@ -78,7 +78,7 @@ def test_python_missions_are_checked_without_being_run(tmp_path: Path, fleet: Fl
 
 
 def test_the_papers_paths_cross_so_that_they_collide_without_the_law() -> None:
-    """Straight quintics at the speed limit, each vehicle in its own shortest time, as guidance flies without the law."""
+    """Straight quintics at the speed limit, each vehicle in its own shortest time, as guidance flies."""
     mission = load_mission(ROOT / "configs/missions/paper.toml")
     fleet = mission.fleet
     step = next(step for step in mission.steps if step.do == "formation")
