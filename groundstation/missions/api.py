@@ -179,9 +179,7 @@ class Fleet:
 
     async def land_all(self, timeout_s: float = 40.0) -> bool:
         """Land whoever is not down yet, whatever happened; True when all are landed and disarmed."""
-        up = tuple(
-            name for name in self.names if self.state.vehicles[name].telemetry and not is_landed(self.state, name)
-        )
+        up = tuple(name for name in self.names if _may_fly(self.state, name))
         if up:
             self.say(f"Landing {', '.join(up)}.")
             handle = await self.client.submit(Intent("land", up))
@@ -189,7 +187,8 @@ class Fleet:
             for result in handle.results.values():
                 if not result.is_done:
                     self.say(f"  {result.vehicle} {result.phase}: {result.sentence}")
-        return all(is_landed(self.state, name) for name in up)
+        # The order's end and the telemetry that proves it are two messages.
+        return await self.client.wait_for(lambda state: all(is_landed(state, name) for name in up), 1.0)
 
     def _closest_words(self) -> str:
         near = smallest(self.state)
@@ -246,6 +245,14 @@ class VehicleHandle:
     async def land(self, *, timeout_s: float = 40.0) -> VehicleResult:
         """Land and disarm."""
         return (await self._fleet.land(self.name, timeout_s=timeout_s))[self.name]
+
+
+def _may_fly(state: FleetState, name: str) -> bool:
+    """Whether it flies or is about to: an order to take off precedes the telemetry that shows it."""
+    telemetry = state.vehicles[name].telemetry
+    if telemetry is None:
+        return False
+    return not is_landed(state, name) or telemetry.state in ("armed", "taking off", "flying", "holding", "landing")
 
 
 def _is_ready(state: FleetState, name: str, now_ns: int) -> bool:
