@@ -1,0 +1,62 @@
+"""The house as documented is the house as built; public fields say their quantity, frame and unit."""
+
+import re
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from onboard import types
+from onboard.bus import schema
+from onboard.bus.topics import TOPICS
+from onboard.config import FleetSection, LawConfig, SitlProfile, Vehicle
+from tests.architecture import import_graph
+
+ROOT = Path(__file__).parents[2]
+
+UNITS = (
+    "_m", "_m_s", "_m_s2", "_m_s3", "_rad", "_rad_s", "_deg", "_s", "_ms", "_ns", "_frac", "_pct", "_v", "_hz", "_kg",
+    "_kg_m2", "_1_s", "_wxyz", "_count", "_ticks", "_messages",
+)  # fmt: skip
+WITHOUT_UNIT = {"shortfall_gain", "static_gain", "attitude_zeta", "px4_params"}
+NUMBERS = ("float", "Vec3", "Vec4", "Array")
+
+
+def public_fields() -> list[tuple[str, str, str]]:
+    found = []
+    structs = [spec.message for spec in TOPICS.values() if spec.message] + [schema.TickSample, schema.OrderReply]
+    for struct in [*structs, FleetSection, LawConfig, SitlProfile, Vehicle]:
+        found += [(struct.__name__, name, str(kind)) for name, kind in struct.__annotations__.items()]
+    for stage in (types.State, types.Goal, types.TrajectorySetpoint, types.Thrust, types.AttitudeSetpoint):
+        found += [(stage.__name__, field.name, str(field.type)) for field in fields(stage)]
+    found += [("Neighbours", field.name, str(field.type)) for field in fields(types.Neighbours)]
+    found += [("LawOutput", field.name, str(field.type)) for field in fields(types.LawOutput)]
+    return found
+
+
+@pytest.mark.parametrize(("owner", "name", "kind"), public_fields())
+def test_a_number_names_its_unit_and_a_vector_its_frame(owner: str, name: str, kind: str) -> None:
+    if not any(re.search(rf"\b{number}\b", kind) for number in NUMBERS) or name in WITHOUT_UNIT:
+        return
+    assert name.endswith(UNITS), f"{owner}.{name} does not say its unit"
+    is_vector = "Vec3" in kind and "inertia" not in name
+    assert not is_vector or "_enu_" in name, f"{owner}.{name} does not say its frame"
+
+
+def test_the_drawn_import_graph_is_the_codes() -> None:
+    assert import_graph.drawn() == import_graph.mermaid(), (
+        "docs/architecture.md is old: run `.venv/bin/python -m tests.architecture.import_graph --write`"
+    )
+
+
+def test_no_agent_code_knows_the_ground_truth() -> None:
+    for path in (ROOT / "onboard").rglob("*.py"):
+        if path.parent.name != "bus":
+            assert "TRUTH" not in path.read_text(encoding="utf-8"), f"{path} reads the ground truth"
+
+
+def test_a_module_stays_below_its_size() -> None:
+    for package in import_graph.PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            lines = len(path.read_text(encoding="utf-8").splitlines())
+            assert lines <= 460, f"{path.relative_to(ROOT)} has {lines} lines: two ideas in one file?"
