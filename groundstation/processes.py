@@ -107,18 +107,21 @@ class Processes:
             ) from None
 
     async def stop(self, timeout_s: float = STOP_TIMEOUT_S) -> list[str]:
-        """End them, the last started first, with SIGTERM and then SIGKILL; returns who had to be killed."""
+        """End them with SIGTERM and then SIGKILL; returns who had to be killed.
+
+        The one started first, the emulator, ends last: an agent in the air lands before it goes, and needs it for that.
+        """
         self._is_stopping = True
         killed = []
-        for one in reversed(self._started):
-            _signal_group(one.process, signal.SIGTERM)
-        for one in reversed(self._started):
+        for group in (self._started[1:], self._started[:1]):
+            for one in group:
+                _signal_group(one.process, signal.SIGTERM)
             try:
                 async with asyncio.timeout(timeout_s):
-                    while one.process.poll() is None:  # noqa: ASYNC110 - the kernel sets no asyncio.Event
+                    while any(one.process.poll() is None for one in group):  # noqa: ASYNC110 - no Event for a child's end
                         await asyncio.sleep(0.02)
             except TimeoutError:
-                killed.append(one.name)
+                killed += [one.name for one in group if one.process.poll() is None]
         self.kill()
         return killed
 

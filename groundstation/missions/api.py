@@ -16,6 +16,7 @@ from onboard.config import ConfigError, FleetConfig
 
 READY_STATES = ("ready", "landed", "armed", "flying", "holding")
 ARRIVED_M = 0.15
+LAND_AGAIN_S = 6.0
 Results = dict[str, VehicleResult]
 Who = str | Sequence[str]
 
@@ -180,15 +181,20 @@ class Fleet:
     async def land_all(self, timeout_s: float = 40.0) -> bool:
         """Land whoever is not down yet, whatever happened; True when all are landed and disarmed."""
         up = tuple(name for name in self.names if _may_fly(self.state, name))
-        if up:
-            self.say(f"Landing {', '.join(up)}.")
-            handle = await self.client.submit(Intent("land", up))
-            await handle.wait(timeout_s)
-            for result in handle.results.values():
+        end_ns = self.client.now_ns() + int(timeout_s * 1e9)
+        left = up
+        while left and self.client.now_ns() < end_ns:
+            self.say(f"Landing {', '.join(left)}.")
+            handle = await self.client.submit(Intent("land", left))
+            await handle.wait((end_ns - self.client.now_ns()) * 1e-9)
+            # An order can end before the vehicle is down: when a failsafe has taken over, PX4 lands by itself.
+            if await self.client.wait_for(lambda state: all(is_landed(state, name) for name in up), LAND_AGAIN_S):
+                return True
+            for name, result in handle.results.items():
                 if not result.is_done:
-                    self.say(f"  {result.vehicle} {result.phase}: {result.sentence}")
-        # The order's end and the telemetry that proves it are two messages.
-        return await self.client.wait_for(lambda state: all(is_landed(state, name) for name in up), 1.0)
+                    self.say(f"  {name} {result.phase}: {result.sentence}")
+            left = tuple(name for name in left if not is_landed(self.state, name))
+        return not left
 
     def _closest_words(self) -> str:
         near = smallest(self.state)

@@ -122,12 +122,28 @@ async def test_arrival_is_judged_by_truth_and_not_by_what_the_vehicle_says(
     assert verdict.worst_arrival_m == pytest.approx(0.2, abs=0.01)
 
 
+async def test_a_vehicle_whose_landing_order_fails_is_waited_for_and_ordered_again(
+    fleet: FleetConfig, client: Any, bus: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("groundstation.missions.api.LAND_AGAIN_S", 0.1)
+    run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client)
+    task = asyncio.create_task(run.run())
+    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    bus.misbehave["mav2"] = "fail"
+    run.interrupt()
+    assert await client.wait_for(
+        lambda state: [order.kind for name, order in bus.orders if name == "mav2"].count("land") >= 2, 5.0
+    )
+    bus.misbehave.clear()
+    verdict = await asyncio.wait_for(task, 5.0)
+    assert all(verdict.landed.values())
+
+
 async def test_a_vehicle_that_fails_ends_the_mission_mixed_and_everybody_lands(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
     bus.misbehave["mav1"] = "fail"
-    run = MissionRun(make(fleet, HOP), client)
-    verdict = await run.run()
+    verdict = await MissionRun(make(fleet, HOP), client).run()
     assert verdict.exit_status == 50
     assert "The motor is weak." in verdict.summary
     assert [order.kind for name, order in bus.orders if name == "mav0"] == ["takeoff", "land"]
