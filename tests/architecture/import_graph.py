@@ -1,18 +1,9 @@
-"""Draw the rooms and their imports as the code has them: ``python -m tests.architecture.import_graph --write``.
-
-The drawing stands in docs/architecture.md as a Mermaid graph (shown as a picture by most Git hosts and editors); a test
-compares it with the code, so it cannot grow old.
-"""
+"""The rooms and their imports as the code has them, as a Mermaid graph: a picture in most Git hosts and editors."""
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import grimp
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "architecture.md"
-BEGIN, END = "<!-- imports: begin -->", "<!-- imports: end -->"
 PACKAGES = ("onboard", "groundstation", "sitl")
 SPLIT = {"onboard": 2, "groundstation": 2, "sitl": 1}
 
@@ -48,17 +39,3 @@ def mermaid() -> str:
         lines.append("  end")
     lines += [f"  {importer} --> {imported}" for importer, imported in pairs]
     return "\n".join([*lines, "```"])
-
-
-def drawn() -> str:
-    """The block that the document holds now."""
-    text = DOCUMENT.read_text(encoding="utf-8")
-    return text.split(BEGIN)[1].split(END)[0].strip()
-
-
-if __name__ == "__main__":
-    if "--write" in sys.argv:
-        before, _, rest = DOCUMENT.read_text(encoding="utf-8").partition(BEGIN)
-        DOCUMENT.write_text(f"{before}{BEGIN}\n{mermaid()}\n{END}{rest.partition(END)[2]}", encoding="utf-8")
-    else:
-        print(mermaid())

@@ -10,7 +10,7 @@ from onboard import types
 from onboard.bus import schema
 from onboard.bus.topics import TOPICS
 from onboard.config import FleetSection, LawConfig, SitlProfile, Vehicle
-from tests.architecture import import_graph
+from tests.architecture import documents, import_graph
 
 ROOT = Path(__file__).parents[2]
 
@@ -43,9 +43,10 @@ def test_a_number_names_its_unit_and_a_vector_its_frame(owner: str, name: str, k
     assert not is_vector or "_enu_" in name, f"{owner}.{name} does not say its frame"
 
 
-def test_the_drawn_import_graph_is_the_codes() -> None:
-    assert import_graph.drawn() == import_graph.mermaid(), (
-        "docs/architecture.md is old: run `.venv/bin/python -m tests.architecture.import_graph --write`"
+@pytest.mark.parametrize("name", documents.PRINTED)
+def test_what_the_docs_print_from_the_code_is_current(name: str) -> None:
+    assert documents.written(name) == documents.PRINTED[name][1](), (
+        f"docs/{documents.PRINTED[name][0]} is old: run `.venv/bin/python -m tests.architecture.documents --write`"
     )
 
 

@@ -1,0 +1,42 @@
+"""Parts of docs/ that are printed from the code: ``python -m tests.architecture.documents --write``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from onboard.safety.failsafe import table_text
+from tests.architecture.import_graph import mermaid
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
+    "imports": ("architecture.md", mermaid),
+    "failsafe": ("failsafe.md", table_text),
+}
+
+
+def _marks(name: str) -> tuple[str, str]:
+    return f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
+
+
+def written(name: str) -> str:
+    """The part as the document holds it now."""
+    begin, end = _marks(name)
+    return (DOCS / PRINTED[name][0]).read_text(encoding="utf-8").split(begin)[1].split(end)[0].strip()
+
+
+def write(name: str) -> None:
+    """Replace the part by what the code says."""
+    (begin, end), (file, text) = _marks(name), PRINTED[name]
+    before, _, rest = (DOCS / file).read_text(encoding="utf-8").partition(begin)
+    (DOCS / file).write_text(f"{before}{begin}\n{text()}\n{end}{rest.partition(end)[2]}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    for part in PRINTED:
+        if "--write" in sys.argv:
+            write(part)
+        else:
+            print(PRINTED[part][1]())
