@@ -86,7 +86,7 @@ def _draw_distances(ax: Any, flight: FlightData) -> None:
             weight="bold",
             fontsize=9.5,
         )
-    ax.set_ylim(bottom=0.0)
+    ax.set_ylim(0.0, 1.08 * ax.get_ylim()[1])
     ax.set_title(f"horizontal distance between centres, while one of the two flies (by {flight.source})", loc="left")
     ax.set_ylabel("distance [m]")
     ax.set_xlabel("time since take-off [s]")

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Circle
 
-from groundstation.figures.data import FlightData
+from groundstation.figures.data import Array, FlightData
 from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
 
+_SAME_M = 0.05
 _STEPS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0)
 
 
@@ -36,11 +37,9 @@ def draw(flight: FlightData) -> Any:
         known = place[np.isfinite(place).all(-1)]
         if len(known):
             ax.plot(*known[0, :2], "s", color=tint, markersize=9, markeredgecolor="white")
-        for number, slot in enumerate(track.slots_enu_m):
+        for slot, orders in _slots(track.slots_enu_m):
             ax.plot(slot[0], slot[1], "+", color=tint, markersize=15, markeredgewidth=2.2)
-            ax.annotate(
-                f"{number + 1}", slot[:2], (7, -12), textcoords="offset points", fontsize=8, weight="bold", color=tint
-            )
+            ax.annotate(orders, slot[:2], (7, -13), textcoords="offset points", fontsize=8.5, weight="bold", color=tint)
     closest = flight.closest()
     if closest is not None:
         pair, at = closest
@@ -77,3 +76,16 @@ def draw(flight: FlightData) -> Any:
     ax.set_ylabel("y, north [m]")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=min(8, len(flight.tracks) + 4), fontsize=9)
     return figure
+
+
+def _slots(slots_enu_m: Array) -> list[tuple[Array, str]]:
+    """Places and the numbers of the orders that went there, those to one place together."""
+    found: list[tuple[Array, str]] = []
+    for number, slot in enumerate(slots_enu_m, start=1):
+        for index, (place, orders) in enumerate(found):
+            if np.hypot(*(place[:2] - slot[:2])) < _SAME_M:
+                found[index] = (place, f"{orders}, {number}")
+                break
+        else:
+            found.append((slot, str(number)))
+    return found

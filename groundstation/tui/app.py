@@ -97,22 +97,32 @@ class ConsoleApp(App[int]):
         self._leaving: int | None = None
         self._mission_worker: Worker[object] | None = None
         self._mission_line = ""
+        # Held here, not looked up: a timer may still come while the screen is being taken apart.
+        self._title_bar = TitleBar("title")
+        self._fleet_table = FleetTable(fleet)
+        self._plan = PlanView(fleet, self._history)
+        self._separation = SeparationView(fleet, self._history)
+        self._event_log = EventLog()
+        self._verdict = Static(id="verdict", markup=False)
+        self._result_line = ResultLine("result")
+        self._order_line = OrderLine(fleet)
+        self._status_bar = StatusBar("status")
 
     def compose(self) -> ComposeResult:
         """Title, fleet, plan beside separation and events, verdict, order line, status."""
-        yield TitleBar("title")
-        yield FleetTable(self.fleet)
+        yield self._title_bar
+        yield self._fleet_table
         with Horizontal(id="middle"):
-            yield PlanView(self.fleet, self._history)
+            yield self._plan
             with Vertical(id="right"):
-                yield SeparationView(self.fleet, self._history)
-                yield EventLog()
-        yield Static(id="verdict", markup=False)
-        yield ResultLine("result")
+                yield self._separation
+                yield self._event_log
+        yield self._verdict
+        yield self._result_line
         with Horizontal(id="line"):
             yield Static(" : ", id="prompt", markup=False)
-            yield OrderLine(self.fleet)
-        yield StatusBar("status")
+            yield self._order_line
+        yield self._status_bar
 
     def on_mount(self) -> None:
         """Start looking, then flying."""
@@ -144,13 +154,13 @@ class ConsoleApp(App[int]):
         self._write_new_events(state)
         self._fleet_table.show(state, now_ns)
         self._plan.show(state, now_ns)
-        self.screen_stack[0].query_one(SeparationView).show(state, now_ns)
+        self._separation.show(state, now_ns)
         heard = sum(view.is_fresh(now_ns) for view in state.vehicles.values())
-        title = self.screen_stack[0].query_one(TitleBar)
+        title = self._title_bar
         title.show(self._fleet_title, heard, len(state.vehicles), len(state.airborne_names), self._mission_text(now_ns))
         if self._kill is not None and now_ns * 1e-9 - self._kill[2] > KILL_WINDOW_S:
             self._kill = None
-        status = self.screen_stack[0].query_one(StatusBar)
+        status = self._status_bar
         status.show(alarms(state, self.fleet, now_ns), self._kill[1] if self._kill else None)
         if self._leaving is not None and not state.airborne_names:
             self.exit(self._leaving)
@@ -159,10 +169,15 @@ class ConsoleApp(App[int]):
         if self._leaving is not None:
             return "landing, then leaving"
         if self._mission_worker is not None and self._mission_worker.is_running and self._progress is not None:
-            return self._progress() or self._mission_line
+            return self._short(self._progress() or self._mission_line)
         start_s = self._history.first_flight_s
         clock = "" if start_s is None else f"  {now_ns * 1e-9 - start_s:.0f} s"
         return f"{self._mission_line}{clock if self._mission_line == 'mission flies' else ''}"
+
+    def _short(self, text: str) -> str:
+        """``all`` for the list of all vehicles: it is what people write, and it fits."""
+        names = self.fleet.enabled_names
+        return text.replace(",".join(names), "all") if len(names) > 1 else text
 
     def _write_new_events(self, state: FleetState) -> None:
         fresh: list[LoggedEvent] = []
@@ -177,9 +192,9 @@ class ConsoleApp(App[int]):
             vehicle = "" if event.vehicle == "ground" else event.vehicle
             if event.order_outcome in look.PHASE_SIGNS:
                 sign, colour = look.PHASE_SIGNS[event.order_outcome]
-                self._event_log.add(sign, colour, event.sentence, vehicle=vehicle)
+                self._event_log.add(sign, colour, self._short(event.sentence), vehicle=vehicle)
             else:
-                self._event_log.write(event.sentence, severity=event.severity, vehicle=vehicle)
+                self._event_log.write(self._short(event.sentence), severity=event.severity, vehicle=vehicle)
         if state.events:
             self._last_event = state.events[-1]
 
@@ -193,7 +208,7 @@ class ConsoleApp(App[int]):
         return verdict
 
     def _show_verdict(self, sentences: list[str], is_good: bool) -> None:
-        box = self.screen_stack[0].query_one("#verdict", Static)
+        box = self._verdict
         box.border_title = "✔ mission passed" if is_good else "✖ mission failed"
         box.border_subtitle = "v hides · q quits"
         box.set_class(not is_good, "bad")
@@ -218,7 +233,7 @@ class ConsoleApp(App[int]):
 
     async def give(self, order: Intent | str) -> None:
         """Send an order and show each vehicle's answer; a misspelt one is a sentence."""
-        line = self.screen_stack[0].query_one(ResultLine)
+        line = self._result_line
         try:
             handle = await self.client.submit(order)
         except OrderError as error:
@@ -226,8 +241,8 @@ class ConsoleApp(App[int]):
             self._event_log.write(f"Not sent: {look.clean(order, 60)}. {error}", severity="warning")
             return
         self._handle = handle
-        self._event_log.add("→", look.CALM, str(handle.intent))
-        line.show_order(handle)
+        self._event_log.add("→", look.CALM, self._short(str(handle.intent)))
+        line.show_order(handle, self._short(str(handle.intent)))
         handle.add_listener(lambda result: self._take_result(handle, result))
         for result in handle.results.values():
             if result.phase == "refused":
@@ -235,7 +250,7 @@ class ConsoleApp(App[int]):
 
     def _take_result(self, handle: OrderHandle, result: VehicleResult) -> None:
         if handle is self._handle and self.is_running:
-            self.screen_stack[0].query_one(ResultLine).show_order(handle)
+            self._result_line.show_order(handle, self._short(str(handle.intent)))
         if result.phase in ("refused", "no answer", "direct"):  # the other ends come as the vehicle's own events
             self._log_result(result)
 
@@ -266,7 +281,7 @@ class ConsoleApp(App[int]):
 
     def action_order_line(self) -> None:
         """Write an order."""
-        self.screen_stack[0].query_one(OrderLine).focus()
+        self._order_line.focus()
 
     def action_help(self) -> None:
         """Show the keys."""
@@ -286,7 +301,7 @@ class ConsoleApp(App[int]):
 
     def action_verdict(self) -> None:
         """Hide or show the verdict."""
-        box = self.screen_stack[0].query_one("#verdict", Static)
+        box = self._verdict
         if box.border_title:
             box.display = not box.display
 
@@ -319,18 +334,6 @@ class ConsoleApp(App[int]):
     def _stop_mission(self) -> None:
         if self._mission_worker is not None:
             self._mission_worker.cancel()
-
-    @property
-    def _fleet_table(self) -> FleetTable:
-        return self.screen_stack[0].query_one(FleetTable)
-
-    @property
-    def _plan(self) -> PlanView:
-        return self.screen_stack[0].query_one(PlanView)
-
-    @property
-    def _event_log(self) -> EventLog:
-        return self.screen_stack[0].query_one(EventLog)
 
 
 async def run_console(

@@ -57,10 +57,10 @@ class TitleBar(Bar):
 class ResultLine(Bar):
     """The last order, and each vehicle's answer as it comes in."""
 
-    def show_order(self, handle: OrderHandle) -> None:
-        """Results as they stand."""
-        segments = [Segment(f" {look.fit(clean(handle.intent, 60), min(34, len(clean(handle.intent, 60))))} ")]
-        segments[0] = Segment(segments[0].text, look.style(TEXT, bold=True))
+    def show_order(self, handle: OrderHandle, text: str) -> None:
+        """Results as they stand, after the order's own words."""
+        words = clean(text, 60)
+        segments = [Segment(f" {look.fit(words, min(34, cell_len(words)))} ", look.style(TEXT, bold=True))]
         for name, result in handle.results.items():
             sign, colour = look.PHASE_SIGNS.get(result.phase, ("?", WARN))
             segments.append(Segment(f"  {name} {sign} {result.phase}", look.style(colour)))

@@ -70,7 +70,7 @@ class EventLog(Widget):
         last = len(self._entries) - self._back
         for index in range(last - 1, -1, -1):
             stamp, sign, colour, text = self._entries[index]
-            lines = look.wrap(text, max(8, width - indent - 1))
+            lines = look.wrap(text, max(8, width - indent - 1), most=12)
             block = [
                 [
                     Segment(

@@ -180,7 +180,8 @@ class FleetTable(ScrollView, can_focus=True):
         if row < 0:
             parts = [" " * _NUMBER_WIDTH + look.fit("name", name_width)]
             parts += [look.fit(column.title, column.width, right=column.right) for column in columns]
-            parts += [look.fit("age s", _AGE_WIDTH, right=True)] + ([" why"] if left else [])
+            age_width = _AGE_WIDTH if left else width - len(" ".join(parts)) - 2
+            parts += [look.fit("age s", age_width, right=True)] + ([" why"] if left else [])
             return Strip([Segment(look.fit(" ".join(parts), width), look.style(FAINT))])
         if row >= len(self._views):
             return Strip.blank(width)
@@ -217,7 +218,9 @@ class FleetTable(ScrollView, can_focus=True):
             ]
         if not is_stale:
             age_s = number(view.age_s(self._now_ns), 1, limit=9999)
-            segments.append(Segment(look.fit(age_s, _AGE_WIDTH, right=True), look.style(FAINT)))
+            used = sum(segment.cell_length for segment in segments)
+            age_width = _AGE_WIDTH if left else self.size.width - used - 1
+            segments.append(Segment(look.fit(age_s, age_width, right=True), look.style(FAINT)))
             if left:
                 text, tint = _why(told, self.fleet)
                 segments += [Segment(" "), Segment(look.fit(text, left), look.style(tint))]
