@@ -36,9 +36,7 @@ def run(position, velocity, accel, neighbours, params=PARAMS, **options):
     memory = oist.initial(batch)
     state = state_of(position, velocity)
     predicted = oist.predict(memory, state, params=params)
-    _, out = oist.saturate(
-        memory, Thrust(thrust), predicted, state, neighbours, params=params, dt_s=0.02, **options
-    )
+    _, out = oist.saturate(memory, Thrust(thrust), predicted, state, neighbours, params=params, dt_s=0.02, **options)
     return out
 
 
@@ -52,9 +50,7 @@ def random_case(seed, batch=(), count=4):
 
 
 def mapped(neighbours, function):
-    changes = {
-        field.name: function(field.name, getattr(neighbours, field.name)) for field in fields(neighbours)
-    }
+    changes = {field.name: function(field.name, getattr(neighbours, field.name)) for field in fields(neighbours)}
     return Neighbours(**changes)
 
 
@@ -84,16 +80,12 @@ def test_height_is_never_touched():
 def test_two_vehicles_seeing_the_same_pair_share_the_work_equally():
     left = run([0, 0, 1], [0.8, 0, 0], [0, 0, 0], neighbours_of([[1.4, 0, 1]], [[-0.8, 0, 0]]))
     right = run([1.4, 0, 1], [-0.8, 0, 0], [0, 0, 0], neighbours_of([[0, 0, 1]], [[0.8, 0, 0]]))
-    np.testing.assert_allclose(
-        left.thrust.thrust_enu_m_s2[:2], -right.thrust.thrust_enu_m_s2[:2], atol=1e-12
-    )
+    np.testing.assert_allclose(left.thrust.thrust_enu_m_s2[:2], -right.thrust.thrust_enu_m_s2[:2], atol=1e-12)
 
 
 def test_neighbour_that_does_not_deliver_its_half_gets_more_from_us():
     idle = run([0, 0, 1], [0.4, 0, 0], [0, 0, 0], neighbours_of([[1.2, 0, 1]], [[-0.4, 0, 0]]))
-    helping = run(
-        [0, 0, 1], [0.4, 0, 0], [0, 0, 0], neighbours_of([[1.2, 0, 1]], [[-0.4, 0, 0]], [[5.0, 0, 0]])
-    )
+    helping = run([0, 0, 1], [0.4, 0, 0], [0, 0, 0], neighbours_of([[1.2, 0, 1]], [[-0.4, 0, 0]], [[5.0, 0, 0]]))
     assert idle.intervention_m_s2 > helping.intervention_m_s2 > 0
 
 

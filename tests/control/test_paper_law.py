@@ -63,9 +63,7 @@ def test_vehicle_that_approaches_its_obstacle_is_pushed_away_from_it():
 @pytest.mark.parametrize(("sign", "expected"), [(1.0, 1.0), (-1.0, -1.0)])
 def test_direction_8_turns_counter_clockwise_and_9_clockwise(sign, expected):
     zero = np.zeros(2)
-    result = saturate_thrust(
-        np.array([0.8, 0.0]), zero, zero, zero, zero, zero, params=replace(PARAMS, turn_sign=sign)
-    )
+    result = saturate_thrust(np.array([0.8, 0.0]), zero, zero, zero, zero, zero, params=replace(PARAMS, turn_sign=sign))
     assert np.sign(result.thrust_xy_m_s2[1]) == expected
 
 

@@ -98,9 +98,7 @@ def test_commanded_state_is_published_for_the_neighbours():
     np.testing.assert_allclose(
         tick.law.commanded_acceleration_enu_m_s2, tick.law.thrust.thrust_enu_m_s2 - [0, 0, GRAVITY_M_S2]
     )
-    np.testing.assert_array_equal(
-        memory.law.history.acceleration_enu_m_s2[0], tick.law.commanded_acceleration_enu_m_s2
-    )
+    np.testing.assert_array_equal(memory.law.history.acceleration_enu_m_s2[0], tick.law.commanded_acceleration_enu_m_s2)
 
 
 def test_drag_is_compensated_after_the_law():
@@ -133,9 +131,7 @@ def test_batch_equals_loop():
         for k in range(12):
             one = neighbours_of(q[k], w[k])
             parts[k], alone = run(1, state_of(p[k], v[k]), goal_of(goal[k]), one, memory=parts[k])
-            np.testing.assert_allclose(
-                alone.attitude.quaternion_wxyz, tick.attitude.quaternion_wxyz[k], atol=1e-7
-            )
+            np.testing.assert_allclose(alone.attitude.quaternion_wxyz, tick.attitude.quaternion_wxyz[k], atol=1e-7)
             np.testing.assert_allclose(alone.attitude.thrust_frac, tick.attitude.thrust_frac[k], atol=1e-7)
             assert alone.law.status == tick.law.status[k]
 
@@ -153,9 +149,7 @@ def test_turning_and_shifting_the_world_turns_the_thrust():
             goal_of(turn @ goal + shift),
             neighbours_of(q @ turn.T + shift, w @ turn.T),
         )
-        np.testing.assert_allclose(
-            moved.law.thrust.thrust_enu_m_s2, turn @ plain.law.thrust.thrust_enu_m_s2, atol=1e-6
-        )
+        np.testing.assert_allclose(moved.law.thrust.thrust_enu_m_s2, turn @ plain.law.thrust.thrust_enu_m_s2, atol=1e-6)
 
 
 @pytest.mark.filterwarnings("error")

@@ -50,8 +50,8 @@ def test_without_the_law_the_vehicles_collide():
 
 
 def test_the_papers_ring_flies_the_mission_with_strong_vehicles_but_does_not_keep_its_distance():
-    result = fly("sih", "paper", 12)
-    assert result.is_success.sum() >= 9
+    result = fly("sih", "paper", 6)
+    assert result.is_success.sum() >= 4
     assert result.min_separation_m.min() > 0.5
     assert result.min_separation_m.min() < 0.80
 
@@ -62,7 +62,7 @@ def test_fleet_of_unequal_vehicles_keeps_its_distance():
     params, plants = rollout.fleet_models(weak, names)
     strong_params, strong_plants = rollout.fleet_models(strong, names)
     params[1], plants[1] = strong_params[1], strong_plants[1]
-    result = rollout.fly(paper_mission(weak, 36), params, plants, range(36))
+    result = rollout.fly(paper_mission(weak, 24), params, plants, range(24))
     assert result.min_separation_m.min() >= 0.80
     assert result.is_success.mean() > 0.95
 

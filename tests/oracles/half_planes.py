@@ -10,9 +10,7 @@ import numpy as np
 
 def nearest_in_rows_and_disc(u0, normals, bounds, radius, tolerance=1e-9):
     """Nearest feasible point by trying every active set, scalar; None when there is none."""
-    rows = [
-        (n / np.hypot(*n), b / np.hypot(*n)) for n, b in zip(normals, bounds, strict=True) if np.hypot(*n) > 0
-    ]
+    rows = [(n / np.hypot(*n), b / np.hypot(*n)) for n, b in zip(normals, bounds, strict=True) if np.hypot(*n) > 0]
     candidates = [np.array(u0, float)]
     size = np.hypot(*u0)
     if size > 0:
