@@ -16,6 +16,9 @@ _NAV_LAND, _ARM_DISARM, _FORCE = 21, 400, 21196.0
 _ARMED_FLAG = 128
 _RESULTS = {0: "accepted", 1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress"}
 
+# PX4 answers for ever to the address that spoke to it first, so a link is kept for the next command.
+_idle_links: dict[str, Any] = {}
+
 
 @dataclass(frozen=True, slots=True)
 class DirectResult:
@@ -47,10 +50,14 @@ def send_direct(
     """
     from pymavlink import mavutil
 
+    link = _idle_links.pop(endpoint, None)
     try:
-        link = mavutil.mavlink_connection(
-            mavutil_address(endpoint), source_system=_GCS_SYSTEM, source_component=_GCS_COMPONENT, dialect="common"
-        )
+        if link is None:
+            link = mavutil.mavlink_connection(
+                mavutil_address(endpoint), source_system=_GCS_SYSTEM, source_component=_GCS_COMPONENT, dialect="common"
+            )
+        while link.recv_match(blocking=False) is not None:
+            pass  # what waited since the last command is not an answer to this one
     except (OSError, ValueError) as error:
         return DirectResult(False, False, f"the direct endpoint {endpoint} cannot be opened ({error})")
     command = _NAV_LAND if kind == "land" else _ARM_DISARM
@@ -85,7 +92,7 @@ def send_direct(
     except OSError as error:
         return DirectResult(False, False, f"the direct endpoint {endpoint} failed ({error})")
     finally:
-        link.close()
+        _idle_links[endpoint] = link
     if answer is None:
         return DirectResult(False, False, f"PX4 did not answer at {endpoint} within {timeout_s:g} s either")
     ending = ", and it is disarmed" if is_disarmed else ""

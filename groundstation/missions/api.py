@@ -188,7 +188,10 @@ class Fleet:
             handle = await self.client.submit(Intent("land", left))
             await handle.wait((end_ns - self.client.now_ns()) * 1e-9)
             # An order can end before the vehicle is down: when a failsafe has taken over, PX4 lands by itself.
-            if await self.client.wait_for(lambda state: all(is_landed(state, name) for name in up), LAND_AGAIN_S):
+            # Whom PX4 itself reports disarmed, on the second way, has no agent left to tell it.
+            down = {name for name, result in handle.results.items() if result.is_done}
+            left = tuple(name for name in left if name not in down)
+            if await self.client.wait_for(_all_landed(up), LAND_AGAIN_S if left else 1.0):
                 return True
             for name, result in handle.results.items():
                 if not result.is_done:
@@ -251,6 +254,10 @@ class VehicleHandle:
     async def land(self, *, timeout_s: float = 40.0) -> VehicleResult:
         """Land and disarm."""
         return (await self._fleet.land(self.name, timeout_s=timeout_s))[self.name]
+
+
+def _all_landed(names: Sequence[str]) -> Callable[[FleetState], bool]:
+    return lambda state: all(is_landed(state, name) for name in names)
 
 
 def _may_fly(state: FleetState, name: str) -> bool:
