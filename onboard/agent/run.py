@@ -72,13 +72,13 @@ class Agent:
         """Fly until told to stop; exit status."""
         loop = asyncio.get_running_loop()
         self._ended = loop.create_future()
+        for number in (signal.SIGINT, signal.SIGTERM):  # before anything takes time: a stop asked for early counts too
+            loop.add_signal_handler(number, self._signalled)
         _warm_up(self.fleet, self.name, self._core.params.law.name)
         self._link.start()
         try:
             self._bus.start()
             self._subscribe(loop)
-            for number in (signal.SIGINT, signal.SIGTERM):
-                loop.add_signal_handler(number, self._signalled)
             self._core.is_warm = True
             gc.collect()
             gc.freeze()
@@ -138,7 +138,8 @@ class Agent:
     def _signalled(self) -> None:
         self._signals += 1
         if self._signals > 1:
-            self._end(EXIT_INTERRUPTED)
+            log.warning("asked twice: ending at once; if in the air, PX4's own failsafe lands")
+            os._exit(EXIT_INTERRUPTED)
         else:
             log.info("asked to stop: landing first if in the air")
             self._inbox.append(ev.ShutdownAsked())
