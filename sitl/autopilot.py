@@ -214,6 +214,7 @@ class Autopilot:
 
     def _disarm(self, now_s: float, why: str) -> None:
         self.is_armed = False
+        self.landed = Landed.ON_GROUND  # PX4's land detector takes whatever is not armed for landed
         self._critical_time_s = None
         if self.intent in modes.INTENT_AFTER_DISARM:
             was_offboard = self._intent_before is Mode.OFFBOARD

@@ -30,7 +30,10 @@ from sitl.vehicle import STEP_S, VehicleProfile
 EXIT_OK, EXIT_WRONG_INPUT = 0, 2
 # PX4's instance N binds 14580 + N for the companion that listens at 14540 + N.
 _ONBOARD_PORT_OFFSET = 40
-_LARGEST_BACKLOG_STEPS = 25
+# A busy machine holds the process up now and then: up to this much it catches up (below PX4's shortest COM_OF_LOSS_T in
+# use), reading its sockets in between; a longer stall is a pause of simulated time.
+_LARGEST_BACKLOG_STEPS = 70
+_STEPS_BETWEEN_READS = 5
 _TRUTH_EVERY_STEPS = 5
 _ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*|\[[^\]]*\]):(\d{1,5})")
 
@@ -215,8 +218,10 @@ class Server:
                 # The machine slept: simulated time stands still meanwhile, as PX4's does, rather than racing after.
                 self._epoch_s += (due - 1) * STEP_S
                 due = 1
-            for _ in range(due):
+            for step in range(due):
                 self._step(say)
+                if step % _STEPS_BETWEEN_READS == _STEPS_BETWEEN_READS - 1:
+                    await asyncio.sleep(0)
             wake_s = self._epoch_s + (self.emulator.world.vehicles.steps + 1) * STEP_S
             await asyncio.sleep(max(0.0, wake_s - loop.time()))
 

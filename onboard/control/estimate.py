@@ -38,7 +38,7 @@ class EstimateParams:
     max_bias_m_s2: Array | float = 3.0
     drag_1_s: Array | float = 0.0
     motor_lag_s: Array | float = 0.05
-    jump_gate_m: Array | float = 0.15
+    jump_gate_m: Array | float = 0.30  # wide enough for a 0.2-s stall at speed, below half the distance of two bodies
     jump_gate_sigma: Array | float = 6.0
     history: int = 20
 

@@ -269,7 +269,7 @@ def test_scaling_length_and_time_scales_the_estimate() -> None:
         bias_noise=0.12 * length / time**2.5,
         max_bias_m_s2=3.0 * length / time**2,
         drag_1_s=0.5 / time,
-        jump_gate_m=0.15 * length,
+        jump_gate_m=EstimateParams().jump_gate_m * length,
     )
     a, b = estimate.initial(np.zeros(3), params=one), estimate.initial(np.zeros(3), params=two)
     weights = np.array([1, 1 / time, 1 / time**2, 1 / time**2, 1 / time**3, 1 / time**4]) * length**2

@@ -41,9 +41,10 @@ autopilot = "udpin://127.0.0.1:{port}"
 def free_pair() -> int:
     """A UDP port that is free, and free again 40 higher, where the emulator sends from."""
     while True:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as low, socket.socket(
-            socket.AF_INET, socket.SOCK_DGRAM
-        ) as high:
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as low,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as high,
+        ):
             low.bind(("127.0.0.1", 0))
             port = int(low.getsockname()[1])
             try:
