@@ -369,9 +369,7 @@ class AgentCore:
             )
         )
         if len(self._samples) >= _BATCH_TICKS:
-            batch = TickBatch(
-                vehicle=name, boot_id=self.boot_id, sequence=self._sequence, ticks=tuple(self._samples)
-            )
+            batch = TickBatch(vehicle=name, boot_id=self.boot_id, sequence=self._sequence, ticks=tuple(self._samples))
             self._samples.clear()
             out.append(Publish(Topic.TICK, batch))
         if self._ticks % _TELEMETRY_TICKS == 0:

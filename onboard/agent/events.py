@@ -159,6 +159,4 @@ class Exit:
     """The vehicle is on the ground and disarmed, and somebody asked the agent to stop."""
 
 
-Command = (
-    SendAttitude | SetOffboard | Px4Land | Arm | Disarm | Kill | SendOdometry | Publish | Reply | Exit
-)
+Command = SendAttitude | SetOffboard | Px4Land | Arm | Disarm | Kill | SendOdometry | Publish | Reply | Exit

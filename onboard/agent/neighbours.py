@@ -115,9 +115,7 @@ class NeighbourTable:
                 continue
             ahead = min(self.age_s(name, now_ns), SILENT_S)
             p, v = entry.state.position_enu_m, entry.state.velocity_enu_m_s
-            found[name] = math.hypot(
-                p[0] + ahead * v[0] - position_enu_m[0], p[1] + ahead * v[1] - position_enu_m[1]
-            )
+            found[name] = math.hypot(p[0] + ahead * v[0] - position_enu_m[0], p[1] + ahead * v[1] - position_enu_m[1])
         return found
 
     def snapshot(self, now_ns: int) -> Neighbours:
