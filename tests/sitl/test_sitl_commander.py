@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from tests.sitl.sitl_flying import ARDRONE, EAST_WXYZ, SIH, Client, emulator, height_m, run_for, streamer, until
 
 from sitl.emulator import Emulator
 from sitl.modes import Landed, Mode, Result, SystemStatus
 from sitl.vehicle import VehicleProfile
+from tests.sitl.sitl_flying import ARDRONE, EAST_WXYZ, SIH, Client, emulator, height_m, run_for, streamer, until
 
 
 def offboard_at_height(

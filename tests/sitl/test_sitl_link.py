@@ -8,11 +8,11 @@ import struct
 
 import pytest
 from pymavlink.dialects.v20 import common
-from tests.sitl.sitl_flying import Client, emulator, run_for
 
 from sitl.mavlink import LAYOUTS, Decoder, Encoder
 from sitl.modes import Mode
 from sitl.streams import BUILDERS, ONBOARD_RATES_HZ, View
+from tests.sitl.sitl_flying import Client, emulator, run_for
 
 ACCEPTED, REJECTED, UNSUPPORTED, FAILED = 0, 1, 3, 4
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.sitl.sitl_flying import emulator, run_for
 
 from sitl.mocap import Mocap, MocapSettings
 from sitl.sensors import ESTIMATE_EVERY_STEPS, GPS, VISION_TUNED, Estimator, vision_level
 from sitl.vehicle import STEP_S
+from tests.sitl.sitl_flying import emulator, run_for
 
 DT_S = ESTIMATE_EVERY_STEPS * STEP_S
 

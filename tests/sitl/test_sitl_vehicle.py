@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.sitl.sitl_flying import ARDRONE, SIH
 
 from sitl import rotation
 from sitl.vehicle import GRAVITY_M_S2, STEP_S, Commands, VehicleProfile, Vehicles
+from tests.sitl.sitl_flying import ARDRONE, SIH
 
 
 def hovering(profile: VehicleProfile, yaw_rad: float = 0.0) -> tuple[Vehicles, Commands]:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from tests.sitl.sitl_flying import emulator, height_m, run_for, streamer, until
 
 from sitl.emulator import Emulator
 from sitl.modes import Mode
+from tests.sitl.sitl_flying import emulator, height_m, run_for, streamer, until
 
 
 def airborne_pair(distance_m: float) -> Emulator:
