@@ -16,7 +16,7 @@ from typing import Protocol
 from groundstation import fleet as fleet_state
 from groundstation import orders as orders_
 from groundstation.direct import DirectKind, DirectResult, send_direct
-from groundstation.fleet import FleetState
+from groundstation.fleet import DIRECT_DISARMED, FleetState
 from groundstation.handle import OrderHandle, Phase, VehicleResult
 from groundstation.orders import Intent
 from onboard.bus.codec import Malformed
@@ -324,7 +324,8 @@ class FleetClient:
         sentence = f"{silence}; {kind} was sent straight to PX4: {result.sentence}."
         is_done = result.is_accepted and (result.is_disarmed or kind == "kill")
         phase: Phase = "done" if is_done else "failed"
-        self.publish_event("warning" if is_done else "critical", "direct_result", sentence, vehicle.name)
+        code = DIRECT_DISARMED if result.is_disarmed else "direct_result"
+        self.publish_event("warning" if is_done else "critical", code, sentence, vehicle.name)
         handle.update(vehicle.name, phase, sentence)
 
 

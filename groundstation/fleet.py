@@ -19,6 +19,7 @@ from onboard.bus.topics import TOPICS, Topic
 from onboard.config import FleetConfig
 
 MAX_EVENTS = 500
+DIRECT_DISARMED = "direct_disarmed"  # code of the ground's event: PX4 itself says so, past a silent agent
 TELEMETRY_STALE_NS = int(TOPICS[Topic.TELEMETRY].stale_after_s * 1e9)
 TRUTH_STALE_NS = int(TOPICS[Topic.TRUTH].stale_after_s * 1e9)
 _NEVER = -(1 << 62)

@@ -26,6 +26,7 @@ from onboard.config import ConfigError, FleetConfig, fleet_from_mapping
 EMULATOR = "sitl"
 RECORDED = (Topic.STATE, Topic.TICK, Topic.MOCAP)
 READY_TIMEOUT_SIM_S, READY_TIMEOUT_S = 60.0, 10.0
+SILENT_S = 2.0  # of telemetry in flight, after which the mission ends
 
 Say = Callable[[str], None]
 
@@ -222,6 +223,25 @@ class Flight:
                     self._client.publish_event("critical", "process_ended", reason)
                 run.abort(reason, can_land=EMULATOR not in names)
                 return
+            silent = self._silent()
+            if silent:
+                names = ", ".join(silent)
+                reason = f"Nothing heard from {names} for {SILENT_S:g} s in flight: the agent hangs or is cut off."
+                if self._client is not None:
+                    self._client.publish_event("critical", "agent_silent", reason)
+                run.abort(reason)
+                return
+
+    def _silent(self) -> list[str]:
+        """Vehicles that were armed when they were last heard, too long ago."""
+        if self._client is None:
+            return []
+        now_ns = self._client.now_ns()
+        return [
+            name
+            for name, view in self._client.state.vehicles.items()
+            if view.telemetry is not None and view.telemetry.is_armed and view.age_s(now_ns) > SILENT_S
+        ]
 
     def _on_signal(self) -> None:
         self._signals += 1

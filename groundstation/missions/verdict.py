@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from groundstation.fleet import FleetState, Separation
+from groundstation.fleet import DIRECT_DISARMED, FleetState, Separation
 from groundstation.missions.files import Expect
 from groundstation.recording.report import PERIOD_NOMINAL_MS, FlightReport
 from onboard.config import FleetConfig
@@ -109,10 +109,19 @@ class Flown(msgspec.Struct, frozen=True):
 
 
 def is_landed(state: FleetState, name: str) -> bool:
-    """Landed and disarmed, by the vehicle's own telemetry, at the last it was heard."""
+    """Landed and disarmed, by the vehicle's own telemetry, at the last it was heard.
+
+    Without its agent, PX4's own heartbeat on the direct way counts, if it came after the agent's last word.
+    """
     view = state.vehicles.get(name)
-    telemetry = None if view is None else view.telemetry
-    return telemetry is not None and not telemetry.is_airborne and not telemetry.is_armed
+    if view is None or view.telemetry is None:
+        return False
+    if not view.telemetry.is_airborne and not view.telemetry.is_armed:
+        return True
+    return any(
+        logged.event.code == DIRECT_DISARMED and logged.event.vehicle == name and logged.received_ns > view.received_ns
+        for logged in state.events
+    )
 
 
 def smallest(state: FleetState) -> Separation | None:

@@ -195,9 +195,12 @@ def order_line(vehicle: str, order: Order) -> str:
 
 
 def write_json(path: Path, value: object) -> str | None:
-    """Write a value as readable JSON; a sentence when the disk refuses."""
+    """Write a value as readable JSON, whole or not at all; a sentence when the disk refuses."""
+    whole = path.with_suffix(".part")
     try:
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n")
+        whole.write_bytes(msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n")
+        whole.replace(path)
     except OSError as error:
+        whole.unlink(missing_ok=True)
         return f"{path} cannot be written ({error.strerror or error})."
     return None

@@ -228,6 +228,7 @@ class AgentCore:
                 has_ground=self._has_ground,
                 nearest_m=min(self._distances.values(), default=math.inf) if self._is_airborne else math.inf,
                 silent_neighbours=bool(self.neighbours.silent(view.now_ns)),
+                should_be_up=flight.state in ("flying", "holding"),
                 is_stopping=self.is_stopping,
             ),
             self._conditions,

@@ -13,6 +13,7 @@ from onboard.config import FleetConfig
 from onboard.safety.failsafe import Condition
 
 POSITION_STALE_S, POSITION_LOST_S = 0.2, 0.5
+_DOWN_HEIGHT_M, _DOWN_LONG_S = 0.12, 1.0
 AUTOPILOT_SILENT_S = 0.3
 LATE_S, STALLED_S, STALLED_LONG_S = 0.005, 0.2, 1.0
 PERIOD_S = 0.02
@@ -53,6 +54,7 @@ class Watch:
         has_ground: bool,
         nearest_m: float,
         silent_neighbours: bool,
+        should_be_up: bool,
         is_stopping: bool,
     ) -> set[Condition]:
         """All conditions that hold at this tick."""
@@ -67,6 +69,8 @@ class Watch:
         breach, breach_s = self.lasting(c.FENCE_BREACH, outside, now_ns)
         bad, bad_s = self.lasting(c.NOT_FINITE, not is_last_tick_finite, now_ns)
         bus, bus_s = self.lasting(c.BUS_LOST, bus_age_s > BUS_LOST_S, now_ns)
+        is_down = should_be_up and view.has_position and view.position_enu_m[2] < _DOWN_HEIGHT_M
+        _, down_s = self.lasting(c.FALLEN, is_down, now_ns)
         unheard, _ = self.lasting(c.NEIGHBOUR_SILENT, silent_neighbours, now_ns)
         battery_pct = 100.0 * snapshot.battery_frac
         taken = must_be_offboard and not snapshot.is_offboard and snapshot.heartbeat_ns > offboard_since_ns
@@ -89,6 +93,7 @@ class Watch:
             (c.NOT_FINITE_LONG, bad_s > _NOT_FINITE_LONG_S),
             (c.SEPARATION_BREACHED, nearest_m < limits.safety_distance_m),
             (c.NEIGHBOUR_SILENT, unheard >= 2),
+            (c.FALLEN, down_s > _DOWN_LONG_S),
             (c.SHUTDOWN, is_stopping),
         ):
             if holds:

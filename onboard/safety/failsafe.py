@@ -41,6 +41,7 @@ class Condition(Enum):
     NOT_FINITE_LONG = "ticks not finite for long"
     SEPARATION_BREACHED = "separation breached"
     NEIGHBOUR_SILENT = "neighbour silent"
+    FALLEN = "on the ground though it should fly"
     SHUTDOWN = "agent asked to stop"
 
 
@@ -95,6 +96,8 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
         _C.SEPARATION_BREACHED: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # avoided at its last extrapolated position with full responsibility on our side
         _C.NEIGHBOUR_SILENT: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        # after a collision or a failed motor: more thrust helps nobody, PX4's loss failsafe disarms
+        _C.FALLEN: (_A.GO_ON, _A.GO_ON, _A.STOP, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.SHUTDOWN: (_A.REFUSE, _A.DISARM, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
     }.items()
     for situation, action in zip(Situation, row, strict=True)
