@@ -10,7 +10,6 @@ import argparse
 import itertools
 import json
 import math
-import os
 import resource
 import subprocess
 import sys
@@ -144,7 +143,7 @@ def main(argv: list[str]) -> int:
                 f"{last.cores:.2f} cores",
                 flush=True,
             )
-    command = "covey bench " + " ".join(argument for argument in argv if not argument.startswith(os.sep))
+    command = " ".join(["covey bench demo --flights", str(len(flights)), *arguments])
     text = f"Measured by `{command}`, separation from ground truth by a reader of its own.\n\n{table(flights)}\n"
     print(text)
     if options.out:

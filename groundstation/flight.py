@@ -225,8 +225,8 @@ class Flight:
                 return
             silent = self._silent()
             if silent:
-                names = ", ".join(silent)
-                reason = f"Nothing heard from {names} for {SILENT_S:g} s in flight: the agent hangs or is cut off."
+                who = ", ".join(silent)
+                reason = f"Nothing heard from {who} for {SILENT_S:g} s in flight: the agent hangs or is cut off."
                 if self._client is not None:
                     self._client.publish_event("critical", "agent_silent", reason)
                 run.abort(reason)

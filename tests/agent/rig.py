@@ -53,6 +53,7 @@ class Rig:
     has_mocap: bool = True
     has_autopilot: bool = True
     has_bus: bool = True  # False: poses come by another wire, nothing else is heard
+    has_lift: bool = True  # False: propellers broken, as after a collision
     battery_frac: float = 0.9
     now_ns: int = 1_000_000_000
     position: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -172,7 +173,7 @@ class Rig:
 
     def _move(self) -> None:
         acceleration = np.array([0.0, 0.0, -GRAVITY_M_S2])
-        if self.is_armed and self.mode == "OFFBOARD" and self._setpoint is not None:
+        if self.is_armed and self.mode == "OFFBOARD" and self._setpoint is not None and self.has_lift:
             believed = np.asarray(self._setpoint.quaternion_wxyz)
             acceleration += float(self._setpoint.thrust_frac) / HOVER * GRAVITY_M_S2 * body_up(self._true(believed))
             self._snapshot = replace(self._snapshot, quaternion_enu_flu_wxyz=tuple(believed.tolist()))

@@ -186,3 +186,16 @@ def test_every_setpoint_of_a_flight_with_everything_going_wrong_is_finite_and_bo
         assert np.isfinite(q).all()
         assert 0.0 <= float(setpoint.thrust_frac) <= 1.0
         assert 1.0 - 2.0 * (q[1] ** 2 + q[2] ** 2) >= tilt_cos
+
+
+def test_a_vehicle_that_fell_stops_thrusting_instead_of_flying_on_from_the_ground() -> None:
+    rig = Rig()
+    rig.fly()
+    rig.has_lift = False
+    rig.run(3.0)
+    assert rig.position[2] == 0.0
+    quiet_ns = rig.now_ns
+    rig.run(1.0)
+    assert rig.count(ev.SendAttitude, quiet_ns) == 0
+    assert rig.core.flight.state in ("failed", "landed")
+    assert any(event.severity == "critical" for event in rig.events)
