@@ -67,7 +67,7 @@ class OrderLine(Input):
 
     async def action_submit(self) -> None:
         """Give the order and clear the line."""
-        text = self.value.strip()
+        text = self.value.strip().removeprefix(":").strip()  # ":" opens the line; typed once more it means nothing
         self.value = ""
         if text:
             self._history = [*self._history[-199:], text]
