@@ -322,7 +322,7 @@ class FleetClient:
             self._send, vehicle.direct, vehicle.system_id, kind, timeout_s=3.0, watch_s=watch_s
         )
         sentence = f"{silence}; {kind} was sent straight to PX4: {result.sentence}."
-        is_done = result.is_accepted and (result.is_disarmed or kind == "kill")
+        is_done = result.is_accepted and result.is_disarmed
         phase: Phase = "done" if is_done else "failed"
         code = DIRECT_DISARMED if result.is_disarmed else "direct_result"
         self.publish_event("warning" if is_done else "critical", code, sentence, vehicle.name)

@@ -81,13 +81,6 @@ class OrderHandle:
         for listener in self._listeners:
             listener(result)
 
-    async def wait_answered(self) -> dict[str, VehicleResult]:
-        """Until every vehicle has answered or is known not to."""
-        while any(result.phase == "sent" for result in self.results.values()):
-            self._changed.clear()
-            await self._changed.wait()
-        return dict(self.results)
-
     async def wait(self, timeout_s: float | None = None) -> dict[str, VehicleResult]:
         """Until every vehicle's order has ended, or ``timeout_s``; what is still open then counts as unfinished."""
         try:

@@ -25,7 +25,6 @@ from onboard.config import ConfigError, FleetConfig, parking_distance_m
 
 Verb = Literal["arm", "disarm", "takeoff", "move", "formation", "land", "hold", "kill"]
 VERBS: tuple[Verb, ...] = ("arm", "disarm", "takeoff", "move", "formation", "land", "hold", "kill")
-SAFE_VERBS: tuple[Verb, ...] = ("land", "hold")
 DEFAULT_HEIGHT_M = 1.0
 ORDER_LIFE_S = 2.0
 _USAGE: dict[Verb, str] = {

@@ -372,6 +372,11 @@ def _check(config: FleetConfig) -> None:
         value = getattr(config.law, key)
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             _bound(path, f"law.{key}", value, 0.0 if "margin" in key or "gain" in key else 1e-3, 100.0)
+    if config.law.name == "paper" and len(config.enabled_names) > 3 and not config.law.paper_force_ring:
+        raise ConfigError(
+            f"{path}: 'law.name' is 'paper' for {len(config.enabled_names)} vehicles; its ring (each avoids the next) "
+            "covers every pair only up to 3. Use law.name = 'covey', or set law.paper_force_ring = true to see it fail."
+        )
     seen: dict[tuple[str, Any], str] = {}
     for name, vehicle in config.vehicles.items():
         for key, (low, high) in _BOUNDS.items():

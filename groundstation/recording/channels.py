@@ -8,8 +8,8 @@ from typing import Any, get_type_hints
 
 import msgspec
 
-from onboard.bus.schema import Message, OrderReply, TickBatch, TickSample
-from onboard.bus.topics import TOPICS, Topic
+from onboard.bus.schema import Message, OrderReply, TickBatch
+from onboard.bus.topics import Topic
 
 MAX_STAMP_NS = (1 << 63) - 1
 REPLY = "reply"
@@ -37,11 +37,6 @@ def rows(topic: Topic, name: str, message: Message, received_ns: int) -> Iterato
         yield _row(f"{REPLY}/{name}", message, received_ns)
     else:
         yield _row(f"{topic.value}/{name}", message, received_ns)
-
-
-def kind_of(topic: Topic) -> type[Message] | None:
-    """The type of a topic's rows."""
-    return TickSample if topic is Topic.TICK else TOPICS[topic].message
 
 
 def as_mapping(message: Message) -> dict[str, Any]:

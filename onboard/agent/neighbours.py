@@ -24,7 +24,6 @@ class _Entry:
     stamp_ns: int = 0  # of the state, on our clock
     newest: tuple[int, int] = (0, -1)  # boot id and sequence of the newest message
     telemetry: Telemetry | None = None
-    telemetry_ns: int = 0
 
 
 @dataclass(slots=True)
@@ -53,7 +52,7 @@ class NeighbourTable:
             return False
         self.last_heard_ns = max(self.last_heard_ns, received_ns)
         if isinstance(message, Telemetry):
-            entry.telemetry, entry.telemetry_ns = message, received_ns
+            entry.telemetry = message
             return True
         repeated = entry.newest[0] == message.boot_id and message.sequence <= entry.newest[1]
         if repeated or not _is_usable(message):

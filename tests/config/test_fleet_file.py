@@ -131,3 +131,19 @@ def test_the_paper_law_parks_no_closer_than_its_own_formula(paper: FleetConfig) 
     data["law"] = {"name": "paper", "paper_v_perp_m_s": 0.3, "paper_kappa_3_1_s": 1.0}
     assert parking_distance_m(fleet_from_mapping(data)) == pytest.approx((0.64 + 0.8 * 0.3) ** 0.5)
     assert parking_distance_m(paper) > paper.fleet.safety_distance_m
+
+
+def test_the_papers_ring_is_refused_for_more_than_three_unless_forced() -> None:
+    data = paper_data()
+    data["vehicles"]["mav3"] = {
+        "system_id": 4,
+        "start_enu_m": [3.0, -1.5, 0.0],
+        "agent": "tcp/127.0.0.1:7463",
+        "autopilot": "udpin://127.0.0.1:14543",
+    }
+    assert fleet_from_mapping(data)
+    data["law"] = {"name": "paper"}
+    with pytest.raises(ConfigError, match=r"law\.paper_force_ring"):
+        fleet_from_mapping(data)
+    data["law"]["paper_force_ring"] = True
+    assert fleet_from_mapping(data)

@@ -145,6 +145,19 @@ async def test_kill_and_land_go_straight_to_px4_when_the_agent_is_silent(
     assert "straight to PX4" in results["mav1"].sentence
 
 
+@pytest.mark.parametrize("verb", ["land", "kill"])
+async def test_accepted_without_a_heartbeat_that_shows_it_is_not_done(fleet: FleetConfig, bus: Any, verb: str) -> None:
+    def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
+        return DirectResult(True, False, "PX4 accepted it")
+
+    bus.misbehave["mav1"] = "silent"
+    client = FleetClient(fleet, bus=bus, send=send)
+    await client.start()
+    results = await client.order(f"{verb} mav1", 5.0)
+    await client.stop()
+    assert results["mav1"].phase == "failed"
+
+
 async def test_without_a_direct_endpoint_the_silence_is_told_with_what_to_do(fleet: FleetConfig, bus: Any) -> None:
     vehicles = {name: msgspec.structs.replace(vehicle, direct=None) for name, vehicle in fleet.vehicles.items()}
     bus.misbehave["mav1"] = "silent"
