@@ -18,6 +18,9 @@ PX4_OFFSET = 40
 def is_free(port: int, kind: socket.SocketKind) -> bool:
     """Whether a loopback port can be bound now."""
     with socket.socket(socket.AF_INET, kind) as probe:
+        if kind == socket.SOCK_STREAM:
+            # As the bus's listener does it: a connection of the last flight that lingers in TIME_WAIT is no hindrance.
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(("127.0.0.1", port))
         except OSError:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.ports import PX4_OFFSET, busy_ports, toml_text, with_free_ports
+from groundstation.ports import PX4_OFFSET, busy_ports, is_free, toml_text, with_free_ports
 from groundstation.processes import ProcessError, Processes
 from onboard.config import FleetConfig, fleet_from_mapping
 
@@ -132,3 +132,17 @@ def _is_alive(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except OSError:
         return False
+
+
+def test_a_port_whose_last_connection_lingers_is_free_and_one_that_listens_is_not() -> None:
+    with socket.socket() as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        port = listener.getsockname()[1]
+        assert not is_free(port, socket.SOCK_STREAM)
+        with socket.create_connection(("127.0.0.1", port)) as client:
+            served, _ = listener.accept()
+            served.close()  # the side that closes first keeps the port in TIME_WAIT
+            assert client.recv(1) == b""
+    assert is_free(port, socket.SOCK_STREAM)
