@@ -120,9 +120,8 @@ def table(flights: list[Flight]) -> str:
 
 
 def main(argv: list[str]) -> int:
-    """Entry of ``covey bench``; exit status 0 when every flight came true."""
-    parser = argparse.ArgumentParser(prog="covey bench", description="Measure Covey; writes a table to docs/.")
-    parser.add_argument("what", choices=["demo"], help="demo: fly the demo several times")
+    """Entry of ``covey bench demo``; exit status 0 when every flight came true."""
+    parser = argparse.ArgumentParser(prog="covey bench demo", description="Fly the demo several times; writes a table.")
     parser.add_argument("--flights", type=int, default=10, help="how many flights (default 10)")
     parser.add_argument("--fleet", help="fleet file (default: the paper's)")
     parser.add_argument("--law", choices=["covey", "paper", "off"], help="avoidance law (default: the fleet file's)")

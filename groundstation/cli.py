@@ -18,19 +18,16 @@ EXIT_HELP = (
     "Exit status: 0 all came true; 1 an expectation failed; 2 wrong input, nothing started; 10 nobody answered; "
     "50 mixed results per vehicle; 130 interrupted. Ctrl-C lands; a second one ends the processes that were started."
 )
+# commands with a command line of their own: what `covey --help` says of them, and whose main() takes the words after
 _PASSED_ON = {
-    "sitl": "emulated PX4s for a fleet file",
-    "agent": "one vehicle's agent",
-    "plot": "figures of a recorded flight",
-    "bench": "fly the demo several times and write a table",
+    "sitl": ("emulated PX4s for a fleet file", "sitl.server"),
+    "agent": ("one vehicle's agent", "onboard.agent.__main__"),
+    "plot": ("figures of a recorded flight", "groundstation.plot"),
 }
-_PASSED_ON_TO = {
-    "sitl": ("sitl.server", "main"),
-    "agent": ("onboard.agent.__main__", "main"),
-    "plot": ("groundstation.plot", "main"),
-    "bench": ("groundstation.bench", "main"),
+_BENCHES = {
+    "demo": ("fly the demo several times and write a table", "groundstation.bench"),
 }
-_EXTRAS = {"textual", "mcap", "pymavlink", "rich", "matplotlib", "fastcrc", "zstandard"}
+_EXTRAS = {"textual", "mcap", "pymavlink", "rich", "matplotlib", "fastcrc", "zstandard", "pyrvo", "daqp"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -38,7 +35,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     try:
         if words and words[0] in _PASSED_ON:
-            return _pass_on(words[0], words[1:])
+            return _pass_on(_PASSED_ON[words[0]][1], words[1:])
+        if words and words[0] == "bench":
+            return _bench(words[1:])
         options = _parser().parse_args(words)
         run: Callable[[argparse.Namespace], int] = options.run
         return run(options)
@@ -81,8 +80,9 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("--fleet", metavar="FILE", help="check missions against this fleet")
     check.set_defaults(run=_check)
 
-    for name, text in _PASSED_ON.items():
+    for name, (text, _) in _PASSED_ON.items():
         commands.add_parser(name, help=text, add_help=False)
+    commands.add_parser("bench", help=f"measure Covey: {', '.join(_BENCHES)}", add_help=False)
     return parser
 
 
@@ -176,10 +176,19 @@ def _check(options: argparse.Namespace) -> int:
     return status
 
 
-def _pass_on(command: str, words: list[str]) -> int:
+def _bench(words: list[str]) -> int:
+    """``covey bench WHAT``: each benchmark has a module and a command line of its own."""
+    if words and words[0] in _BENCHES:
+        return _pass_on(_BENCHES[words[0]][1], words[1:])
+    width = max(map(len, _BENCHES))
+    print("usage: covey bench WHAT [options]; covey bench WHAT --help says more.")
+    print("\n".join(f"  {name:<{width}}  {text}" for name, (text, _) in _BENCHES.items()))
+    return EXIT_OK if words and words[0] in ("-h", "--help") else EXIT_WRONG_INPUT
+
+
+def _pass_on(module: str, words: list[str]) -> int:
     """A command with a command line of its own."""
-    module, function = _PASSED_ON_TO[command]
-    run: Callable[[list[str]], int] = getattr(importlib.import_module(module), function)
+    run: Callable[[list[str]], int] = importlib.import_module(module).main
     return run(words)
 
 

@@ -6,13 +6,14 @@ import grimp
 
 PACKAGES = ("onboard", "groundstation", "sitl")
 SPLIT = {"onboard": 2, "groundstation": 2, "sitl": 1}
+ROOTS = ("server", "campaign", "lockstep", "conformance")  # rooms of sitl that stand apart from the emulator
 
 
 def room(module: str) -> str:
-    """The room that a module stands in: onboard and groundstation by folder or file, sitl as a whole."""
+    """The room that a module stands in: onboard and groundstation by folder or file, the emulator as a whole."""
     parts = module.split(".")
-    if parts[0] == "sitl" and len(parts) > 1 and parts[1] == "server":
-        return "sitl.server"
+    if parts[0] == "sitl" and len(parts) > 1 and parts[1] in ROOTS:
+        return ".".join(parts[:2])
     return ".".join(parts[: SPLIT[parts[0]]])
 
 

@@ -1,0 +1,1 @@
+"""Many perturbed flights of the law on the emulator's physics, batched: ``covey simulate``."""
