@@ -9,29 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from onboard.config import FleetConfig
-from onboard.control import estimate, pipeline
+from onboard.control import estimate, fleet_step, pipeline
 from onboard.control.plant import TICK_S, Noise, Perturbation, Plant, World, plant_of
-from onboard.types import (
-    GRAVITY_M_S2,
-    Array,
-    AttitudeSetpoint,
-    BoolArray,
-    Goal,
-    IntArray,
-    LawStatus,
-    Neighbours,
-    State,
-    Tick,
-)
-
-_T = TypeVar("_T", bound=np.generic)
-_FIELDS = 20  # per message: plain p, v, a, predicted p, v, command (3 each), position std, crowd count
+from onboard.types import GRAVITY_M_S2, Array, BoolArray, Goal, IntArray, LawStatus
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,18 +91,18 @@ def fly(
     start = scenario.start_enu_m.copy()
     start[..., :2] += noise_values.start_m * noise.starts
     world = World(start, plants, noise, noise_values)
-    groups = _groups(params)
-    memories = [pipeline.initial(params[group[0]], start[:, group]) for group in groups]
+    controller = fleet_step.FleetPipeline(params, start)
     filter_params = estimate.EstimateParams(
         position_noise_m=noise_values.mocap_noise_m,
         drag_1_s=np.array([p.drag_1_s for p in params])[None, :].repeat(flights, axis=0),
     )
     own = estimate.initial(start, params=filter_params)
     mocap = [start.copy() for _ in range(noise_values.mocap_delay_ticks + 1)]
-    outbox = [_message(own, None, groups) for _ in range(noise_values.message_delay_ticks + 1)]
+    outbox = [fleet_step.message(estimate.state(own), None) for _ in range(noise_values.message_delay_ticks + 1)]
     inbox = np.repeat(outbox[0][:, None], count, axis=1)  # (F, receiver, sender, fields)
     age = np.full((flights, count, count), noise_values.message_delay_ticks * dt_s)
-    others = np.array([[j for j in range(count) if j != i] for i in range(count)], dtype=np.int64).reshape(count, -1)
+    others = fleet_step.all_others(count)
+    everybody = np.ones(age.shape, bool)
     leg = np.zeros(flights, np.int64)
     leg_time, stay = np.zeros(flights), np.zeros((flights, count))
     arrival = np.full((flights, legs), np.inf)
@@ -148,25 +132,15 @@ def fly(
         goal_position = scenario.legs_enu_m[rows, np.minimum(leg, legs - 1)]
         duration = np.broadcast_to(scenario.duration_s[np.minimum(leg, legs - 1)][:, None], (flights, count))
         sequence = np.broadcast_to(leg[:, None], (flights, count))
-        ticks: list[Tick] = []
-        for k, group in enumerate(groups):
-            memories[k], tick = pipeline.step(
-                memories[k],
-                _take(state, group),
-                Goal(goal_position[:, group], duration[:, group], sequence[:, group]),
-                _heard(inbox, age, others, group),
-                params=params[group[0]],
-                dt_s=dt_s,
-            )
-            ticks.append(tick)
-        outbox = [_message(own, ticks, groups), *outbox[:-1]]
-        attitude = AttitudeSetpoint(
-            _merge([tick.attitude.quaternion_wxyz for tick in ticks], groups),
-            _merge([tick.attitude.thrust_frac for tick in ticks], groups),
+        tick = controller.step(
+            state,
+            Goal(goal_position, duration, sequence),
+            fleet_step.heard(inbox, age, others, everybody),
+            dt_s=dt_s,
         )
-        status = _merge([tick.law.status for tick in ticks], groups)
-        command = _merge([tick.law.thrust.thrust_enu_m_s2 for tick in ticks], groups)
-        world.advance(attitude, gust_noise, noise_values, dt_s)
+        outbox = [fleet_step.message(state, tick.law), *outbox[:-1]]
+        status, command = tick.law.status, tick.law.thrust.thrust_enu_m_s2
+        world.advance(tick.attitude, gust_noise, noise_values, dt_s)
         # judged on true positions
         gap = world.position[:, upper[0], :2] - world.position[:, upper[1], :2]
         nearest = np.sqrt(np.einsum("fpc,fpc->fp", gap, gap)).min(-1, initial=np.inf)
@@ -210,74 +184,4 @@ def fly(
         duration_s=tally["ticks"] * dt_s,
         trace_enu_m=np.array(trace),
         trace_status=np.array(statuses, dtype=np.int64),
-    )
-
-
-def _groups(params: Sequence[pipeline.PipelineParams]) -> list[list[int]]:
-    groups: list[list[int]] = []
-    for index, own in enumerate(params):
-        for group in groups:
-            if params[group[0]] == own:
-                group.append(index)
-                break
-        else:
-            groups.append([index])
-    return groups
-
-
-def _merge(parts: Sequence[NDArray[_T]], groups: Sequence[Sequence[int]]) -> NDArray[_T]:
-    """Results of the groups (F, len(group), ...) in the order of the vehicles."""
-    order = np.argsort([index for group in groups for index in group])
-    merged: NDArray[_T] = np.concatenate(parts, axis=1)[:, order]
-    return merged
-
-
-def _take(state: State, group: Sequence[int]) -> State:
-    return State(
-        state.position_enu_m[:, group],
-        state.velocity_enu_m_s[:, group],
-        state.acceleration_enu_m_s2[:, group],
-        state.yaw_rad[:, group],
-        state.age_s[:, group],
-        state.position_std_m[:, group],
-        state.velocity_std_m_s[:, group],
-    )
-
-
-def _message(own: estimate.EstimateMemory, ticks: Sequence[Tick] | None, groups: Sequence[Sequence[int]]) -> Array:
-    """What each vehicle publishes, (F, N, fields)."""
-    out = np.zeros((*own.position_enu_m.shape[:-1], _FIELDS))
-    out[..., 0:3], out[..., 3:6], out[..., 6:9] = own.position_enu_m, own.velocity_enu_m_s, own.acceleration_enu_m_s2
-    out[..., 18] = np.sqrt(own.covariance[..., 0])
-    if ticks is None:
-        out[..., 9:12] = own.position_enu_m
-        return out
-    out[..., 9:12] = _merge([tick.law.predicted_position_enu_m for tick in ticks], groups)
-    out[..., 12:15] = _merge([tick.law.predicted_velocity_enu_m_s for tick in ticks], groups)
-    out[..., 15:18] = _merge([tick.law.commanded_acceleration_enu_m_s2 for tick in ticks], groups)
-    out[..., 19] = _merge([tick.law.crowd_count for tick in ticks], groups)
-    return out
-
-
-def _heard(inbox: Array, age: Array, others: IntArray, group: Sequence[int]) -> Neighbours:
-    """Neighbours (F, len(group), K) as a group of receivers heard them."""
-    receivers = np.array(group)[:, None]
-    senders = others[list(group)]
-    fields = inbox[:, receivers, senders]
-    shape = fields.shape[:-1]
-    count = inbox.shape[1]
-    present = np.ones(shape, bool)
-    return Neighbours(
-        position_enu_m=fields[..., 0:3],
-        velocity_enu_m_s=fields[..., 3:6],
-        acceleration_enu_m_s2=fields[..., 6:9],
-        predicted_position_enu_m=fields[..., 9:12],
-        predicted_velocity_enu_m_s=fields[..., 12:15],
-        commanded_acceleration_enu_m_s2=fields[..., 15:18],
-        age_s=age[:, receivers, senders],
-        position_std_m=fields[..., 18],
-        crowd_count=fields[..., 19],
-        is_present=present,
-        is_cooperative=present,
-        is_paper_obstacle=np.broadcast_to(senders == (receivers + 1) % count, shape),
     )
