@@ -60,6 +60,7 @@ class FleetClient:
         bus: for tests; by default a session that connects to all agents and the emulator and listens nowhere.
         extra_topics: topics that only sinks want (the recorder's state, tick and mocap).
         send: for tests; the direct way to PX4.
+        clock_ns, new_id: the clock and the names of orders, where time is simulated and nothing may be random.
     """
 
     def __init__(
@@ -71,6 +72,7 @@ class FleetClient:
         extra_topics: Sequence[Topic] = (),
         send: Direct = send_direct,
         clock_ns: Callable[[], int] = time.monotonic_ns,
+        new_id: Callable[[], str] = orders_.random_id,
     ) -> None:
         self.fleet = fleet
         self.author = author or _user()
@@ -84,6 +86,7 @@ class FleetClient:
         self._extra = tuple(topic for topic in extra_topics if topic not in self._topics)
         self._send = send
         self._clock_ns = clock_ns
+        self._new_id = new_id
         self._state = fleet_state.initial(fleet)
         self._inbox: deque[tuple[Message | Malformed | tuple[str, bool], int]] = deque(maxlen=MAX_QUEUED)
         self._is_woken = False
@@ -147,6 +150,7 @@ class FleetClient:
             formation=self.formation,
             author=self.author,
             now_ns=self._clock_ns(),
+            new_id=self._new_id,
         )
         self.formation = plan.formation
         handle = OrderHandle(intent, plan)

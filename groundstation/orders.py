@@ -115,6 +115,11 @@ def default_formation(fleet: FleetConfig) -> str | None:
     return next(iter(fleet.formations), None)
 
 
+def random_id() -> str:
+    """A name for an order that no other order has."""
+    return uuid.uuid4().hex[:12]
+
+
 def plan(
     intent: Intent,
     fleet: FleetConfig,
@@ -123,7 +128,7 @@ def plan(
     formation: str | None,
     author: str,
     now_ns: int,
-    new_id: Callable[[], str] = lambda: uuid.uuid4().hex[:12],
+    new_id: Callable[[], str] = random_id,
 ) -> Plan:
     """Check an intent against the fleet and make its orders; ``formation`` is the one that holds now.
 

@@ -41,7 +41,7 @@ def rows(topic: Topic, name: str, message: Message, received_ns: int) -> Iterato
 
 def as_mapping(message: Message) -> dict[str, Any]:
     """Field names and values; on the bus the same message travels without its names."""
-    return {field: getattr(message, field) for field in message.__struct_fields__}
+    return msgspec.structs.asdict(message)
 
 
 def json_schema(kind: type[Message]) -> bytes:

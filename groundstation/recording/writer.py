@@ -59,7 +59,9 @@ class RecordWriter:
         if self._thread is not None:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
-        files = _Files(self.folder, self._open_file(self.folder / RECORD_NAME))
+        begin = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+        stream = self._open_file(self.folder / RECORD_NAME)
+        files = RecordFiles(self.folder, stream, begin_ns=time.monotonic_ns(), begin=begin)
         self._thread = threading.Thread(target=self._run, args=(files,), name="record", daemon=True)
         self._thread.start()
 
@@ -83,7 +85,7 @@ class RecordWriter:
             return  # the disk hangs: the thread is a daemon, and every whole second so far is on it
         thread.join(timeout_s)
 
-    def _run(self, files: _Files) -> None:
+    def _run(self, files: RecordFiles) -> None:
         next_flush_s = time.monotonic() + FLUSH_PERIOD_S
         try:
             while True:
@@ -109,23 +111,29 @@ class RecordWriter:
             files.close()
 
 
-class _Files:
-    """The open files of a record; every method may raise OSError."""
+class RecordFiles:
+    """The open files of a record; every method may raise OSError.
 
-    def __init__(self, folder: Path, stream: IO[bytes]) -> None:
+    Args:
+        folder: where the texts go; stream: the MCAP.
+        begin_ns, begin: zero of the texts' seconds, on the ground's clock and in words.
+    """
+
+    def __init__(self, folder: Path, stream: IO[bytes], *, begin_ns: int, begin: str) -> None:
         self._stream = stream
         self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._writer.start(profile="", library="covey")
         self._schemas: dict[type[Message], int] = {}
         self._channels: dict[str, tuple[int, int]] = {}
-        self._begin_ns = time.monotonic_ns()
-        head = f"# seconds since {datetime.datetime.now().astimezone().isoformat(timespec='seconds')}\n"
+        self._begin_ns = begin_ns
+        head = f"# seconds since {begin}\n"
         self._texts: dict[str, TextIO] = {}
         for name in ("events.txt", "orders.txt"):
             self._texts[name] = (folder / name).open("w", encoding="utf-8")
             self._texts[name].write(head)
 
     def write(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
+        """Take one message of the bus."""
         for row in rows(topic, name, message, received_ns):
             channel, sequence = self._channel(row.channel, row.kind)
             self._writer.add_message(
@@ -143,6 +151,7 @@ class _Files:
             self._line("orders.txt", received_ns, f"{name} {message.order_id} {answer}: {message.reason}")
 
     def flush(self) -> None:
+        """Bring what was written so far to the disk."""
         # mcap has no public call that ends a chunk; without it a quiet flight would stay in memory for a minute.
         finish_chunk = getattr(self._writer, "_Writer__finalize_chunk", None)
         if finish_chunk is not None:
@@ -152,12 +161,14 @@ class _Files:
             text.flush()
 
     def finish(self) -> None:
+        """Write the end of the files."""
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._stream.flush()
         for text in self._texts.values():
             text.flush()
 
     def close(self) -> None:
+        """Close everything, finished or not."""
         for close in (self._stream.close, *(text.close for text in self._texts.values())):
             with contextlib.suppress(OSError):  # what could be written was; the failure itself has been told
                 close()

@@ -6,7 +6,7 @@ One tick: estimate, conditions, failsafe, state machine, pipeline, the last chec
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,12 +39,12 @@ from onboard.bus.schema import Order, OrderReply, Severity, Telemetry, TickBatch
 from onboard.bus.topics import Topic
 from onboard.config import FleetConfig
 from onboard.control import pipeline
-from onboard.control.pipeline import Phase
+from onboard.control.pipeline import Phase, PipelineMemory
 from onboard.link.autopilot import Landed, Snapshot, Vec3
 from onboard.safety import preflight
 from onboard.safety.failsafe import TABLE, WORDS, Action, Condition, Situation, decide
 from onboard.safety.wire import is_sendable
-from onboard.types import AttitudeSetpoint, State, Tick
+from onboard.types import AttitudeSetpoint, Goal, Neighbours, State, Tick
 
 _ODOMETRY_EVERY_NS = 18_000_000  # every sample of a mocap at 50 Hz
 _TELEMETRY_TICKS = 5
@@ -53,6 +53,18 @@ _MOCAP_STD_M = 0.01
 _CONFLICT_CHECK_S = 0.6
 _QUIET = {Condition.LOOP_LATE, Condition.GROUND_LOST, Condition.NOT_FINITE, Condition.SHUTDOWN}
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Pass:
+    """One pass of the pipeline that is due: its arguments, without a batch axis."""
+
+    memory: PipelineMemory
+    state: State
+    goal: Goal
+    neighbours: Neighbours
+    dt_s: float
+    phase: Phase
 
 
 class AgentCore:
@@ -87,6 +99,7 @@ class AgentCore:
         self._distances: dict[str, float] = {}
         self._samples: list[TickSample] = []
         self._last_ns = self._offboard_since_ns = self._odometry_ns = 0
+        self._period_s, self._action = PERIOD_S, Action.GO_ON
         self._sequence = self._ticks = self._malformed = 0
         self._sent_thrust_frac = 0.0
         self._hover_frac = self.vehicle.hover_thrust_frac
@@ -180,23 +193,48 @@ class AgentCore:
 
     def tick(self, now_ns: int) -> list[Command]:
         """One pass at 50 Hz; the commands are to be executed in their order."""
-        period_s = (now_ns - self._last_ns) * 1e-9 if self._last_ns else PERIOD_S
+        due = self.begin_tick(now_ns)
+        memory, tick = pipeline.step(
+            due.memory,
+            due.state,
+            due.goal,
+            due.neighbours,
+            params=self.params,
+            dt_s=due.dt_s,
+            phase=due.phase,
+        )
+        return self.end_tick(memory, tick)
+
+    def begin_tick(self, now_ns: int) -> Pass:
+        """The first half of :meth:`tick`: what the pipeline has to compute. Who runs many cores computes them at once."""
+        self._period_s = (now_ns - self._last_ns) * 1e-9 if self._last_ns else PERIOD_S
         self._last_ns = now_ns
-        dt_s = min(max(period_s, 0.005), 0.1)
+        dt_s = min(max(self._period_s, 0.005), 0.1)
         flight = self.flight
         on_ground = flight.phase is Phase.GROUND or flight.step is Step.LIFTOFF
         self.own.update(now_ns, dt_s, self._snapshot, self._sent_thrust_frac, self._hover_frac, on_ground)
         state = self.own.state
         self._view = self._look(now_ns, state)
         self._distances = self.neighbours.distances_m(self._view.position_enu_m, now_ns)
-        action = self._failsafe(period_s)
+        self._action = self._failsafe(self._period_s)
         flight.advance(self._view)
         if not flight.must_be_offboard:
             self._offboard_since_ns = now_ns
-        tick = self._run_pipeline(state, dt_s, flight.phase, now_ns)
-        out = self._to_wire(tick, action)
-        self._publish(tick, now_ns, period_s, out)
-        if self.is_stopping and flight.situation in (Situation.GROUND, Situation.SILENT):
+        phase = flight.phase
+        if state is None:
+            start = np.asarray(self.vehicle.start_enu_m, dtype=np.float64)
+            zero = np.zeros(())
+            state, phase = State(start, np.zeros(3), np.zeros(3), zero, zero, zero, zero), Phase.GROUND
+        return Pass(self._memory, state, flight.goal(), self.neighbours.snapshot(now_ns), dt_s, phase)
+
+    def end_tick(self, memory: PipelineMemory, tick: Tick) -> list[Command]:
+        """The second half of :meth:`tick`, with what the pipeline made of the pass."""
+        self._memory, self.last_tick = memory, tick
+        self._hover_frac = float(tick.hover_thrust_frac)
+        self._is_last_finite = bool(tick.is_finite) and is_sendable(tick.attitude, self.vehicle.max_tilt_deg)
+        out = self._to_wire(tick, self._action)
+        self._publish(tick, self._last_ns, self._period_s, out)
+        if self.is_stopping and self.flight.situation in (Situation.GROUND, Situation.SILENT):
             out.append(Exit())
         return out
 
@@ -268,26 +306,6 @@ class AgentCore:
         if condition is Condition.NEIGHBOUR_SILENT:
             what += f" ({', '.join(self.neighbours.silent(self._view.now_ns))})"
         return f"{what}: {WORDS[action]}."
-
-    def _run_pipeline(self, state: State | None, dt_s: float, phase: Phase, now_ns: int) -> Tick:
-        if state is None:
-            start = np.asarray(self.vehicle.start_enu_m, dtype=np.float64)
-            zero = np.zeros(())
-            state = State(start, np.zeros(3), np.zeros(3), zero, zero, zero, zero)
-            phase = Phase.GROUND
-        self._memory, tick = pipeline.step(
-            self._memory,
-            state,
-            self.flight.goal(),
-            self.neighbours.snapshot(now_ns),
-            params=self.params,
-            dt_s=dt_s,
-            phase=phase,
-        )
-        self._hover_frac = float(tick.hover_thrust_frac)
-        self._is_last_finite = bool(tick.is_finite) and is_sendable(tick.attitude, self.vehicle.max_tilt_deg)
-        self.last_tick = tick
-        return tick
 
     def _to_wire(self, tick: Tick, action: Action) -> list[Command]:
         out = self._drain()
