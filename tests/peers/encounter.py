@@ -44,10 +44,10 @@ class Step(Protocol):
     def __call__(self, encounter: Encounter, values: Mapping[str, float]) -> Array: ...
 
 
-def preferred_velocity(encounter: Encounter, gain_1_s: float) -> tuple[Array, Array]:
-    """Velocity (M, 2) that the baseline's acceleration steers for, as it is and within the top speed."""
+def preferred_velocity(encounter: Encounter, gain_1_s: float) -> Array:
+    """Velocity (M, 2) that the baseline's acceleration steers for, within the top speed."""
     wish = encounter.velocity_m_s + encounter.wanted_m_s2 / gain_1_s
-    return wish, into_disc(wish, np.full(len(wish), encounter.speed_m_s))
+    return into_disc(wish, np.full(len(wish), encounter.speed_m_s))
 
 
 def keep_right(encounter: Encounter) -> Encounter:
@@ -74,4 +74,4 @@ def into_disc(vector: Array, radius: Array) -> Array:
 
 def length(vector: Array) -> Array:
     """Euclidean length over the last axis."""
-    return np.sqrt(np.einsum("...c,...c->...", vector, vector))
+    return np.asarray(np.sqrt(np.einsum("...c,...c->...", vector, vector)))

@@ -7,7 +7,6 @@ has two values of its own and six combinations to choose from.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,7 +17,7 @@ import numpy as np
 import pyrvo
 
 from onboard.control.projection import Rows, no_rows, project
-from tests.peers.encounter import Array, Encounter, Step, into_disc, keep_right, length, preferred_velocity
+from tests.peers.encounter import Array, Encounter, Step, into_disc, keep_right, preferred_velocity
 
 NEIGHBOURS = 12  # the nearest so many count, for every method
 
@@ -30,7 +29,7 @@ def orca(encounter: Encounter, values: Mapping[str, float]) -> Array:
     time are avoided. ``gain_1_s``: the velocity found becomes an acceleration.
     """
     encounter = keep_right(encounter)
-    wish, asked = preferred_velocity(encounter, values["gain_1_s"])
+    asked = preferred_velocity(encounter, values["gain_1_s"])
     found = asked.copy()
     nearby = encounter.is_on & (encounter.distance_m < encounter.d_m + 2.5 * values["horizon_s"])
     for m in np.flatnonzero(nearby.any(-1)):
@@ -66,7 +65,7 @@ def cells(encounter: Encounter, values: Mapping[str, float]) -> Array:
     cells, 2017. ``horizon_s``: how far ahead that point lies. ``gain_1_s``: velocity to acceleration.
     """
     encounter = keep_right(encounter)
-    wish, asked = preferred_velocity(encounter, values["gain_1_s"])
+    asked = preferred_velocity(encounter, values["gain_1_s"])
     target = values["horizon_s"] * asked
     distance = encounter.distance_m
     rows = Rows(encounter.gap_m / distance[..., None], 0.5 * (encounter.d_m - distance), encounter.is_on)
@@ -142,13 +141,10 @@ def nothing(encounter: Encounter, values: Mapping[str, float]) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A method with the combinations of its own values that it may be tuned over, and the ones chosen.
-
-    ``step`` is None for the two laws that the product has itself.
-    """
+    """A method with the combinations of its own values that it may be tuned over, and the ones chosen."""
 
     title: str
-    step: Step | None
+    step: Step
     grid: Mapping[str, tuple[float, ...]]
     chosen: Mapping[str, float]
 

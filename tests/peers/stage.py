@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from onboard.control import oist, prediction
-from onboard.types import GRAVITY_M_S2, Array, LawOutput, LawStatus, Neighbours, State, Thrust
+from onboard.types import Array, LawOutput, LawStatus, Neighbours, State, Thrust
 from tests.peers.encounter import Encounter, Step, length
 from tests.peers.methods import NEIGHBOURS
 
