@@ -20,7 +20,7 @@ def starts_and_slots(fleet: FleetConfig) -> tuple[Array, Array]:
     """Take-off spots at flying height and the triangle's slots (3, 3)."""
     starts = np.array([vehicle.start_enu_m for vehicle in fleet.vehicles.values()])
     slots = np.array([fleet.formations["triangle"][name] for name in fleet.vehicles])
-    return starts + [0.0, 0.0, CENTRE_ENU_M[2]], slots + CENTRE_ENU_M
+    return starts + CENTRE_ENU_M * [0.0, 0.0, 1.0], slots + CENTRE_ENU_M
 
 
 def fly(fleet: FleetConfig, order: Sequence[int], *, tick_s: float = 0.01, seconds: float = 14.0) -> tuple[Array, ...]:
