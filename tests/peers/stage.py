@@ -1,13 +1,10 @@
-"""A peer in the place of Covey's law: the same inputs, the same limits after it, the same types out.
-
-The pipeline around it, from the estimate to the attitude, stays as it is.
-"""
+"""Between the pipeline's types and a peer's: what it is told, and its answer under the same limits as the law's."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +12,8 @@ from onboard.control import oist, prediction
 from onboard.types import Array, LawOutput, LawStatus, Neighbours, State, Thrust
 from tests.peers.encounter import Encounter, Step, length
 from tests.peers.methods import NEIGHBOURS
+
+Inputs = tuple[oist.LawMemory, Thrust, tuple[Array, Array], State, Neighbours]
 
 
 def encounter_of(
@@ -24,15 +23,16 @@ def encounter_of(
     wanted = baseline.thrust_enu_m_s2
     count = int(np.prod(wanted.shape[:-1], dtype=np.int64))
     theirs, their_velocity = prediction.predict_neighbour(
-        np.nan_to_num(neighbours.predicted_position_enu_m[..., :2]),
-        np.nan_to_num(neighbours.predicted_velocity_enu_m_s[..., :2]),
+        _either(neighbours.predicted_position_enu_m, neighbours.position_enu_m),
+        _either(neighbours.predicted_velocity_enu_m_s, neighbours.velocity_enu_m_s),
         np.nan_to_num(neighbours.commanded_acceleration_enu_m_s2[..., :2]),
         np.nan_to_num(neighbours.age_s, nan=prediction.MAX_MESSAGE_AGE_S),
     )
-    gap = (predicted[0][..., None, :2] - theirs).reshape(count, -1, 2)
-    closing = (predicted[1][..., None, :2] - their_velocity).reshape(count, -1, 2)
+    others = neighbours.is_present.shape[-1]
+    gap = (predicted[0][..., None, :2] - theirs).reshape(count, others, 2)
+    closing = (predicted[1][..., None, :2] - their_velocity).reshape(count, others, 2)
     distance = length(gap)
-    is_on = neighbours.is_present.reshape(count, -1) & (distance < params.range_m)
+    is_on = neighbours.is_present.reshape(count, others) & (distance < params.range_m)
     nearest = np.argsort(np.where(is_on, distance, np.inf), axis=1, kind="stable")[:, :NEIGHBOURS]
     thrust = wanted.reshape(count, 3)
     return Encounter(
@@ -47,53 +47,29 @@ def encounter_of(
     )
 
 
-class PeerLaw:
-    """Stands where the pipeline has ``onboard.control.oist``: everything is the law's but :meth:`saturate`."""
+def answer(
+    step: Step, values: Mapping[str, float], inputs: Inputs, options: Mapping[str, Any], speed_m_s: float
+) -> Array:
+    """Horizontal acceleration (..., 2) that the peer commands."""
+    _, baseline, predicted, _, neighbours = inputs
+    found = step(encounter_of(baseline, predicted, neighbours, options["params"], speed_m_s), values)
+    return found.reshape(*baseline.thrust_enu_m_s2.shape[:-1], 2)
 
-    initial = staticmethod(oist.initial)
-    predict = staticmethod(oist.predict)
-    speed_share = staticmethod(oist.speed_share)
-    is_plausible = staticmethod(oist.is_plausible)
-    LawParams = oist.LawParams
 
-    def __init__(self, step: Step, values: Mapping[str, float], speed_m_s: float) -> None:
-        self.step, self.values, self.speed_m_s = step, values, speed_m_s
-        self.busy_s, self.vehicle_steps = 0.0, 0
+def sent(found: Array, inputs: Inputs, options: Mapping[str, Any]) -> tuple[oist.LawMemory, LawOutput]:
+    """The answer through the law's own limits, remembered and published like the law's."""
+    memory, baseline, predicted, state, neighbours = inputs
+    wanted = baseline.thrust_enu_m_s2
+    thrust = Thrust(np.concatenate([found, wanted[..., 2:]], axis=-1))
+    passed_on = {**options, "params": replace(options["params"], name="off")}
+    memory, output = oist.saturate(memory, thrust, predicted, state, neighbours, **passed_on)
+    change = length(output.commanded_acceleration_enu_m_s2[..., :2] - wanted[..., :2])
+    is_held = (change > 1e-9) & (output.status == int(LawStatus.INACTIVE))
+    status = np.where(is_held, int(LawStatus.SATURATED), output.status)
+    return memory, replace(output, intervention_m_s2=change, status=status)
 
-    def saturate(
-        self,
-        memory: oist.LawMemory,
-        thrust_baseline: Thrust,
-        predicted: tuple[Array, Array],
-        state: State,
-        neighbours: Neighbours,
-        *,
-        params: oist.LawParams,
-        dt_s: float,
-        compensation_enu_m_s2: Array | None = None,
-    ) -> tuple[oist.LawMemory, LawOutput]:
-        """As the law's own, with the peer's answer."""
-        begun = time.perf_counter()
-        encounter = encounter_of(thrust_baseline, predicted, neighbours, params, self.speed_m_s)
-        found = self.step(encounter, self.values)
-        self.busy_s += time.perf_counter() - begun
-        self.vehicle_steps += len(found)
-        wanted = thrust_baseline.thrust_enu_m_s2
-        thrust = np.concatenate([found.reshape(*wanted.shape[:-1], 2), wanted[..., 2:]], axis=-1)
-        memory, output = oist.saturate(
-            memory,
-            Thrust(thrust),
-            predicted,
-            state,
-            neighbours,
-            params=replace(params, name="off"),
-            dt_s=dt_s,
-            compensation_enu_m_s2=compensation_enu_m_s2,
-        )
-        change = length(output.commanded_acceleration_enu_m_s2[..., :2] - wanted[..., :2])
-        status = np.where(change > 1e-9, int(LawStatus.SATURATED), int(LawStatus.INACTIVE))
-        return memory, replace(
-            output,
-            intervention_m_s2=change,
-            status=np.where(output.status == int(LawStatus.INFEASIBLE), output.status, status),
-        )
+
+def _either(first: Array, second: Array) -> Array:
+    """Horizontal part of the first where it is a number, else of the second."""
+    chosen = np.where(np.isfinite(first).all(-1, keepdims=True), first, second)
+    return np.nan_to_num(chosen[..., :2])
