@@ -103,6 +103,11 @@ class FleetClient:
         """The fleet as known now."""
         return self._state
 
+    @property
+    def is_started(self) -> bool:
+        """Whether the bus is open."""
+        return self._loop is not None
+
     def now_ns(self) -> int:
         """The ground's monotonic clock, which ages in the state are counted on."""
         return self._clock_ns()

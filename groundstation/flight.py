@@ -13,20 +13,18 @@ from pathlib import Path
 
 from groundstation.client import FleetClient
 from groundstation.missions.files import Mission, load_mission
-from groundstation.missions.runner import MissionRun
+from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
 from groundstation.missions.verdict import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_WRONG_INPUT, Verdict, judge
 from groundstation.ports import busy_ports, toml_text, with_free_ports
 from groundstation.processes import ProcessError, Processes
+from groundstation.recording.channels import RECORDED
 from groundstation.recording.report import FlightReport, report
 from groundstation.recording.writer import FLUSH_PERIOD_S, RECORD_NAME, RecordWriter, write_json
 from onboard.bus.schema import Event
-from onboard.bus.topics import Topic
 from onboard.config import ConfigError, FleetConfig, fleet_from_mapping
 
 EMULATOR = "sitl"
-RECORDED = (Topic.STATE, Topic.TICK, Topic.MOCAP)
-READY_TIMEOUT_SIM_S, READY_TIMEOUT_S = 60.0, 10.0
-SILENT_S = 2.0  # of telemetry in flight, after which the mission ends
+READY_TIMEOUT_S = 10.0
 
 Say = Callable[[str], None]
 
@@ -52,9 +50,12 @@ def prepare(
     has_free_ports: bool,
     is_headless: bool,
     seed: int,
+    needs_ports: bool = True,
 ) -> Settings:
     """Check everything before anything starts, and put the files that are really used into the folder.
 
+    Args:
+        needs_ports: False for a flight without sockets.
     Raises:
         ConfigError: wrong files, wrong combination, ports in use, a folder that cannot be used.
     """
@@ -64,7 +65,7 @@ def prepare(
     if is_simulated:
         fleet = _own_fleet(mission.fleet, folder, law, has_free_ports)
         mission = load_mission(mission_path, fleet)
-        busy = busy_ports(fleet)
+        busy = busy_ports(fleet) if needs_ports else []
         if busy:
             more = f" ({len(busy)} ports are in use)" if len(busy) > 1 else ""
             raise ConfigError(
@@ -223,25 +224,8 @@ class Flight:
                     self._client.publish_event("critical", "process_ended", reason)
                 run.abort(reason, can_land=EMULATOR not in names)
                 return
-            silent = self._silent()
-            if silent:
-                who = ", ".join(silent)
-                reason = f"Nothing heard from {who} for {SILENT_S:g} s in flight: the agent hangs or is cut off."
-                if self._client is not None:
-                    self._client.publish_event("critical", "agent_silent", reason)
-                run.abort(reason)
+            if run.abort_if_silent():
                 return
-
-    def _silent(self) -> list[str]:
-        """Vehicles that were armed when they were last heard, too long ago."""
-        if self._client is None:
-            return []
-        now_ns = self._client.now_ns()
-        return [
-            name
-            for name, view in self._client.state.vehicles.items()
-            if view.telemetry is not None and view.telemetry.is_armed and view.age_s(now_ns) > SILENT_S
-        ]
 
     def _on_signal(self) -> None:
         self._signals += 1

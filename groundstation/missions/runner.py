@@ -16,6 +16,8 @@ from groundstation.missions.verdict import Flown, Verdict, check, is_landed, jud
 from onboard.config import ConfigError
 
 LAND_TIMEOUT_S = 40.0
+READY_TIMEOUT_SIM_S = 60.0  # for the first step, when emulator and agents start with the mission
+SILENT_S = 2.0  # of telemetry in flight, after which the mission ends
 
 
 class MissionRun:
@@ -97,6 +99,21 @@ class MissionRun:
             self._aborted, self._can_land = reason, can_land
             if self._task is not None:
                 self._task.cancel()
+
+    def abort_if_silent(self) -> bool:
+        """End the mission when a vehicle that was armed when it was last heard has been silent too long."""
+        now_ns = self.client.now_ns()
+        silent = [
+            name
+            for name, view in self.client.state.vehicles.items()
+            if view.telemetry is not None and view.telemetry.is_armed and view.age_s(now_ns) > SILENT_S
+        ]
+        if silent:
+            who = ", ".join(silent)
+            reason = f"Nothing heard from {who} for {SILENT_S:g} s in flight: the agent hangs or is cut off."
+            self.client.publish_event("critical", "agent_silent", reason)
+            self.abort(reason)
+        return bool(silent)
 
     def flown(self) -> Flown:
         """What was observed so far."""

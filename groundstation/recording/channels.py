@@ -13,6 +13,7 @@ from onboard.bus.topics import Topic
 
 MAX_STAMP_NS = (1 << 63) - 1
 REPLY = "reply"
+RECORDED = (Topic.STATE, Topic.TICK, Topic.MOCAP)  # beside what the ground listens to anyhow
 
 
 @dataclass(frozen=True, slots=True)

@@ -206,7 +206,7 @@ class AgentCore:
         return self.end_tick(memory, tick)
 
     def begin_tick(self, now_ns: int) -> Pass:
-        """The first half of :meth:`tick`: what the pipeline has to compute. Who runs many cores computes them at once."""
+        """The first half of :meth:`tick`: what the pipeline has to compute; who runs many cores computes it at once."""
         self._period_s = (now_ns - self._last_ns) * 1e-9 if self._last_ns else PERIOD_S
         self._last_ns = now_ns
         dt_s = min(max(self._period_s, 0.005), 0.1)

@@ -1,0 +1,183 @@
+"""An agent's shell in simulated time: what ``onboard.agent.run`` does with threads and sockets, done here by calls.
+
+The core is the real one. Between two ticks messages wait in the inbox, orders are answered at once, and commands are
+executed in their order. The process around the core can be stopped, continued, killed and started anew.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+from onboard.agent import events as ev
+from onboard.agent.core import AgentCore, Pass
+from onboard.bus.codec import Malformed
+from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessage, Telemetry
+from onboard.bus.topics import Topic
+from onboard.config import FleetConfig
+from onboard.control.pipeline import PipelineMemory
+from onboard.types import Tick
+from sitl.lockstep.bus import Node, SimBus
+from sitl.lockstep.link import EmulatedLink
+
+CONNECT_AFTER_NS = 1_000_000_000  # discovery and parameters of a real link
+_MAX_EVENTS = 2000
+_STATISTICS_TICKS = 25
+_PERIOD_MS = 20.0
+_LATE_MS = 5.0
+
+
+class AgentShell:
+    """One agent.
+
+    Args:
+        link: its PX4; bus: where it becomes a node of the vehicle's name.
+    """
+
+    def __init__(self, fleet: FleetConfig, name: str, link: EmulatedLink, bus: SimBus) -> None:
+        self.fleet, self.name, self.link, self._bus = fleet, name, link, bus
+        self.is_hung = self.is_running = False
+        self._lives = 0
+        self._inbox: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)
+        self._orders: list[tuple[Order | Malformed, Callable[[OrderReply], None]]] = []
+        self._replies: dict[str, Callable[[OrderReply], None]] = {}
+        self._periods_ms: deque[float] = deque(maxlen=500)
+        self._ticks = self._late = self._last_ns = 0
+        self.start()
+
+    # -- life --------------------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """A new process: a fresh core that knows nothing of its predecessor."""
+        if self.is_running:
+            return
+        self._lives += 1
+        self.is_running, self.is_hung = True, False
+        self.core = AgentCore(self.fleet, self.name, boot_id=1000 * self._lives + self.core_index)
+        self.core.is_warm = True
+        self._inbox.clear()
+        self._last_ns = 0
+        self.node = self._bus.node(self.name)
+        self.node.start()
+        self._subscribe(self.node)
+        self._bus.call_at(self._bus.now_ns() + CONNECT_AFTER_NS, self._connect, self._lives)
+
+    def kill(self) -> None:
+        """SIGKILL: silence on the wire and on the bus, and the others see the connections close."""
+        if self.is_running:
+            self.is_running = False
+            self._orders.clear()
+            self._replies.clear()
+            self.node.stop()
+
+    def hang(self) -> None:
+        """The event loop stalls; the connections live on."""
+        self.is_hung = True
+
+    def resume(self) -> None:
+        """It goes on, and finds what has arrived meanwhile."""
+        self.is_hung = False
+        orders, self._orders = self._orders, []
+        for message, reply in orders:
+            self._ordered(message, reply)
+
+    def ask_to_stop(self) -> None:
+        """SIGTERM: land first if in the air."""
+        self._inbox.append(ev.ShutdownAsked())
+
+    @property
+    def core_index(self) -> int:
+        """Place of the vehicle in the fleet file."""
+        return self.fleet.vehicles[self.name].index
+
+    @property
+    def ticks(self) -> bool:
+        """Whether its loop turns."""
+        return self.is_running and not self.is_hung
+
+    # -- in ----------------------------------------------------------------------------------------------------------
+
+    def _connect(self, life: object) -> None:
+        if self.is_running and life == self._lives:
+            self._inbox.append(ev.ParamsRead(self.link.connect()))
+
+    def _subscribe(self, node: Node) -> None:
+        now_ns, vehicle = self._bus.now_ns, self.core.vehicle
+        inbox, name = self._inbox, self.name
+
+        def neighbour(_topic: Topic, other: str, message: Message | Malformed) -> None:
+            if isinstance(message, (StateMessage, Telemetry)) and other != name:
+                inbox.append(ev.NeighbourHeard(message, now_ns()))
+
+        def pose(_topic: Topic, _body: str, message: Message | Malformed) -> None:
+            if isinstance(message, MocapPose):
+                inbox.append(ev.PoseArrived(message, now_ns()))
+
+        node.subscribe(Topic.STATE, "*", neighbour)
+        node.subscribe(Topic.TELEMETRY, "*", neighbour)
+        if vehicle.mocap_required and vehicle.body:
+            node.subscribe(Topic.MOCAP, vehicle.body, pose)
+        node.serve_orders(name, self._ordered)
+        node.watch_alive(lambda other, is_alive: inbox.append(ev.NodeSeen(other, is_alive)))
+
+    def _ordered(self, message: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
+        if self.is_hung:
+            self._orders.append((message, reply))
+        elif isinstance(message, Order):
+            self._replies[message.order_id] = reply
+            now_ns = self._bus.now_ns()
+            self.core.handle(ev.AutopilotHeard(self.link.snapshot()), now_ns)
+            self._execute(self.core.handle(ev.OrderArrived(message), now_ns))
+
+    # -- a tick ------------------------------------------------------------------------------------------------------
+
+    def begin_tick(self, now_ns: int) -> Pass:
+        """Take what has arrived and the first half of the core's tick."""
+        inbox, handle = self._inbox, self.core.handle
+        while inbox:
+            commands = handle(inbox.popleft(), now_ns)
+            if commands:
+                self._execute(commands)
+        handle(ev.AutopilotHeard(self.link.snapshot()), now_ns)
+        return self.core.begin_tick(now_ns)
+
+    def end_tick(self, memory: PipelineMemory, tick: Tick, now_ns: int) -> None:
+        """The second half, with what the pipeline made of it."""
+        self._execute(self.core.end_tick(memory, tick))
+        if self._last_ns:
+            period_ms = (now_ns - self._last_ns) * 1e-6
+            self._periods_ms.append(period_ms)
+            self._late += period_ms > _PERIOD_MS + _LATE_MS
+        self._last_ns = now_ns
+        self._ticks += 1
+        if self._ticks % _STATISTICS_TICKS == 0:
+            periods = sorted(self._periods_ms)
+            p50, p99 = (periods[round(share * (len(periods) - 1))] for share in (0.5, 0.99))
+            self.core.handle(ev.LoopTimed(p50, p99, periods[-1], self._late), now_ns)
+
+    def _execute(self, commands: list[ev.Command]) -> None:
+        link = self.link
+        for command in commands:
+            match command:
+                case ev.SendAttitude(setpoint):
+                    link.send_attitude(setpoint)
+                case ev.Publish(topic, message):
+                    self.node.publish(topic, self.name, message)
+                case ev.SendOdometry(position, quaternion, std_m):
+                    link.send_odometry(position, quaternion, std_m)
+                case ev.Reply(answer):
+                    reply = self._replies.pop(answer.order_id, None)
+                    if reply is not None:
+                        reply(answer)
+                case ev.SetOffboard():
+                    link.set_offboard()
+                case ev.Arm():
+                    link.arm()
+                case ev.Disarm():
+                    link.disarm()
+                case ev.Px4Land():
+                    link.land()
+                case ev.Kill():
+                    link.kill()
+                case ev.Exit():
+                    self.kill()

@@ -1,0 +1,281 @@
+"""The bus in simulated time: delay, loss, reordering, duplication and partitions per pair of nodes, all seeded.
+
+What the real one promises holds here too. Topics whose newest message matters lose messages; events, orders and answers
+travel on a connection, so what is lost is sent again and comes later, and in order. A pair of nodes that is cut apart
+notices after the lease; what was on its way until then arrives when the cut is healed in time, otherwise never.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections import defaultdict
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from onboard.bus.codec import Malformed
+from onboard.bus.schema import Message, Order, OrderReply
+from onboard.bus.session import LEASE_MS, OnAlive, OnMessage, OnOrder
+from onboard.bus.topics import TOPICS, Delivery, Topic
+from onboard.config import ConfigError
+
+_LEASE_NS = LEASE_MS * 1_000_000
+_RECONNECT_NS = 300_000_000
+_RESEND_NS = 200_000_000  # TCP's shortest time until it sends again
+_MAX_RESENDS = 8
+_DUPLICATE_AFTER_NS = 3_000_000
+
+Pair = tuple[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class BusSettings:
+    """Quality of every connection.
+
+    delay_s: shortest time from sender to receiver; jitter_s: mean of what comes on top, exponentially distributed.
+    loss, reorder, duplicate: chance of each message; a reordered one is held back by
+    reorder_s, so that others overtake.
+    """
+
+    delay_s: float = 0.001
+    jitter_s: float = 0.0
+    loss: float = 0.0
+    reorder: float = 0.0
+    reorder_s: float = 0.04
+    duplicate: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("delay_s", "jitter_s", "reorder_s"):
+            if not 0.0 <= getattr(self, name) <= 10.0:
+                raise ConfigError(f"The bus's {name} is {getattr(self, name)}; it must lie between 0 and 10 s.")
+        for name in ("loss", "reorder", "duplicate"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ConfigError(f"The bus's {name} is {getattr(self, name)}, but it is a chance: between 0 and 1.")
+
+    @property
+    def is_random(self) -> bool:
+        """Whether messages differ in what happens to them."""
+        return self.jitter_s > 0.0 or self.loss > 0.0 or self.reorder > 0.0 or self.duplicate > 0.0
+
+
+class SimBus:
+    """All nodes and what is on its way between them.
+
+    Args:
+        settings: of every pair; :meth:`set_link` gives a pair its own.
+        now_ns: the simulated time.
+    """
+
+    def __init__(self, settings: BusSettings, now_ns: Callable[[], int], *, seed: int) -> None:
+        self.now_ns = now_ns
+        self._settings = settings
+        self._links: dict[Pair, BusSettings] = {}
+        self._rng = np.random.default_rng([seed, 11])
+        self._queue: list[tuple[int, int, Pair, Callable[..., None], tuple[object, ...]]] = []
+        self._count = itertools.count()
+        self._newest_ns: dict[tuple[Pair, bool], int] = {}
+        self._cut: dict[Pair, int] = {}
+        self._held: list[tuple[int, Pair, Callable[..., None], tuple[object, ...]]] = []
+        self._unseen: set[Pair] = set()
+        self.nodes: dict[str, Node] = {}
+        self.subscribers: dict[tuple[Topic, str], list[tuple[Node, OnMessage]]] = defaultdict(list)
+        self.lost = 0
+
+    def node(self, name: str) -> Node:
+        """A new node; it takes part from its ``start`` on."""
+        return Node(self, name)
+
+    def set_link(self, first: str, second: str, settings: BusSettings) -> None:
+        """Give both directions between two nodes their own quality."""
+        self._links[first, second] = self._links[second, first] = settings
+
+    def partition(self, *groups: Iterable[str], bridging: Iterable[str] = ()) -> None:
+        """Cut the groups apart; who is in none forms one group more, except those ``bridging``, whom all still hear."""
+        sets = [set(group) for group in groups]
+        named = set().union(*sets, bridging)
+        sets.append({name for name in self.nodes if name not in named})
+        for one, two in itertools.combinations(sets, 2):
+            for first, second in itertools.product(sorted(one), sorted(two)):
+                self.cut(first, second)
+
+    def cut(self, first: str, second: str) -> None:
+        """Nothing passes between two nodes until :meth:`heal`."""
+        for pair in ((first, second), (second, first)):
+            if pair not in self._cut:
+                self._cut[pair] = self.now_ns()
+                self.call_at(self.now_ns() + _LEASE_NS, self._expire, pair, self.now_ns())
+
+    def heal(self) -> None:
+        """End all cuts."""
+        held, self._held = self._held, []
+        now_ns = self.now_ns()
+        for sent_ns, pair, function, args in held:
+            if now_ns - sent_ns < _LEASE_NS:
+                self._push(now_ns + round(self._of(pair).delay_s * 1e9), pair, function, args)
+        self._cut.clear()
+        for pair in sorted(self._unseen):
+            self.call_at(now_ns + _RECONNECT_NS, self._rejoin, pair)
+
+    def is_cut(self, first: str, second: str) -> bool:
+        """Whether nothing passes."""
+        return (first, second) in self._cut
+
+    def call_at(self, due_ns: int, function: Callable[..., None], *args: object) -> None:
+        """A call at a time, not subject to any fault."""
+        self._push(due_ns, ("", ""), function, args)
+
+    def deliver(self) -> None:
+        """Everything that is due now, in the order of arrival."""
+        now_ns = self.now_ns()
+        queue = self._queue
+        while queue and queue[0][0] <= now_ns:
+            _, _, pair, function, args = heapq.heappop(queue)
+            if pair in self._cut:
+                self._held.append((now_ns, pair, function, args))  # in the sender's buffers
+            else:
+                function(*args)
+
+    def send(self, pair: Pair, delivery: Delivery, function: Callable[..., None], *args: object) -> None:
+        """Put a call for the receiver on its way from ``pair[0]`` to ``pair[1]``."""
+        now_ns = self.now_ns()
+        settings = self._of(pair)
+        is_latest = delivery is Delivery.LATEST
+        if is_latest and self._cut and pair in self._cut:
+            return
+        due_ns = now_ns + round(settings.delay_s * 1e9)
+        if not settings.is_random:
+            if self._cut and pair in self._cut:
+                self._held.append((now_ns, pair, function, args))
+            else:
+                self._push(due_ns, pair, function, args)
+            return
+        draw = self._rng.random(4)
+        due_ns += round(-np.log1p(-draw[0]) * settings.jitter_s * 1e9)
+        if is_latest:
+            if draw[1] < settings.loss:
+                self.lost += 1
+                return
+            if draw[2] < settings.reorder:
+                self._push(due_ns + round(settings.reorder_s * 1e9), pair, function, args)
+                return
+        else:
+            sent_again = 0
+            while sent_again < _MAX_RESENDS and self._rng.random() < settings.loss:
+                sent_again += 1
+            due_ns += _RESEND_NS * sent_again
+        # what is not reordered on purpose keeps its order
+        due_ns = self._newest_ns[pair, is_latest] = max(due_ns, self._newest_ns.get((pair, is_latest), 0))
+        if self._cut and pair in self._cut:
+            self._held.append((now_ns, pair, function, args))
+            return
+        self._push(due_ns, pair, function, args)
+        if is_latest and draw[3] < settings.duplicate:
+            self._push(due_ns + _DUPLICATE_AFTER_NS, pair, function, args)
+
+    def _of(self, pair: Pair) -> BusSettings:
+        return self._links.get(pair, self._settings) if self._links else self._settings
+
+    def _push(self, due_ns: int, pair: Pair, function: Callable[..., None], args: tuple[object, ...]) -> None:
+        heapq.heappush(self._queue, (due_ns, next(self._count), pair, function, args))
+
+    def _expire(self, pair: Pair, since_ns: object) -> None:
+        if self._cut.get(pair) == since_ns and pair not in self._unseen:
+            self._unseen.add(pair)
+            self.tell(pair[1], pair[0], False)
+
+    def _rejoin(self, pair: Pair) -> None:
+        if pair not in self._cut and pair in self._unseen:
+            self._unseen.discard(pair)
+            if pair[0] in self.nodes:
+                self.tell(pair[1], pair[0], True)
+
+    def tell(self, listener: str, node: str, is_alive: bool) -> None:
+        """One node learns that another is there or gone."""
+        found = self.nodes.get(listener)
+        if found is not None:
+            for on_alive in found.alive_listeners:
+                on_alive(node, is_alive)
+
+
+class Node:
+    """One node, with the methods of :class:`onboard.bus.session.BusSession`."""
+
+    def __init__(self, bus: SimBus, name: str) -> None:
+        self.bus, self.name = bus, name
+        self.alive_listeners: list[OnAlive] = []
+        self.order_server: OnOrder | None = None
+        self._is_open = False
+
+    def start(self) -> None:
+        """Join; the others learn of it."""
+        if self._is_open:
+            return
+        self._is_open = True
+        self.bus.nodes[self.name] = self
+        for other in list(self.bus.nodes):
+            if other != self.name:
+                self.bus.send((self.name, other), Delivery.TOKEN, self.bus.tell, other, self.name, True)
+
+    def stop(self) -> None:
+        """Leave, as a process does that ends: its connections close, and the others notice at once."""
+        if not self._is_open:
+            return
+        self._is_open = False
+        self.bus.nodes.pop(self.name, None)
+        for other in self.bus.nodes:
+            self.bus.send((self.name, other), Delivery.TOKEN, self.bus.tell, other, self.name, False)
+        for listeners in self.bus.subscribers.values():
+            listeners[:] = [entry for entry in listeners if entry[0] is not self]
+        self.alive_listeners.clear()
+        self.order_server = None
+
+    def publish(self, topic: Topic, name: str, message: Message) -> None:
+        """Send to all who subscribed."""
+        delivery = TOPICS[topic].delivery
+        send = self.bus.send
+        for key in ((topic, "*"), (topic, name)):
+            for node, on_message in self.bus.subscribers.get(key, ()):
+                if node is not self:
+                    send((self.name, node.name), delivery, on_message, topic, name, message)
+
+    def subscribe(self, topic: Topic, name: str, on_message: OnMessage) -> None:
+        """Hear ``topic/name``; ``name`` may be ``*``."""
+        self.bus.subscribers[topic, name].append((self, on_message))
+
+    def serve_orders(self, vehicle: str, on_order: OnOrder) -> None:
+        """Answer orders for this node's vehicle."""
+        self.order_server = on_order
+
+    def order(
+        self,
+        vehicle: str,
+        order: Order,
+        *,
+        timeout_s: float,
+        on_reply: Callable[[OrderReply | Malformed], None],
+        on_end: Callable[[], None],
+    ) -> None:
+        """Ask one vehicle; answers after the timeout are not heard."""
+        deadline_ns = self.bus.now_ns() + round(timeout_s * 1e9)
+
+        def answered(reply: OrderReply) -> None:
+            if self.bus.now_ns() <= deadline_ns:
+                on_reply(reply)
+
+        def asked() -> None:
+            node = self.bus.nodes.get(vehicle)
+            if node is not None and node.order_server is not None:
+                back = (vehicle, self.name)
+                node.order_server(order, lambda reply: self.bus.send(back, Delivery.QUERY, answered, reply))
+
+        self.bus.send((self.name, vehicle), Delivery.QUERY, asked)
+        self.bus.call_at(deadline_ns, on_end)
+
+    def watch_alive(self, on_alive: OnAlive) -> None:
+        """Hear of every node, those already there included."""
+        self.alive_listeners.append(on_alive)
+        for other in list(self.bus.nodes):
+            if other != self.name and not self.bus.is_cut(other, self.name):
+                self.bus.send((other, self.name), Delivery.TOKEN, on_alive, other, True)

@@ -1,0 +1,220 @@
+"""A flight in lockstep: the simulation, the ground's own client and mission runner in its time, record and verdict."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import msgspec
+
+from groundstation.client import FleetClient
+from groundstation.direct import DirectKind, DirectResult
+from groundstation.fleet import FleetState
+from groundstation.handle import VehicleResult
+from groundstation.missions.api import Fleet
+from groundstation.missions.files import Mission, load_mission
+from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
+from groundstation.missions.verdict import Verdict, judge
+from groundstation.recording.channels import RECORDED
+from groundstation.recording.report import FlightReport, report
+from groundstation.recording.writer import write_json
+from onboard.bus.schema import Event
+from onboard.config import ConfigError, FleetConfig, load_fleet
+from sitl.lockstep.bus import BusSettings
+from sitl.lockstep.loop import VirtualLoop
+from sitl.lockstep.record import LockstepRecord
+from sitl.lockstep.simulation import EPOCH_NS, Simulation
+from sitl.mocap import MocapSettings
+from sitl.modes import Mode, Result
+
+GROUND = "ground-1"
+_DIRECT_DELAY_S = 0.01
+_WATCH_S = 0.2
+_FORCE = 21196.0
+
+T = TypeVar("T")
+
+
+class Lockstep:
+    """One fleet and its ground, to be flown step by step or by whole missions.
+
+    Args:
+        fleet: a fleet file or its path. law: instead of the fleet file's.
+        seed: of everything random. bus, mocap: quality of the connections and of the motion capture.
+        folder: where the record goes; none without.
+        say: hears the progress in words.
+        is_batched: see :class:`Simulation`.
+    """
+
+    def __init__(
+        self,
+        fleet: FleetConfig | str | Path,
+        *,
+        seed: int = 0,
+        law: str | None = None,
+        bus: BusSettings | None = None,
+        mocap: MocapSettings | None = None,
+        folder: Path | None = None,
+        say: Callable[[str], None] = lambda line: None,
+        is_batched: bool = True,
+    ) -> None:
+        config = fleet if isinstance(fleet, FleetConfig) else load_fleet(fleet)
+        if law is not None:
+            config = msgspec.structs.replace(
+                config, law=msgspec.convert({**msgspec.to_builtins(config.law), "name": law}, type(config.law))
+            )
+        self.config, self.folder = config, folder
+        self.simulation = Simulation(config, seed=seed, bus=bus, mocap=mocap, is_batched=is_batched)
+        self._say = say
+        numbers = itertools.count(1)
+        self.client = FleetClient(
+            config,
+            bus=self.simulation.bus.node(GROUND),
+            extra_topics=RECORDED if folder is not None else (),
+            send=cast(Any, self._send_directly),  # a coroutine, where a thread would block
+            clock_ns=lambda: self.simulation.now_ns,
+            new_id=lambda: f"order-{next(numbers)}",
+        )
+        self.record: LockstepRecord | None = None
+        if folder is not None:
+            failed = self.client.publish_event
+            self.record = LockstepRecord(
+                folder, EPOCH_NS, on_failure=lambda sentence: failed("critical", "record_failed", sentence)
+            )
+            self.client.add_sink(self.record.put)
+        self.fleet = Fleet(self.client, say=self._tell)
+        self._runner = asyncio.Runner(
+            loop_factory=lambda: VirtualLoop(lambda: self.simulation.now_ns, self.simulation.step)
+        )
+        self.wait_for(self.client.start())
+
+    # -- time --------------------------------------------------------------------------------------------------------
+
+    def wait_for(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """Run a coroutine of the ground to its end, in simulated time."""
+        return self._runner.run(coroutine)
+
+    def run(self, duration_s: float) -> None:
+        """Let time pass."""
+        self.wait_for(asyncio.sleep(duration_s))
+
+    def until(self, condition: Callable[[FleetState], bool], timeout_s: float = 60.0) -> bool:
+        """Let time pass until the ground sees a condition; False when it did not."""
+        return self.wait_for(self.client.wait_for(condition, timeout_s))
+
+    def at(self, time_s: float, function: Callable[[], object]) -> None:
+        """Do something at a time since the start: break something, or mend it."""
+        self.simulation.at(time_s, function)
+
+    @property
+    def time_s(self) -> float:
+        """Simulated seconds since the start."""
+        return self.simulation.time_s
+
+    # -- orders ------------------------------------------------------------------------------------------------------
+
+    def ready(self, timeout_s: float = READY_TIMEOUT_SIM_S) -> None:
+        """Wait until all may fly."""
+        self.wait_for(self.fleet.ready(timeout_s))
+
+    def takeoff(self, height_m: float = 1.0, vehicles: str = "all") -> dict[str, VehicleResult]:
+        """Take off, when everybody is ready."""
+        self.ready()
+        return self.wait_for(self.fleet.takeoff(height_m, vehicles))
+
+    def order(self, text: str, timeout_s: float = 40.0) -> dict[str, VehicleResult]:
+        """An order as in the console, for instance ``move mav1 0 1 1``; waits for its end."""
+        return self.wait_for(self.client.order(text, timeout_s))
+
+    def land(self, vehicles: str = "all") -> dict[str, VehicleResult]:
+        """Land and disarm."""
+        return self.wait_for(self.fleet.land(vehicles))
+
+    def fly(self, mission: Mission | str | Path) -> Verdict:
+        """Fly a mission, from the first step to the verdict; with a folder the record is finished with it."""
+        if not isinstance(mission, Mission):
+            mission = load_mission(mission, self.config)
+        return self.wait_for(self._fly(mission))
+
+    async def _fly(self, mission: Mission) -> Verdict:
+        run = MissionRun(mission, self.client, say=self._tell, ready_timeout_s=READY_TIMEOUT_SIM_S)
+        self.fleet = run.fleet
+        watch = asyncio.create_task(self._watch(run))
+        try:
+            verdict = await run.run()
+        finally:
+            watch.cancel()
+        if self.record is None or self.folder is None:
+            return verdict
+        self.record.stop()
+        found: FlightReport | None = None
+        with contextlib.suppress(ConfigError):
+            found = report(self.folder)
+        if found is not None:
+            verdict = judge(run.flown(), mission.expect, found, str(self.folder))
+        failure = write_json(self.folder / "verdict.json", verdict)
+        if failure is not None:
+            self._tell(failure)
+        return verdict
+
+    async def _watch(self, run: MissionRun) -> None:
+        while not run.abort_if_silent():  # noqa: ASYNC110 - silence is no event
+            await asyncio.sleep(_WATCH_S)
+
+    def _tell(self, line: str) -> None:
+        self._say(line)
+        self.client.publish_event("info", "mission", line.strip())
+
+    # -- what happened -----------------------------------------------------------------------------------------------
+
+    @property
+    def state(self) -> FleetState:
+        """The fleet as the ground sees it."""
+        return self.client.state
+
+    @property
+    def events(self) -> list[Event]:
+        """What the ground has heard, oldest first."""
+        return [logged.event for logged in self.client.state.events]
+
+    @property
+    def min_separation_m(self) -> float:
+        """Smallest distance so far by ground truth, while one of the two flew; infinite before."""
+        found = self.client.state.smallest_truth
+        return float("inf") if found is None else found.distance_m
+
+    def close(self) -> None:
+        """End it; what was recorded is finished. A second call does nothing."""
+        if self.record is not None:
+            self.record.stop()
+        if self.client.is_started:
+            self.wait_for(self.client.stop())
+        self._runner.close()
+
+    def __enter__(self) -> Lockstep:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    async def _send_directly(
+        self, endpoint: str, system_id: int, kind: DirectKind, *, timeout_s: float = 3.0, watch_s: float = 0.0
+    ) -> DirectResult:
+        """The second way to PX4, in simulated time; see ``groundstation.direct``."""
+        emulator = self.simulation.emulator
+        ids = [spec.system_id for spec in emulator.specs]
+        px4 = emulator.autopilots[ids.index(system_id)]
+        await asyncio.sleep(_DIRECT_DELAY_S)
+        now_s = emulator.time_s
+        answer = px4.request(now_s, Mode.LAND) if kind == "land" else px4.request_arm(now_s, False, _FORCE)
+        is_accepted = answer is Result.ACCEPTED
+        end_s = emulator.time_s + (watch_s if is_accepted else 0.0)
+        while px4.is_armed and emulator.time_s < end_s:  # noqa: ASYNC110 - PX4 tells it once a second
+            await asyncio.sleep(1.0)
+        is_disarmed = is_accepted and not px4.is_armed
+        ending = ", and it is disarmed" if is_disarmed else ""
+        return DirectResult(is_accepted, is_disarmed, f"PX4 {answer.name.lower().replace('_', ' ')} it{ending}")

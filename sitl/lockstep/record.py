@@ -1,0 +1,52 @@
+"""The flight record without a thread: the same files as in real time, written as the messages come."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from groundstation.recording.writer import RECORD_NAME, RecordFiles
+from onboard.bus.schema import Message
+from onboard.bus.topics import Topic
+
+
+class LockstepRecord:
+    """Writes ``flight.mcap``, ``events.txt`` and ``orders.txt``; OSError when the folder cannot be made.
+
+    Args:
+        begin_ns: zero of the texts' seconds. on_failure: called once, with a sentence, when the disk refuses.
+    """
+
+    def __init__(self, folder: Path, begin_ns: int, *, on_failure: Callable[[str], None]) -> None:
+        self.folder, self._on_failure = folder, on_failure
+        folder.mkdir(parents=True, exist_ok=True)
+        stream = (folder / RECORD_NAME).open("wb")
+        self._files: RecordFiles | None = RecordFiles(folder, stream, begin_ns=begin_ns, begin="the start, simulated")
+
+    def put(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
+        """Take one message."""
+        if self._files is not None:
+            try:
+                self._files.write(topic, name, message, received_ns)
+            except OSError as error:
+                self._fail(error)
+
+    def stop(self) -> None:
+        """Finish the files; a second call does nothing."""
+        files = self._files
+        if files is not None:
+            try:
+                files.finish()
+            except OSError as error:
+                self._fail(error)
+            self._files = None
+            files.close()
+
+    def _fail(self, error: OSError) -> None:
+        files, self._files = self._files, None
+        if files is not None:
+            files.close()
+            self._on_failure(
+                f"The record ended: {self.folder} cannot be written ({error.strerror or error}). The flight goes on "
+                "without it. Free some space before the next one."
+            )

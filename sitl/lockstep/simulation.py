@@ -1,0 +1,136 @@
+"""Agents' cores, emulated vehicles, motion capture and bus, advanced together by physics steps of 4 ms.
+
+One step, always in this order: what was asked for at this time, physics and autopilots, links, motion capture and
+ground truth, the bus, and every fifth step the agents. All agents tick at the same instant: what a neighbour tells is
+then one whole period old when it is used, the worst case of a real fleet, whose ticks lie anywhere.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Callable
+
+from onboard.bus.schema import MocapPose, Truth
+from onboard.bus.topics import Topic
+from onboard.config import FleetConfig
+from sitl.emulator import Emulator, VehicleSpec
+from sitl.lockstep.agents import AgentShell
+from sitl.lockstep.batch import Batch
+from sitl.lockstep.bus import BusSettings, SimBus
+from sitl.lockstep.link import LinkBank
+from sitl.mocap import Mocap, MocapSettings
+from sitl.server import profile_of
+from sitl.vehicle import STEP_S
+from sitl.world import Collision
+
+STEP_NS = round(STEP_S * 1e9)
+EPOCH_NS = 1_000_000_000  # zero means never, to everybody
+TICK_STEPS = 5
+_TRUTH_EVERY_STEPS = 5
+_SIMULATOR = "sitl"
+
+
+class Simulation:
+    """A fleet without its ground.
+
+    Args:
+        fleet: the fleet file; all its enabled vehicles fly.
+        seed: of everything random.
+        bus: quality of the connections; mocap: of the motion capture.
+        is_batched: compute the passes of all agents together; the result is the same.
+    """
+
+    def __init__(
+        self,
+        fleet: FleetConfig,
+        *,
+        seed: int = 0,
+        bus: BusSettings | None = None,
+        mocap: MocapSettings | None = None,
+        is_batched: bool = True,
+    ) -> None:
+        self.fleet, self.names = fleet, fleet.enabled_names
+        vehicles = [fleet.vehicles[name] for name in self.names]
+        specs = [VehicleSpec(v.name, v.system_id, profile_of(v), v.start_enu_m) for v in vehicles]
+        self.emulator = Emulator(specs, body_diameter_m=fleet.fleet.body_diameter_m, seed=seed)
+        self.collisions: list[Collision] = []
+        self._bodies = [v.mocap_body or v.name for v in vehicles]
+        self._mocap = Mocap(len(specs), mocap, seed=seed)
+        self.bus = SimBus(bus or BusSettings(), lambda: self.now_ns, seed=seed)
+        self._node = self.bus.node(_SIMULATOR)
+        self._node.start()
+        self.links = LinkBank(self.emulator, vehicles, lambda: self.now_ns, seed=seed)
+        self.agents = {
+            name: AgentShell(fleet, name, link, self.bus)
+            for name, link in zip(self.names, self.links.links, strict=True)
+        }
+        self._batch = Batch(is_batched)
+        self._asked: list[tuple[int, int, Callable[[], object]]] = []
+        self._count = itertools.count()
+        self._sequence = 0
+
+    @property
+    def now_ns(self) -> int:
+        """Simulated time on everybody's monotonic clock."""
+        return EPOCH_NS + self.emulator.world.vehicles.steps * STEP_NS
+
+    @property
+    def time_s(self) -> float:
+        """Simulated seconds since the start."""
+        return self.emulator.time_s
+
+    def at(self, time_s: float, function: Callable[[], object]) -> None:
+        """Call ``function`` before the first step at or after ``time_s``; at once when that has passed already."""
+        heapq.heappush(self._asked, (round(time_s * 1e9), next(self._count), function))
+
+    def step(self) -> None:
+        """Advance by 4 ms."""
+        while self._asked and self._asked[0][0] <= self.now_ns - EPOCH_NS:
+            heapq.heappop(self._asked)[2]()
+        self.collisions.extend(self.emulator.step())
+        self.links.step()
+        steps = self.emulator.world.vehicles.steps
+        if steps % _TRUTH_EVERY_STEPS == 0:
+            self._publish()
+        self.bus.deliver()
+        if steps % TICK_STEPS == 0:
+            self._batch.tick([agent for agent in self.agents.values() if agent.ticks], self.now_ns)
+
+    def _publish(self) -> None:
+        position, velocity, attitude = self.emulator.world.truth_enu()
+        for pose in self._mocap.step(self.emulator.time_s, position, attitude):
+            self._sequence += 1
+            body = self._bodies[pose.index]
+            message = MocapPose(
+                body=body,
+                boot_id=1,
+                sequence=self._sequence,
+                stamp_ns=EPOCH_NS + round(pose.time_s * 1e9),
+                is_tracked=pose.is_tracked,
+                position_enu_m=pose.position_enu_m,
+                quaternion_enu_flu_wxyz=pose.quaternion_enu_flu_wxyz,
+            )
+            self._node.publish(Topic.MOCAP, body, message)
+        states, now_ns = self.emulator.world.vehicles.states, self.now_ns
+        rows = zip(
+            self.names,
+            position.tolist(),
+            velocity.tolist(),
+            attitude.tolist(),
+            states.on_ground.tolist(),
+            states.motors_dead.tolist(),
+            strict=True,
+        )
+        for name, p, v, q, on_ground, is_dead in rows:
+            truth = Truth(
+                vehicle=name,
+                stamp_ns=now_ns,
+                position_enu_m=tuple(p),
+                velocity_enu_m_s=tuple(v),
+                quaternion_enu_flu_wxyz=tuple(q),
+                is_on_ground=on_ground,
+                is_collided=is_dead,
+            )
+            for _, on_message in self.bus.subscribers.get((Topic.TRUTH, "*"), ()):
+                on_message(Topic.TRUTH, name, truth)  # a judge's view: no fault of the bus touches it
