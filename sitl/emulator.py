@@ -49,7 +49,13 @@ class Emulator:
     def __init__(self, specs: list[VehicleSpec], *, body_diameter_m: float = 0.5, seed: int = 0) -> None:
         self.specs = list(specs)
         start_enu_m = np.array([spec.start_enu_m for spec in specs], dtype=np.float64).reshape(-1, 3)
-        self.world = World([s.profile for s in specs], start_enu_m, body_diameter_m=body_diameter_m, seed=seed)
+        self.world = World(
+            [s.profile for s in specs],
+            start_enu_m,
+            body_diameter_m=body_diameter_m,
+            seed=seed,
+            names=[s.name for s in specs],
+        )
         self.estimator = Estimator(self.world.vehicles.states.position_ned_m, seed=seed)
         self.autopilots = [Autopilot() for _ in specs]
         for autopilot, spec in zip(self.autopilots, specs, strict=True):

@@ -1,26 +1,34 @@
-"""Rigid vehicles that fly what an autopilot asks: attitude response, thrust, drag, ground. Vectorised and seeded.
+"""Rigid vehicles that fly what an autopilot asks: profiles as data, commands in, true states out. Seeded.
 
-The inner attitude loop of PX4 is not computed; its measured response is: a dead time, then a second-order system in
-the tilt vector, another one in the heading. A weak loop additionally has a gain below one and a constant tilt bias.
-Frames: NED world, FRD body, ground at z = 0.
+The inner loops of PX4 are not computed; their measured responses are (`physics.py`). A weak loop additionally has a
+gain below one and a constant tilt bias. Frames: NED world, FRD body, ground at z = 0.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl import rotation
+from sitl import kernels, physics, rotation
+from sitl.physics import GRAVITY_M_S2, STEP_S
 from sitl.rotation import Array
 
-GRAVITY_M_S2 = 9.80665
-STEP_S = 0.004  # 250 Hz: the loop of PX4's own simulator, and the resolution of every dead time below
-_THRUST_NOISE_CORRELATION_S = 0.1
-_GUST_CORRELATION_S = 1.0
-_RATE_LOOP_S = 0.15
+__all__ = ["GRAVITY_M_S2", "STEP_S", "Commands", "VehicleProfile", "VehicleStates", "Vehicles", "second_order_step"]
+
+# PX4's cascade for the heading, fitted to its measured steps of 30, 90 and 170 deg; scaled by yaw_wn_rad_s / 3.
+_YAW_DELAY_S, _YAW_P_1_S, _YAW_RATE_P_1_S, _YAW_RATE_I_1_S2 = 0.024, 2.857, 3.044, 2.51
+_YAW_FILTER_S, _YAW_DRAG_1_S, _YAW_TORQUE_RAD_S2, _YAW_WN_RAD_S = 0.156, 1.243, 7.72, 3.0
+_RATE_LAG_S = 0.03
+_BLOCK = 64  # random numbers are drawn for so many steps at once
+_MOTORS = 4
+# Where PX4's motors 1 to 4 of a quadrotor X sit: forward and to the right, in units of arm / sqrt(2).
+_MOTOR_PLACE = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
+_LARGEST_OFFSET_RAD = 0.15
+_UNCONTROLLED = 0.3  # of the torque of a dead motor: the rest is what the opposite motor gives back
+_DEAD_BELOW = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,16 +36,20 @@ class VehicleProfile:
     """What distinguishes one kind of vehicle from another; the defaults are PX4's SIH quadrotor as measured.
 
     Attributes:
-        mass_kg: only kept for users of the profile; every force below is already divided by it.
-        hover_thrust_frac: normalised thrust that carries the weight; thrust is linear in the command.
+        mass_kg, inertia_kg_m2, arm_m: what a failing motor does to the attitude.
+        hover_thrust_frac: normalised thrust that carries the weight.
+        thrust_curve_frac: PX4's THR_MDL_FAC, 0 for a linear thrust, 1 for a quadratic one.
         attitude_delay_s, attitude_wn_rad_s, attitude_zeta: response of roll and pitch.
+        attitude_integral_s: time in which the attitude loop removes a constant torque; 0 for never.
         drag_1_s: linear drag over mass [1/s].
         static_gain: tilt reached over tilt asked.
         tilt_bias_deg: largest constant tilt error per axis; the actual one is drawn from the seed.
-        yaw_delay_s, yaw_wn_rad_s, yaw_zeta: response of the heading.
+        yaw_wn_rad_s: quickness of the heading; 3 is as measured, all of its cascade scales with it.
         motor_lag_s: time constant of the thrust.
         thrust_noise_frac: standard deviation of the relative thrust error.
         gust_std_m_s2: standard deviation of the acceleration by gusts, per horizontal axis.
+        max_tilt_rate_deg_s, max_yaw_rate_deg_s: limits of the rates (MC_ROLLRATE_MAX, MC_YAWRATE_MAX).
+        rate_switch_s: dead time before body rates are followed after attitudes.
     """
 
     mass_kg: float = 1.0
@@ -48,14 +60,21 @@ class VehicleProfile:
     drag_1_s: float = 1.0
     static_gain: float = 1.0
     tilt_bias_deg: float = 0.0
-    yaw_delay_s: float = 0.12
     yaw_wn_rad_s: float = 3.0
-    yaw_zeta: float = 0.4
     motor_lag_s: float = 0.05
     thrust_noise_frac: float = 0.0
     gust_std_m_s2: float = 0.0
     max_tilt_rate_deg_s: float = 220.0
     max_yaw_rate_deg_s: float = 200.0
+    inertia_kg_m2: tuple[float, float, float] = (0.025, 0.025, 0.03)
+    arm_m: float = 0.2
+    thrust_curve_frac: float = 0.0
+    attitude_integral_s: float = 0.5
+    rate_switch_s: float = 0.26
+
+    def lift_share(self, thrust_frac: float) -> float:
+        """Share of the largest lift at a normalised thrust."""
+        return (1.0 - self.thrust_curve_frac) * thrust_frac + self.thrust_curve_frac * thrust_frac * thrust_frac
 
 
 @dataclass(slots=True)
@@ -110,26 +129,12 @@ def second_order_step(wn_rad_s: Array, zeta: Array, dt_s: float) -> tuple[Array,
     return total[:, 0, 0], total[:, 0, 1], total[:, 1, 0], total[:, 1, 1]
 
 
-@dataclass(slots=True)
-class _Response:
-    """Constants of one second-order response and its dead time."""
-
-    p00: Array
-    p01: Array
-    p10: Array
-    p11: Array
-    delay_steps: NDArray[np.int64]
-
-
-def _response(delay_s: list[float], wn_rad_s: list[float], zeta: list[float]) -> _Response:
-    p00, p01, p10, p11 = second_order_step(np.array(wn_rad_s), np.array(zeta), STEP_S)
-    delay = np.rint(np.array(delay_s) / STEP_S).astype(np.int64)
-    return _Response(p00, p01, p10, p11, delay)
-
-
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class VehicleStates:
-    """Truth, one row per vehicle: NED [m, m/s], tilt vector and heading [rad], their rates, thrust [-]."""
+    """Truth, one row per vehicle: NED [m, m/s], tilt vector and heading [rad], their rates, thrust [-].
+
+    All of them are windows on one matrix and change when time goes on: copy what has to be kept, write in place.
+    """
 
     position_ned_m: Array
     velocity_ned_m_s: Array
@@ -141,135 +146,164 @@ class VehicleStates:
     thrust_frac: Array
     attitude: Array
     on_ground: NDArray[np.bool_]
-    motors_dead: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    motors_dead: NDArray[np.bool_]
 
 
 class Vehicles:
-    """Physics of several vehicles, advanced 4 ms at a time."""
+    """Physics of several vehicles, advanced 4 ms at a time.
 
-    def __init__(self, profiles: list[VehicleProfile], position_ned_m: Array, yaw_rad: Array, *, seed: int) -> None:
+    Args:
+        profiles: one per vehicle.
+        position_ned_m: (n, 3) start. yaw_rad: (n,) headings.
+        seed: of noise, gusts and biases.
+        uses_numba: the compiled loop, or numpy; by default the loop where numba is installed.
+    """
+
+    def __init__(
+        self,
+        profiles: list[VehicleProfile],
+        position_ned_m: Array,
+        yaw_rad: Array,
+        *,
+        seed: int,
+        uses_numba: bool = kernels.HAS_NUMBA,
+    ) -> None:
         n = len(profiles)
         self.profiles = list(profiles)
+        self._step = kernels.step if uses_numba else physics.step
         self._rng = np.random.default_rng([seed, 1])
-        self._tilt = _response(
-            [p.attitude_delay_s for p in profiles],
-            [p.attitude_wn_rad_s for p in profiles],
-            [p.attitude_zeta for p in profiles],
+        self._constants = _constants(profiles)
+        self.tilt_bias_rad = np.radians([p.tilt_bias_deg for p in profiles])[:, None] * self._rng.uniform(
+            -1.0, 1.0, (n, 2)
         )
-        self._yaw = _response(
-            [p.yaw_delay_s for p in profiles], [p.yaw_wn_rad_s for p in profiles], [p.yaw_zeta for p in profiles]
-        )
-        self._gain = np.array([p.static_gain for p in profiles])[:, None]
-        bias_limit_rad = np.radians([p.tilt_bias_deg for p in profiles])[:, None]
-        self.tilt_bias_rad = bias_limit_rad * self._rng.uniform(-1.0, 1.0, (n, 2))
-        self._accel_per_thrust = GRAVITY_M_S2 / np.array([p.hover_thrust_frac for p in profiles])
-        self._drag_1_s = np.array([p.drag_1_s for p in profiles])[:, None]
-        self._motor_blend = 1.0 - np.exp(-STEP_S / np.maximum([p.motor_lag_s for p in profiles], 1e-6))
-        self._thrust_noise = np.array([p.thrust_noise_frac for p in profiles])
-        self._gust = np.array([p.gust_std_m_s2 for p in profiles])[:, None]
-        self._has_gust = bool(np.any(self._gust > 0.0))
-        self._max_tilt_rate = np.radians([p.max_tilt_rate_deg_s for p in profiles])[:, None]
-        self._max_yaw_rate = np.radians([p.max_yaw_rate_deg_s for p in profiles])
-        self._noise_state = np.zeros(n)
-        self._gust_state = np.zeros((n, 2))
-        depth = int(max(self._tilt.delay_steps.max(initial=0), self._yaw.delay_steps.max(initial=0))) + 1
+        self._constants[:, physics.BIAS] = self.tilt_bias_rad
+        self._health = np.zeros((n, physics.HEALTHS))
+        self._health[:, : physics.LIFT_CAP + 1] = 1.0
+        self.motor_effectiveness = np.ones((n, _MOTORS))
+        self._counts = np.zeros((n, physics.COUNTS), dtype=np.int64)
+        for column, seconds in (
+            (physics.TILT_DELAY, [p.attitude_delay_s for p in profiles]),
+            (physics.YAW_DELAY, [_YAW_DELAY_S * _YAW_WN_RAD_S / p.yaw_wn_rad_s for p in profiles]),
+            (physics.SWITCH_STEPS, [p.rate_switch_s for p in profiles]),
+        ):
+            self._counts[:, column] = np.rint(np.array(seconds) / STEP_S)
+        depth = int(self._counts[:, : physics.YAW_DELAY + 1].max(initial=0)) + 1
         yaw = np.array(yaw_rad, dtype=np.float64)
         attitude = rotation.yaw_quaternion(yaw)
-        self._attitude_history = np.repeat(attitude[None], depth, axis=0)
-        self._rate_history = np.zeros((depth, n, 3))
-        self._rows = np.arange(n)
-        self._rate_blend = 1.0 - math.exp(-STEP_S / _RATE_LOOP_S)
+        self._attitudes = np.repeat(attitude[None], depth, axis=0)
+        self._rates = np.zeros((depth, n, 3))
+        self._draws = np.zeros((_BLOCK, n, 3))
+        self._is_noisy = any(p.thrust_noise_frac > 0.0 or p.gust_std_m_s2 > 0.0 for p in profiles)
+        self.air_ned_m_s = np.zeros((n, 3))
+        self.push_ned_m_s2 = np.zeros((n, 3))
         self.steps = 0
+        self._state = np.zeros((n, physics.STATES))
+        self._state[:, physics.POSITION] = position_ned_m
+        self._state[:, physics.YAW] = yaw
+        self._state[:, physics.ATTITUDE] = attitude
         self.states = VehicleStates(
-            position_ned_m=np.array(position_ned_m, dtype=np.float64),
-            velocity_ned_m_s=np.zeros((n, 3)),
-            acceleration_ned_m_s2=np.zeros((n, 3)),
-            tilt_rad=np.zeros((n, 2)),
-            tilt_rate_rad_s=np.zeros((n, 2)),
-            yaw_rad=yaw,
-            yaw_rate_rad_s=np.zeros(n),
-            thrust_frac=np.zeros(n),
-            attitude=attitude.copy(),
-            on_ground=np.array(position_ned_m)[:, 2] >= 0.0,
+            position_ned_m=self._state[:, physics.POSITION],
+            velocity_ned_m_s=self._state[:, physics.VELOCITY],
+            acceleration_ned_m_s2=self._state[:, physics.ACCELERATION],
+            tilt_rad=self._state[:, physics.TILT],
+            tilt_rate_rad_s=self._state[:, physics.TILT_RATE],
+            yaw_rad=self._state[:, physics.YAW],
+            yaw_rate_rad_s=self._state[:, physics.YAW_RATE],
+            thrust_frac=self._state[:, physics.THRUST],
+            attitude=self._state[:, physics.ATTITUDE],
+            on_ground=self._state[:, 2] >= 0.0,
             motors_dead=np.zeros(n, dtype=np.bool_),
         )
 
     def step(self, commands: Commands) -> None:
         """Advance all vehicles by `STEP_S` under `commands`."""
-        slot = self.steps % self._attitude_history.shape[0]
-        self._attitude_history[slot] = commands.attitude
-        self._rate_history[slot] = commands.rate_rad_s
-        self._turn(commands)
-        self._move(commands)
+        slot = self.steps % self._attitudes.shape[0]
+        self._attitudes[slot] = commands.attitude
+        self._rates[slot] = commands.rate_rad_s
+        place = self.steps % _BLOCK
+        if place == 0 and self._is_noisy:
+            self._rng.standard_normal(out=self._draws)
+        s = self.states
+        self._step(
+            self._state,
+            self._constants,
+            self._health,
+            self._counts,
+            self._attitudes,
+            self._rates,
+            slot,
+            commands.is_rate,
+            commands.thrust_frac,
+            commands.motors_on,
+            s.on_ground,
+            s.motors_dead,
+            self.air_ned_m_s,
+            self.push_ned_m_s2,
+            self._draws[place],
+        )
         self.steps += 1
 
-    def _delayed(self, history: Array, delay_steps: NDArray[np.int64]) -> Array:
-        return np.asarray(history[(self.steps - delay_steps) % history.shape[0], self._rows])
-
-    def _turn(self, commands: Commands) -> None:
-        s = self.states
-        asked = self._delayed(self._attitude_history, self._tilt.delay_steps)
-        down = rotation.body_down(asked)
-        # The direction of the thrust has priority over the heading, as in PX4: the asked direction is looked at from
-        # the heading that the vehicle really has.
-        cos_yaw, sin_yaw = np.cos(s.yaw_rad), np.sin(s.yaw_rad)
-        down_heading = np.stack(
-            [cos_yaw * down[:, 0] + sin_yaw * down[:, 1], -sin_yaw * down[:, 0] + cos_yaw * down[:, 1], down[:, 2]],
-            axis=-1,
+    def lift_share(self) -> Array:
+        """Lift of every vehicle (n,) in units of its weight, without noise."""
+        curve = self._constants[:, physics.CURVE]
+        thrust = self.states.thrust_frac
+        share = ((1.0 - curve) * thrust + curve * thrust**2) * self._health[:, physics.LIFT_SCALE]
+        return np.asarray(
+            np.minimum(share, self._health[:, physics.LIFT_CAP]) * self._constants[:, physics.FULL_LIFT] / GRAVITY_M_S2
         )
-        goal = self._gain * rotation.tilt_from_down(down_heading) + self.tilt_bias_rad
-        error = s.tilt_rad - goal
-        t, y = self._tilt, self._yaw
-        tilt = goal + t.p00[:, None] * error + t.p01[:, None] * s.tilt_rate_rad_s
-        tilt_rate = t.p10[:, None] * error + t.p11[:, None] * s.tilt_rate_rad_s
 
-        yaw_goal = rotation.heading(self._delayed(self._attitude_history, y.delay_steps))
-        yaw_error = rotation.wrap(s.yaw_rad - yaw_goal)
-        yaw = s.yaw_rad + (y.p00 - 1.0) * yaw_error + y.p01 * s.yaw_rate_rad_s
-        yaw_rate = y.p10 * yaw_error + y.p11 * s.yaw_rate_rad_s
+    def set_motor(self, index: int, motor: int, effectiveness: float) -> None:
+        """Let motor 1 to 4 of a vehicle give only a share of its thrust from now on.
 
-        if commands.is_rate.any():
-            rate = self._delayed(self._rate_history, t.delay_steps)
-            free_tilt_rate = s.tilt_rate_rad_s + self._rate_blend * (rate[:, :2] - s.tilt_rate_rad_s)
-            free_yaw_rate = s.yaw_rate_rad_s + self._rate_blend * (rate[:, 2] - s.yaw_rate_rad_s)
-            tilt = np.where(commands.is_rate[:, None], s.tilt_rad + STEP_S * free_tilt_rate, tilt)
-            tilt_rate = np.where(commands.is_rate[:, None], free_tilt_rate, tilt_rate)
-            yaw = np.where(commands.is_rate, s.yaw_rad + STEP_S * free_yaw_rate, yaw)
-            yaw_rate = np.where(commands.is_rate, free_yaw_rate, yaw_rate)
+        The loop shares the work anew: with motors e_k the lift is the harmonic mean of the e_k, at most what the
+        weakest allows with all torques in balance. Until its integral has learnt the missing torque (never, for a weak
+        loop) the vehicle leans towards that motor. A dead motor cannot be balanced: the vehicle turns over and falls.
+        """
+        profile, effective = self.profiles[index], self.motor_effectiveness[index]
+        lost = effective[motor - 1] - effectiveness
+        effective[motor - 1] = effectiveness
+        lever_m = profile.arm_m / math.sqrt(2.0)
+        # What a motor lifts on the right pushes the left side down; forward and right are x and y of the body.
+        lean = np.array([1.0, -1.0]) * _MOTOR_PLACE[motor - 1][::-1]
+        per_lift = lean * profile.mass_kg * lever_m / (_MOTORS * np.array(profile.inertia_kg_m2[:2]))
+        health = self._health[index]
+        alive = effective[effective >= _DEAD_BELOW]
+        has_dead = alive.size < _MOTORS
+        health[physics.LIFT_SCALE] = float(effective.mean()) if has_dead else _MOTORS / float((1.0 / alive).sum())
+        health[physics.LIFT_CAP] = health[physics.LIFT_SCALE] if has_dead else float(alive.min())
+        if effectiveness < _DEAD_BELOW:
+            health[physics.TUMBLE] += _UNCONTROLLED * per_lift
+        elif not has_dead:
+            health[physics.TUMBLE] = 0.0
+        offset = lost * GRAVITY_M_S2 * per_lift / profile.attitude_wn_rad_s**2
+        limit = _LARGEST_OFFSET_RAD
+        self._state[index, physics.TILT_OFFSET] += np.clip(offset, -limit, limit)
 
-        # A vehicle on its feet does not turn, whatever is asked.
-        flies = ~s.on_ground
-        s.tilt_rad = tilt * flies[:, None]
-        s.tilt_rate_rad_s = np.clip(tilt_rate, -self._max_tilt_rate, self._max_tilt_rate) * flies[:, None]
-        s.yaw_rad = np.where(flies, rotation.wrap(yaw), s.yaw_rad)
-        s.yaw_rate_rad_s = np.clip(yaw_rate, -self._max_yaw_rate, self._max_yaw_rate) * flies
-        s.attitude = rotation.from_yaw_and_tilt(s.yaw_rad, s.tilt_rad)
 
-    def _move(self, commands: Commands) -> None:
-        s = self.states
-        turning = commands.motors_on & ~s.motors_dead
-        asked = np.where(turning, commands.thrust_frac, 0.0)
-        s.thrust_frac = np.where(turning, s.thrust_frac + self._motor_blend * (asked - s.thrust_frac), 0.0)
-
-        blend = STEP_S / _THRUST_NOISE_CORRELATION_S
-        draw = self._rng.standard_normal(s.thrust_frac.shape[0])
-        self._noise_state += -blend * self._noise_state + math.sqrt(2.0 * blend) * draw
-        lift = s.thrust_frac * self._accel_per_thrust * (1.0 + self._thrust_noise * self._noise_state)
-        acceleration = -lift[:, None] * rotation.body_down(s.attitude) - self._drag_1_s * s.velocity_ned_m_s
-        acceleration[:, 2] += GRAVITY_M_S2
-        if self._has_gust:
-            blend = STEP_S / _GUST_CORRELATION_S
-            draw2 = self._rng.standard_normal(self._gust_state.shape)
-            self._gust_state += -blend * self._gust_state + math.sqrt(2.0 * blend) * draw2
-            acceleration[:, :2] += self._gust * self._gust_state
-
-        velocity = s.velocity_ned_m_s + STEP_S * acceleration
-        position = s.position_ned_m + STEP_S * velocity
-        contact = position[:, 2] >= 0.0
-        position[:, 2] = np.where(contact, 0.0, position[:, 2])
-        # Feet grip: on the ground nothing slides, and the start of a climb is vertical.
-        s.velocity_ned_m_s = velocity * ~contact[:, None]
-        held = contact & s.on_ground
-        s.position_ned_m = np.where(held[:, None], s.position_ned_m, position)
-        s.acceleration_ned_m_s2 = acceleration * ~contact[:, None]
-        s.on_ground = contact
+def _constants(profiles: list[VehicleProfile]) -> Array:
+    """One row of `physics.CONSTANTS` numbers per profile; the biases are filled in by the caller."""
+    out = np.zeros((len(profiles), physics.CONSTANTS))
+    wn = np.array([p.attitude_wn_rad_s for p in profiles], dtype=np.float64)
+    zeta = np.array([p.attitude_zeta for p in profiles], dtype=np.float64)
+    for column, entry in enumerate(second_order_step(wn, zeta, STEP_S)):
+        out[:, column] = entry
+    for row, p in zip(out, profiles, strict=True):
+        quick = p.yaw_wn_rad_s / _YAW_WN_RAD_S
+        row[physics.GAIN] = p.static_gain
+        row[physics.FULL_LIFT] = GRAVITY_M_S2 / p.lift_share(p.hover_thrust_frac)
+        row[physics.CURVE] = p.thrust_curve_frac
+        row[physics.DRAG] = p.drag_1_s
+        row[physics.MOTOR_BLEND] = 1.0 - math.exp(-STEP_S / max(p.motor_lag_s, 1e-6))
+        row[physics.THRUST_NOISE_STD] = p.thrust_noise_frac
+        row[physics.GUST_STD] = p.gust_std_m_s2
+        row[physics.MAX_TILT_RATE] = math.radians(p.max_tilt_rate_deg_s)
+        row[physics.MAX_YAW_RATE] = math.radians(p.max_yaw_rate_deg_s)
+        row[physics.YAW_P] = _YAW_P_1_S * quick
+        row[physics.YAW_RATE_P] = _YAW_RATE_P_1_S * quick
+        row[physics.YAW_RATE_I] = _YAW_RATE_I_1_S2 * quick * quick
+        row[physics.YAW_BLEND] = 1.0 - math.exp(-STEP_S * quick / _YAW_FILTER_S)
+        row[physics.MAX_YAW_TORQUE] = _YAW_TORQUE_RAD_S2 * quick * quick
+        row[physics.YAW_DRAG] = _YAW_DRAG_1_S * quick
+        row[physics.RATE_BLEND] = 1.0 - math.exp(-STEP_S / _RATE_LAG_S)
+        row[physics.OFFSET_KEEP] = math.exp(-STEP_S / p.attitude_integral_s) if p.attitude_integral_s > 0.0 else 1.0
+    return out

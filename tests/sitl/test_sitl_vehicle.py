@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,7 +38,7 @@ def step_response(profile: VehicleProfile, axis: int, size_deg: float) -> tuple[
         vehicles.step(commands)
         s = vehicles.states
         fractions.append((s.tilt_rad[0, axis] if axis < 2 else s.yaw_rad[0]) / size)
-    return (np.arange(625) + 1) * STEP_S, np.array(fractions)
+    return (np.arange(625) + 1) * STEP_S, np.unwrap(np.array(fractions) * size) / size
 
 
 def reached_s(times: np.ndarray, fractions: np.ndarray, level: float) -> float:
@@ -57,10 +59,128 @@ def test_roll_and_pitch_of_the_sih_quad_step_as_measured(axis: int, size_deg: fl
     assert agrees(float(times[fractions.argmax()]), 0.378)
 
 
-def test_yaw_of_the_sih_quad_is_about_three_times_slower() -> None:
-    times, fractions = step_response(SIH, 2, 30.0)
-    for level, measured_s in ((0.05, 0.220), (0.63, 0.615), (0.9, 0.765)):
+@pytest.mark.parametrize(
+    ("size_deg", "levels", "overshoot"),
+    [
+        (10.0, {0.05: 0.220, 0.63: 0.615, 0.9: 0.765}, 0.30),
+        (30.0, {0.05: 0.220, 0.63: 0.615, 0.9: 0.765}, 0.30),
+        (90.0, {0.63: 0.736, 0.9: 0.930}, 0.16),
+        (170.0, {0.63: 1.049}, 0.11),
+    ],
+)
+def test_yaw_of_the_sih_quad_steps_as_measured(size_deg: float, levels: dict[float, float], overshoot: float) -> None:
+    times, fractions = step_response(SIH, 2, size_deg)
+    for level, measured_s in levels.items():
         assert agrees(reached_s(times, fractions, level), measured_s), level
+    assert fractions.max() - 1.0 == pytest.approx(overshoot, rel=0.10)
+    if size_deg <= 30.0:
+        assert agrees(float(times[fractions.argmax()]), 1.25)
+    if size_deg == 170.0:
+        peak_deg_s = np.gradient(fractions, STEP_S).max() * size_deg
+        assert peak_deg_s == pytest.approx(167.0, rel=0.10)
+        assert peak_deg_s < 200.0
+
+
+def test_body_rates_are_followed_after_the_switch_of_controllers() -> None:
+    vehicles, commands = hovering(SIH)
+    commands.is_rate[:] = True
+    commands.rate_rad_s[0] = np.radians([25.0, 0.0, 0.0])
+    rates = []
+    for _ in range(100):
+        vehicles.step(commands)
+        rates.append(np.degrees(vehicles.states.tilt_rate_rad_s[0, 0]))
+    assert abs(rates[49]) < 1.0  # 0.2 s: the attitude is still held
+    assert rates[99] == pytest.approx(25.0, rel=0.10)  # 0.4 s
+
+
+def test_a_weak_motor_costs_lift_and_leans_the_vehicle_until_its_integral_has_learnt() -> None:
+    vehicles, commands = hovering(SIH)
+    vehicles.set_motor(0, 1, 0.6)
+    leans = []
+    for _ in range(1000):
+        vehicles.step(commands)
+        leans.append(vehicles.states.tilt_rad[0].copy())
+    assert leans[60][0] > 0.01  # motor 1 is front right: the vehicle leans to the right
+    assert leans[60][1] < -0.01  # and nose down
+    assert np.abs(leans[-1]).max() < 0.01
+    assert vehicles.lift_share()[0] == pytest.approx(4.0 / (3.0 + 1.0 / 0.6), rel=1e-6)
+    commands.thrust_frac[:] = 1.0
+    for _ in range(250):
+        vehicles.step(commands)
+    assert vehicles.lift_share()[0] == pytest.approx(0.6 / SIH.hover_thrust_frac, rel=1e-3)
+
+
+def test_the_weak_vehicle_keeps_leaning_since_its_loop_has_no_integral() -> None:
+    vehicles, commands = hovering(replace(ARDRONE, tilt_bias_deg=0.0, attitude_integral_s=0.0))
+    vehicles.set_motor(0, 2, 0.8)
+    for _ in range(1000):
+        vehicles.step(commands)
+    assert vehicles.states.tilt_rad[0, 0] < -0.03
+
+
+@pytest.mark.parametrize("profile", [SIH, ARDRONE])
+def test_a_dead_motor_turns_the_vehicle_over_and_it_stays_down(profile: VehicleProfile) -> None:
+    vehicles, commands = hovering(profile)
+    vehicles.set_motor(0, 3, 0.0)
+    for _ in range(1500):
+        vehicles.step(commands)
+    assert vehicles.states.motors_dead[0]
+    assert vehicles.states.on_ground[0]
+
+
+def test_a_quadratic_thrust_curve_hovers_at_the_same_command_and_has_less_below() -> None:
+    curved = replace(SIH, thrust_curve_frac=1.0)
+    lifts = []
+    for profile in (SIH, curved):
+        vehicles, commands = hovering(profile)
+        assert vehicles.lift_share()[0] == pytest.approx(1.0, rel=1e-3)
+        commands.thrust_frac[:] = 0.5 * profile.hover_thrust_frac
+        for _ in range(250):
+            vehicles.step(commands)
+        lifts.append(float(vehicles.lift_share()[0]))
+    assert lifts[0] == pytest.approx(0.5, rel=1e-2)
+    assert lifts[1] == pytest.approx(0.25, rel=1e-2)
+
+
+def test_the_compiled_loop_computes_what_numpy_computes() -> None:
+    rng = np.random.default_rng(2)
+    n = 8
+    profiles = [
+        VehicleProfile(
+            hover_thrust_frac=float(rng.uniform(0.3, 0.8)),
+            attitude_delay_s=float(rng.uniform(0.0, 0.1)),
+            attitude_wn_rad_s=float(rng.uniform(4.0, 20.0)),
+            static_gain=float(rng.uniform(0.8, 1.1)),
+            tilt_bias_deg=2.0,
+            yaw_wn_rad_s=float(rng.uniform(2.0, 6.0)),
+            thrust_noise_frac=0.02,
+            gust_std_m_s2=0.3,
+            thrust_curve_frac=float(rng.uniform(0.0, 1.0)),
+        )
+        for _ in range(n)
+    ]
+    start = rng.uniform(-3.0, 0.0, (n, 3))
+    twins = [Vehicles(profiles, start, np.zeros(n), seed=3, uses_numba=uses) for uses in (True, False)]
+    commands = Commands.level(np.zeros(n))
+    for k in range(600):
+        if k % 60 == 0:
+            commands.attitude[:] = rng.standard_normal((n, 4)) * [4.0, 1.0, 1.0, 2.0]
+            commands.attitude /= np.linalg.norm(commands.attitude, axis=1, keepdims=True)
+            commands.rate_rad_s[:] = rng.uniform(-3.0, 3.0, (n, 3))
+            commands.is_rate[:] = rng.random(n) < 0.4
+            commands.thrust_frac[:] = rng.uniform(0.0, 1.0, n)
+            commands.motors_on[:] = rng.random(n) < 0.9
+        if k == 200:
+            for vehicles in twins:
+                vehicles.set_motor(0, 1, 0.0)
+                vehicles.set_motor(1, 4, 0.7)
+                vehicles.air_ned_m_s[:] = [1.0, -2.0, 0.3]
+                vehicles.push_ned_m_s2[2] = [0.0, 0.0, 2.0]
+        for vehicles in twins:
+            vehicles.step(commands)
+    for name in ("position_ned_m", "velocity_ned_m_s", "attitude", "tilt_rate_rad_s", "on_ground", "motors_dead"):
+        one, other = (getattr(vehicles.states, name) for vehicles in twins)
+        np.testing.assert_allclose(one, other, atol=1e-9, err_msg=name)
 
 
 def test_the_weak_vehicle_never_reaches_the_tilt_it_is_asked_for() -> None:
