@@ -22,6 +22,8 @@ EXIT_HELP = (
 _PASSED_ON = {
     "sitl": ("emulated PX4s for a fleet file", "sitl.server"),
     "agent": ("one vehicle's agent", "onboard.agent.__main__"),
+    "check": ("whether fleet or mission files are right and can be flown", "groundstation.check"),
+    "simulate": ("the law over many perturbed flights, seeded", "sitl.campaign.cli"),
     "plot": ("figures of a recorded flight", "groundstation.plot"),
 }
 _BENCHES = {
@@ -74,11 +76,6 @@ def _parser() -> argparse.ArgumentParser:
     tui = commands.add_parser("tui", help="the console, attached to a fleet")
     tui.add_argument("--fleet", metavar="FILE", required=True, help="fleet file")
     tui.set_defaults(run=_tui)
-
-    check = commands.add_parser("check", help="what is wrong with fleet or mission files")
-    check.add_argument("files", metavar="FILE", nargs="+")
-    check.add_argument("--fleet", metavar="FILE", help="check missions against this fleet")
-    check.set_defaults(run=_check)
 
     for name, (text, _) in _PASSED_ON.items():
         commands.add_parser(name, help=text, add_help=False)
@@ -151,29 +148,6 @@ def _tui(options: argparse.Namespace) -> int:
             await client.stop()
 
     return asyncio.run(attach())
-
-
-def _check(options: argparse.Namespace) -> int:
-    from groundstation.missions.files import load_mission
-    from onboard.config import load_fleet, read_toml
-
-    status = EXIT_OK
-    for path in options.files:
-        try:
-            if path.endswith(".py") or "step" in read_toml(path, "fleet or mission file")[0]:
-                mission = load_mission(path, options.fleet)
-                what = "Python" if mission.is_python else f"{len(mission.steps)} steps"
-                print(
-                    f"{path}: a valid mission, {what}, for fleet '{mission.fleet.fleet.name}' ({mission.fleet.path})."
-                )
-            else:
-                fleet = load_fleet(path)
-                names = ", ".join(fleet.enabled_names)
-                print(f"{path}: a valid fleet, {len(fleet.enabled_names)} vehicles ({names}), law '{fleet.law.name}'.")
-        except ConfigError as error:
-            print(f"covey: {error}", file=sys.stderr)
-            status = EXIT_WRONG_INPUT
-    return status
 
 
 def _bench(words: list[str]) -> int:
