@@ -173,10 +173,8 @@ class Vehicles:
         self._step = kernels.step if uses_numba else physics.step
         self._rng = np.random.default_rng([seed, 1])
         self._constants = _constants(profiles)
-        self.tilt_bias_rad = np.radians([p.tilt_bias_deg for p in profiles])[:, None] * self._rng.uniform(
-            -1.0, 1.0, (n, 2)
-        )
-        self._constants[:, physics.BIAS] = self.tilt_bias_rad
+        largest_rad = np.radians([p.tilt_bias_deg for p in profiles])[:, None]
+        self._constants[:, physics.BIAS] = largest_rad * self._rng.uniform(-1.0, 1.0, (n, 2))
         self._health = np.zeros((n, physics.HEALTHS))
         self._health[:, : physics.LIFT_CAP + 1] = 1.0
         self.motor_effectiveness = np.ones((n, _MOTORS))
@@ -214,6 +212,15 @@ class Vehicles:
             on_ground=self._state[:, 2] >= 0.0,
             motors_dead=np.zeros(n, dtype=np.bool_),
         )
+
+    @property
+    def tilt_bias_rad(self) -> Array:
+        """Constant errors (n, 2) about body x and y; may be written."""
+        return self._constants[:, physics.BIAS]
+
+    @tilt_bias_rad.setter
+    def tilt_bias_rad(self, bias_rad: Array) -> None:
+        self._constants[:, physics.BIAS] = bias_rad
 
     def step(self, commands: Commands) -> None:
         """Advance all vehicles by `STEP_S` under `commands`."""
