@@ -1,0 +1,59 @@
+"""Random numbers of many flights, each from its own seed: a flight is the same alone and in any batch.
+
+Streams of a flight: ``[seed, 1]`` constants, ``[seed, 2]`` noise of every tick, ``[seed, 3]`` the radio links. None
+depends on what the vehicles do, so that two laws meet the same noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from onboard.types import Array, IntArray
+
+_BLOCK_TICKS = 50
+_PER_VEHICLE = 9  # position error (3), velocity error (3), gust (2), thrust (1)
+
+
+class Noise:
+    """Noise of F flights of N vehicles, tick by tick.
+
+    uniform, normal: constants (F, N, 8) in [-1, 1) and (F, N, 6).
+    """
+
+    def __init__(self, seeds: Sequence[int], count: int, *, has_links: bool) -> None:
+        self.count = count
+        constants = [np.random.default_rng([seed, 1]) for seed in seeds]
+        self.uniform = np.stack([rng.uniform(-1.0, 1.0, (count, 8)) for rng in constants])
+        self.normal = np.stack([rng.standard_normal((count, 6)) for rng in constants])
+        self._generators = [np.random.default_rng([seed, 2]) for seed in seeds]
+        self._links = [np.random.default_rng([seed, 3]) for seed in seeds] if has_links else []
+        self._tick = _BLOCK_TICKS
+        self._block = np.empty(0)
+        self._luck = np.empty(0, np.float32)
+
+    def next(self) -> tuple[Array, Array]:
+        """Standard normal numbers (F, N, 9), and uniform ones per link (F, receiver, sender), empty without links.
+
+        The diagonal of the links is free for what concerns a vehicle itself.
+        """
+        if self._tick == _BLOCK_TICKS:
+            n = self.count
+            self._block = np.stack([rng.standard_normal((_BLOCK_TICKS, n, _PER_VEHICLE)) for rng in self._generators])
+            if self._links:
+                self._luck = np.stack([rng.random((_BLOCK_TICKS, n, n), dtype=np.float32) for rng in self._links])
+            self._tick = 0
+        tick = self._tick
+        self._tick += 1
+        luck = self._luck[:, tick] if self._links else np.empty((len(self._generators), 0, 0), np.float32)
+        return self._block[:, tick], np.asarray(luck, dtype=np.float64)
+
+    def keep(self, flights: IntArray) -> None:
+        """Go on with these flights of the batch only."""
+        self.uniform, self.normal = self.uniform[flights], self.normal[flights]
+        self._generators = [self._generators[k] for k in flights]
+        self._block = self._block[flights]
+        if self._links:
+            self._links = [self._links[k] for k in flights]
+            self._luck = self._luck[flights]

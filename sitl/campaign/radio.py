@@ -1,0 +1,67 @@
+"""What reaches whom, and when: messages are late, get lost per link, and senders fall silent for a while."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from onboard.agent.neighbours import SILENT_S
+from onboard.control import fleet_step
+from onboard.types import Array, BoolArray, IntArray, LawOutput, Neighbours, State
+from sitl.campaign.physics import TICK_S
+from sitl.campaign.settings import Perturbation
+
+_MOST_SENDERS = 32  # in larger fleets only so many nearest are gathered; the law itself uses fewer
+
+
+class Radio:
+    """The newest message of every sender at every receiver; (F, receiver, sender, ...)."""
+
+    def __init__(self, state: State, is_stranger: BoolArray, perturbation: Perturbation) -> None:
+        """``is_stranger`` (F, N): tracked, but part of no fleet; it is never cooperative and publishes no intentions."""
+        first = fleet_step.message(state, None)
+        flights, count = first.shape[:2]
+        self._p = perturbation
+        self._late = math.ceil(round(perturbation.delay_s / TICK_S, 6))
+        self._sent: deque[Array] = deque([first] * (self._late + 1), self._late + 1)
+        self._inbox = np.repeat(first[:, None], count, axis=1)
+        self._age_s = np.full((flights, count, count), self._late * TICK_S)
+        self._silence_s = np.zeros((flights, count))
+        self._is_stranger = is_stranger
+        self._others = fleet_step.all_others(count)
+
+    def publish(self, state: State, law: LawOutput) -> None:
+        """Everybody's message of this tick."""
+        self._sent.appendleft(fleet_step.message(state, law))
+
+    def receive(self, luck: Array, is_mute: BoolArray) -> Neighbours:
+        """What everybody knows of the others now; ``luck`` (F, N, N) uniform, ``is_mute`` (F, N) never sends again."""
+        p = self._p
+        silent = is_mute
+        if p.burst_s > 0.0:
+            begins = np.einsum("fnn->fn", luck) < TICK_S / p.burst_every_s
+            self._silence_s = np.where(begins & (self._silence_s <= 0.0), p.burst_s, self._silence_s - TICK_S)
+            silent = silent | (self._silence_s > 0.0)
+        arrived = (luck >= p.loss_share) & ~silent[:, None, :]
+        np.copyto(self._inbox, self._sent[-1][:, None], where=arrived[..., None])
+        self._age_s = np.where(arrived, self._late * TICK_S, self._age_s + TICK_S)
+        is_cooperative = (self._age_s <= SILENT_S) & ~self._is_stranger[:, None, :]
+        return fleet_step.heard(self._inbox, self._age_s, self._senders(), is_cooperative)
+
+    def _senders(self) -> IntArray:
+        count = self._inbox.shape[1]
+        if count - 1 <= _MOST_SENDERS:
+            return self._others
+        known = np.einsum("fiic->fic", self._inbox[..., :2])
+        gap = self._inbox[..., :2] - known[:, :, None]
+        distance_2 = np.einsum("fijc,fijc->fij", gap, gap)
+        distance_2[:, np.arange(count), np.arange(count)] = np.inf
+        return np.sort(np.argpartition(distance_2, _MOST_SENDERS, axis=-1)[..., :_MOST_SENDERS], axis=-1)
+
+    def keep(self, flights: IntArray) -> None:
+        """Go on with these flights of the batch only."""
+        self._sent = deque([message[flights] for message in self._sent], self._late + 1)
+        self._inbox, self._age_s = self._inbox[flights], self._age_s[flights]
+        self._silence_s, self._is_stranger = self._silence_s[flights], self._is_stranger[flights]
