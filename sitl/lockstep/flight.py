@@ -69,7 +69,7 @@ class Lockstep:
             )
         self.config, self.folder = config, folder
         self.simulation = Simulation(config, seed=seed, bus=bus, mocap=mocap, is_batched=is_batched)
-        self._say = say
+        self.say = say
         numbers = itertools.count(1)
         self.client = FleetClient(
             config,
@@ -166,7 +166,7 @@ class Lockstep:
             await asyncio.sleep(_WATCH_S)
 
     def _tell(self, line: str) -> None:
-        self._say(line)
+        self.say(line)
         self.client.publish_event("info", "mission", line.strip())
 
     # -- what happened -----------------------------------------------------------------------------------------------

@@ -1,0 +1,42 @@
+"""``covey fly --lockstep`` and ``covey demo --lockstep``: a mission in simulated time, from the command line."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+from groundstation.flight import Settings
+from onboard.bus.schema import Event
+from sitl.lockstep.bus import BusSettings
+from sitl.lockstep.flight import Lockstep
+
+
+def fly_mission(settings: Settings, bus: BusSettings) -> int:
+    """Fly it with progress in lines, stamped with simulated time; the verdict's exit status."""
+    begin_s = time.perf_counter()
+    fleet = settings.mission.fleet
+    names = ", ".join(fleet.enabled_names)
+    print(f"Lockstep: {names} in simulated time, without a console; everything goes to {settings.folder}.", flush=True)
+    with Lockstep(fleet, seed=settings.seed, bus=bus, folder=settings.folder) as flight:
+
+        def say(line: str) -> None:
+            print(f"{flight.time_s:6.1f} s  {line}", flush=True)
+
+        def on_event(event: Event) -> None:
+            if event.severity in ("warning", "critical"):
+                say(f"  [{event.vehicle}] {event.severity}: {event.sentence}")
+
+        flight.say = say
+        flight.client.add_event_listener(on_event)
+        before = signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))  # lands, as Ctrl-C does
+        try:
+            verdict = flight.fly(settings.mission)
+        finally:
+            signal.signal(signal.SIGTERM, before)
+        for line in verdict.sentences:
+            say(line)
+        wall_s = time.perf_counter() - begin_s
+        print(
+            f"{flight.time_s:.1f} s flown in {wall_s:.1f} s: {flight.time_s / wall_s:.1f} times real time.", flush=True
+        )
+    return verdict.exit_status

@@ -1,0 +1,35 @@
+"""A pytest plugin with one fixture: ``lockstep``, which makes flights in simulated time and ends them with the test.
+
+pytest_plugins = ["sitl.lockstep.testing"]
+
+def test_the_formation_keeps_its_distance(lockstep):
+    flight = lockstep("configs/fleets/paper.toml", seed=3)
+    assert flight.fly("configs/missions/paper.toml").passed
+    assert flight.min_separation_m > 0.8
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from sitl.lockstep.flight import Lockstep
+
+
+@pytest.fixture
+def lockstep() -> Iterator[Callable[..., Lockstep]]:
+    """Make a :class:`Lockstep` with its own arguments: fleet, seed, law, bus, mocap, folder."""
+    from sitl.lockstep.flight import Lockstep  # here, so that the plugin costs nothing where it is not used
+
+    flights: list[Lockstep] = []
+
+    def make(*args: Any, **options: Any) -> Lockstep:
+        flights.append(Lockstep(*args, **options))
+        return flights[-1]
+
+    yield make
+    for flight in flights:
+        flight.close()
