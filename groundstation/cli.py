@@ -24,11 +24,18 @@ _PASSED_ON = {
     "agent": ("one vehicle's agent", "onboard.agent.__main__"),
     "check": ("whether fleet or mission files are right and can be flown", "groundstation.check"),
     "simulate": ("the law over many perturbed flights, seeded", "sitl.campaign.cli"),
-    "simulate": ("the law over many perturbed flights, seeded", "sitl.campaign.cli"),
     "plot": ("figures of a recorded flight", "groundstation.plot"),
 }
 _BENCHES = {
     "demo": ("fly the demo several times and write a table", "groundstation.bench"),
+    "law": ("the law beside other methods, and without each of its ideas", "tests.peers.bench"),
+}
+_BUS_OPTIONS = {
+    "delay_s": ("shortest time from sender to receiver", 0.001),
+    "jitter_s": ("mean of what comes on top of it", 0),
+    "loss": ("chance of each message to be lost", 0),
+    "reorder": ("chance of each message to be overtaken", 0),
+    "duplicate": ("chance of each message to come twice", 0),
 }
 _EXTRAS = {"textual", "mcap", "pymavlink", "rich", "matplotlib", "fastcrc", "zstandard", "pyrvo", "daqp"}
 
@@ -90,6 +97,10 @@ def _flight_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--record", metavar="DIR", help="flight folder (default: flights/<time>)")
     parser.add_argument("--law", choices=LAWS, help="avoidance law instead of the fleet file's (simulated flights)")
     parser.add_argument("--seed", type=int, default=0, help="seed of everything random in the emulator (default 0)")
+    parser.add_argument("--lockstep", action="store_true", help="agents and emulator in one process, in simulated time")
+    bus = parser.add_argument_group("the bus of a flight in lockstep")
+    for name, (text, default) in _BUS_OPTIONS.items():
+        bus.add_argument(f"--bus-{name.replace('_', '-')}", type=float, metavar="X", help=f"{text} (default {default})")
 
 
 def _version() -> str:
@@ -115,6 +126,11 @@ def _flight(options: argparse.Namespace, mission: str, *, is_simulated: bool, ha
 
     if options.seed < 0:
         raise ConfigError(f"--seed is {options.seed}; it must be 0 or more.")
+    bus = {name: value for name in _BUS_OPTIONS if (value := getattr(options, f"bus_{name}")) is not None}
+    if bus and not options.lockstep:
+        raise ConfigError(f"--bus-{next(iter(bus)).replace('_', '-')} is for flights in lockstep. Add --lockstep.")
+    if options.lockstep:
+        return _lockstep(options, mission, bus)
     if not options.headless and not sys.stdout.isatty():
         raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
     folder = Path(options.record) if options.record else _new_folder()
@@ -129,6 +145,25 @@ def _flight(options: argparse.Namespace, mission: str, *, is_simulated: bool, ha
         seed=options.seed,
     )
     return asyncio.run(Flight(settings, say=clock_say()).fly())
+
+
+def _lockstep(options: argparse.Namespace, mission: str, bus: dict[str, float]) -> int:
+    from groundstation.flight import prepare
+    from sitl.lockstep.bus import BusSettings
+    from sitl.lockstep.command import fly_mission
+
+    settings = prepare(
+        mission,
+        Path(options.record) if options.record else _new_folder().absolute(),
+        fleet_path=options.fleet,
+        law=options.law,
+        is_simulated=True,
+        has_free_ports=False,
+        is_headless=True,
+        seed=options.seed,
+        needs_ports=False,
+    )
+    return fly_mission(settings, BusSettings(**bus))
 
 
 def _tui(options: argparse.Namespace) -> int:
@@ -154,7 +189,10 @@ def _tui(options: argparse.Namespace) -> int:
 def _bench(words: list[str]) -> int:
     """``covey bench WHAT``: each benchmark has a module and a command line of its own."""
     if words and words[0] in _BENCHES:
-        return _pass_on(_BENCHES[words[0]][1], words[1:])
+        module = _BENCHES[words[0]][1]
+        if module.startswith("tests."):
+            _open_clone()
+        return _pass_on(module, words[1:])
     width = max(map(len, _BENCHES))
     print("usage: covey bench WHAT [options]; covey bench WHAT --help says more.")
     print("\n".join(f"  {name:<{width}}  {text}" for name, (text, _) in _BENCHES.items()))
@@ -165,6 +203,16 @@ def _pass_on(module: str, words: list[str]) -> int:
     """A command with a command line of its own."""
     run: Callable[[list[str]], int] = importlib.import_module(module).main
     return run(words)
+
+
+def _open_clone() -> None:
+    """Make the clone's ``tests`` importable, where other people's methods live; an installed package has none."""
+    root = Path(__file__).resolve().parent.parent
+    if not (root / "tests" / "peers").is_dir():
+        raise ConfigError(
+            f"{root}: this benchmark lives in the tests of a clone, and here are none. Run it in a clone."
+        )
+    sys.path.insert(0, str(root))
 
 
 def _configs() -> Path:

@@ -44,7 +44,8 @@ def _without_clamp(params: PipelineParams) -> PipelineParams:
 
 def _margin(added_m: float) -> Callable[[PipelineParams], PipelineParams]:
     def change(params: PipelineParams) -> PipelineParams:
-        return replace(params, law=replace(params.law, d_design_m=params.law.d_design_m + added_m))
+        margin_m = params.law.config.design_margin_m + added_m
+        return replace(params, law=params.law.changed(design_margin_m=margin_m))
 
     return change
 

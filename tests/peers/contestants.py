@@ -5,6 +5,7 @@ The pipeline around the law, from the estimate to the attitude, is the product's
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -108,19 +109,25 @@ def peer(method: Method, values: Mapping[str, float] | None = None) -> Contestan
     return Contestant(method.title, step=method.step, values=method.chosen if values is None else values)
 
 
-RING_GRID = {"kappa_1_1_s": (1.0, 2.0, 4.0), "v_perp_m_s": (0.1, 0.4)}
-RING_CHOSEN = {"kappa_1_1_s": 2.0, "v_perp_m_s": 0.1}
+def combinations(grid: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:
+    """Every combination of a grid."""
+    return [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
+
+
+RING_GRID = {"kappa": (1.0, 2.0, 4.0), "v_perp_m_s": (0.1, 0.4)}
+RING_CHOSEN = {"kappa": 2.0, "v_perp_m_s": 0.1}
 
 
 def ring(values: Mapping[str, float] = RING_CHOSEN) -> Contestant:
-    """The paper's law as printed: each avoids the next one. kappa_2 is kappa_1, d_inf the design distance."""
+    """The paper's law as printed: each avoids the next one. ``kappa`` is kappa_1 and kappa_2."""
+    kappa, v_perp = values["kappa"], values["v_perp_m_s"]
+    changed = {"force_ring": "true", "kappa_1_1_s": kappa, "kappa_2_1_s": kappa, "v_perp_m_s": v_perp}
 
-    def change(params: PipelineParams) -> PipelineParams:
-        law = params.law
-        paper = replace(law.paper, **values, kappa_2_1_s=values["kappa_1_1_s"], d_inf_m=law.d_design_m)
-        return replace(params, law=replace(law, paper=paper))
+    def with_margin(params: PipelineParams) -> PipelineParams:  # d_inf is the design distance, as for everybody
+        return replace(params, law=replace(params.law, safety_distance_m=params.law.d_design_m))
 
-    return Contestant("the paper's ring", law="paper", change=change, values=values)
+    sets = tuple(f"law.paper_{key}={value}" for key, value in changed.items())
+    return Contestant("the paper's ring", law="paper", sets=sets, change=with_margin, values=values)
 
 
 COVEY = Contestant("Covey")

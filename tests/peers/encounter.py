@@ -19,7 +19,7 @@ class Encounter:
 
     wanted_m_s2 (M, 2): net acceleration that the baseline asks for. velocity_m_s (M, 2): own. gap_m and
     closing_m_s (M, K, 2): own minus neighbour's position and velocity. is_on (M, K): who counts. reach_m_s2 (M,):
-    largest horizontal acceleration. d_m: design distance. speed_m_s: top speed.
+    largest horizontal acceleration. d_m (M, K): design distances. speed_m_s: top speed.
     """
 
     wanted_m_s2: Array
@@ -28,7 +28,7 @@ class Encounter:
     closing_m_s: Array
     is_on: BoolArray
     reach_m_s2: Array
-    d_m: float
+    d_m: Array
     speed_m_s: float
 
     @property
@@ -59,7 +59,7 @@ def keep_right(encounter: Encounter) -> Encounter:
     wanted, gap = encounter.wanted_m_s2, encounter.gap_m
     ahead = -np.einsum("mkc,mc->mk", gap, wanted) / encounter.distance_m
     is_blocked = encounter.is_on & (encounter.distance_m < 1.3 * encounter.d_m)
-    is_blocked &= ahead > 0.7 * length(wanted)[:, None]
+    is_blocked &= ahead > 0.2 * length(wanted)[:, None]
     is_stuck = (length(encounter.velocity_m_s) < 0.12) & (length(wanted) > 0.3) & is_blocked.any(-1)
     cos, sin = 0.5, -np.sqrt(0.75)
     turned = np.stack([cos * wanted[:, 0] - sin * wanted[:, 1], sin * wanted[:, 0] + cos * wanted[:, 1]], axis=-1)

@@ -6,7 +6,6 @@ has two values of its own and six combinations to choose from.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -20,6 +19,7 @@ from onboard.control.projection import Rows, no_rows, project
 from tests.peers.encounter import Array, Encounter, Step, into_disc, keep_right, preferred_velocity
 
 NEIGHBOURS = 12  # the nearest so many count, for every method
+_OWN_RADIUS_M = 0.4  # of a design distance; the neighbour is drawn as large as the rest of it
 
 
 def orca(encounter: Encounter, values: Mapping[str, float]) -> Array:
@@ -34,13 +34,15 @@ def orca(encounter: Encounter, values: Mapping[str, float]) -> Array:
     nearby = encounter.is_on & (encounter.distance_m < encounter.d_m + 2.5 * values["horizon_s"])
     for m in np.flatnonzero(nearby.any(-1)):
         near = np.flatnonzero(nearby[m])
-        simulator = _simulator(len(near), values["horizon_s"], 0.5 * encounter.d_m, encounter.speed_m_s)
+        simulator = _simulator(len(near), values["horizon_s"], encounter.speed_m_s)
         simulator.set_agent_velocity(0, tuple(encounter.velocity_m_s[m].tolist()))
         simulator.set_agent_pref_velocity(0, tuple(asked[m].tolist()))
         simulator.set_agent_position(0, (0.0, 0.0))
         away = (-encounter.gap_m[m, near]).tolist()
         speeds = (encounter.velocity_m_s[m] - encounter.closing_m_s[m, near]).tolist()
+        radii = (encounter.d_m[m, near] - _OWN_RADIUS_M).tolist()
         for k in range(len(near)):
+            simulator.set_agent_radius(k + 1, radii[k])
             simulator.set_agent_position(k + 1, tuple(away[k]))
             simulator.set_agent_velocity(k + 1, tuple(speeds[k]))
         simulator.do_step()
@@ -49,8 +51,8 @@ def orca(encounter: Encounter, values: Mapping[str, float]) -> Array:
 
 
 @lru_cache(maxsize=256)
-def _simulator(neighbours: int, horizon_s: float, radius_m: float, speed_m_s: float) -> Any:
-    simulator = pyrvo.RVOSimulator(0.02, 100.0, NEIGHBOURS, horizon_s, horizon_s, radius_m, speed_m_s)
+def _simulator(neighbours: int, horizon_s: float, speed_m_s: float) -> Any:
+    simulator = pyrvo.RVOSimulator(0.02, 100.0, NEIGHBOURS, horizon_s, horizon_s, _OWN_RADIUS_M, speed_m_s)
     for k in range(neighbours + 1):
         simulator.add_agent((float(k), 0.0))
         if k:
@@ -147,10 +149,6 @@ class Method:
     step: Step
     grid: Mapping[str, tuple[float, ...]]
     chosen: Mapping[str, float]
-
-    def combinations(self) -> list[dict[str, float]]:
-        """Every combination of the grid."""
-        return [dict(zip(self.grid, values, strict=True)) for values in itertools.product(*self.grid.values())]
 
 
 METHODS = {

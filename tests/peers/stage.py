@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from onboard.control import oist, prediction
+from onboard.control import oist, prediction, rows
 from onboard.types import Array, LawOutput, LawStatus, Neighbours, State, Thrust
 from tests.peers.encounter import Encounter, Step, length
 from tests.peers.methods import NEIGHBOURS
@@ -16,23 +16,31 @@ from tests.peers.methods import NEIGHBOURS
 Inputs = tuple[oist.LawMemory, Thrust, tuple[Array, Array], State, Neighbours]
 
 
-def encounter_of(
-    baseline: Thrust, predicted: tuple[Array, Array], neighbours: Neighbours, params: oist.LawParams, speed_m_s: float
-) -> Encounter:
+def encounter_of(inputs: Inputs, params: oist.LawParams, speed_m_s: float) -> Encounter:
     """The nearest neighbours as the law would see them, flattened over the batch."""
-    wanted = baseline.thrust_enu_m_s2
-    count = int(np.prod(wanted.shape[:-1], dtype=np.int64))
+    _, baseline, predicted, state, neighbours = inputs
+    wanted, n = baseline.thrust_enu_m_s2, params.numbers
+    count, others = int(np.prod(wanted.shape[:-1], dtype=np.int64)), neighbours.is_present.shape[-1]
+    lead = neighbours.lead_time_s
     theirs, their_velocity = prediction.predict_neighbour(
         _either(neighbours.predicted_position_enu_m, neighbours.position_enu_m),
         _either(neighbours.predicted_velocity_enu_m_s, neighbours.velocity_enu_m_s),
         np.nan_to_num(neighbours.commanded_acceleration_enu_m_s2[..., :2]),
+        np.nan_to_num(neighbours.velocity_enu_m_s[..., :2]),
         np.nan_to_num(neighbours.age_s, nan=prediction.MAX_MESSAGE_AGE_S),
+        np.full(neighbours.age_s.shape, n.lead_time_s) if lead is None else np.nan_to_num(lead, nan=n.lead_time_s),
+        n.lead_time_s,
     )
-    others = neighbours.is_present.shape[-1]
+    unknown = np.zeros(neighbours.age_s.shape)
+    their_std = (
+        neighbours.position_std_m,
+        unknown if neighbours.velocity_std_m_s is None else neighbours.velocity_std_m_s,
+    )
+    d = rows.design_distance((state.position_std_m, state.velocity_std_m_s), their_std, neighbours.is_cooperative, n)
     gap = (predicted[0][..., None, :2] - theirs).reshape(count, others, 2)
     closing = (predicted[1][..., None, :2] - their_velocity).reshape(count, others, 2)
     distance = length(gap)
-    is_on = neighbours.is_present.reshape(count, others) & (distance < params.range_m)
+    is_on = neighbours.is_present.reshape(count, others) & (distance < n.range_m)
     nearest = np.argsort(np.where(is_on, distance, np.inf), axis=1, kind="stable")[:, :NEIGHBOURS]
     thrust = wanted.reshape(count, 3)
     return Encounter(
@@ -42,7 +50,7 @@ def encounter_of(
         closing_m_s=np.take_along_axis(closing, nearest[..., None], 1),
         is_on=np.take_along_axis(is_on, nearest, 1),
         reach_m_s2=oist.horizontal_limit(thrust[:, 2], params=params),
-        d_m=params.d_design_m,
+        d_m=np.take_along_axis(d.reshape(count, others), nearest, 1),
         speed_m_s=speed_m_s,
     )
 
@@ -51,9 +59,8 @@ def answer(
     step: Step, values: Mapping[str, float], inputs: Inputs, options: Mapping[str, Any], speed_m_s: float
 ) -> Array:
     """Horizontal acceleration (..., 2) that the peer commands."""
-    _, baseline, predicted, _, neighbours = inputs
-    found = step(encounter_of(baseline, predicted, neighbours, options["params"], speed_m_s), values)
-    return found.reshape(*baseline.thrust_enu_m_s2.shape[:-1], 2)
+    found = step(encounter_of(inputs, options["params"], speed_m_s), values)
+    return found.reshape(*inputs[1].thrust_enu_m_s2.shape[:-1], 2)
 
 
 def sent(found: Array, inputs: Inputs, options: Mapping[str, Any]) -> tuple[oist.LawMemory, LawOutput]:
@@ -61,7 +68,7 @@ def sent(found: Array, inputs: Inputs, options: Mapping[str, Any]) -> tuple[oist
     memory, baseline, predicted, state, neighbours = inputs
     wanted = baseline.thrust_enu_m_s2
     thrust = Thrust(np.concatenate([found, wanted[..., 2:]], axis=-1))
-    passed_on = {**options, "params": replace(options["params"], name="off")}
+    passed_on = {**options, "params": options["params"].changed(name="off")}
     memory, output = oist.saturate(memory, thrust, predicted, state, neighbours, **passed_on)
     change = length(output.commanded_acceleration_enu_m_s2[..., :2] - wanted[..., :2])
     is_held = (change > 1e-9) & (output.status == int(LawStatus.INACTIVE))
