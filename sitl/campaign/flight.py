@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -44,13 +43,10 @@ def fly(
     Straight-line times are flown too: the same flight, noise and vehicles with the law off, where nobody knows of
     anybody.
     """
-    straight = [
-        alone.makespan_s for alone in _fly(plans, replace(setup, law="off"), _patience_s(plans, setup), is_alone=True)
-    ]
-    longest = [
-        _TIMES_STRAIGHT * (time if math.isfinite(time) else patience)
-        for time, patience in zip(straight, _patience_s(plans, setup), strict=True)
-    ]
+    patience = _patience_s(plans, setup)
+    alone = _fly(plans, replace(setup, law="off"), patience, is_alone=True)
+    straight = [outcome.makespan_s for outcome in alone]
+    longest = [_TIMES_STRAIGHT * min(times) for times in zip(straight, patience, strict=True)]
     flown = _fly(plans, setup, longest, controller=controller, has_trace=has_trace)
     return [Flown(plan, outcome, time) for plan, outcome, time in zip(plans, flown, straight, strict=True)]
 

@@ -213,7 +213,7 @@ class _TraceBuffer:
     def of(self, flight: int, ticks: int) -> Trace:
         last = ticks + 1
         return Trace(
-            TICK_S * np.arange(last),
+            TICK_S * np.arange(last, dtype=np.float64),
             self._position[:last, flight].copy(),
             self._status[:last, flight].copy(),
             self._active[:last, flight].copy(),

@@ -63,7 +63,7 @@ class Physics:
         self._gust = np.zeros((flights, count, 2))
         self._thrust_error = np.zeros((flights, count))
         self._scripted = scripted
-        self._is_scripted = np.isfinite(scripted).all(-1)
+        self._is_scripted = np.asarray(np.isfinite(scripted).all(-1))
         self._start_ned_m = self._vehicles.states.position_ned_m.copy()
         first = self._is_scripted.reshape(-1)
         self._vehicles.states.velocity_ned_m_s[first] = rotation.swap_enu_ned(scripted.reshape(-1, 3)[first])

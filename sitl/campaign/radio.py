@@ -20,7 +20,7 @@ class Radio:
     """The newest message of every sender at every receiver; (F, receiver, sender, ...)."""
 
     def __init__(self, state: State, is_stranger: BoolArray, perturbation: Perturbation) -> None:
-        """``is_stranger`` (F, N): tracked, but part of no fleet; it is never cooperative and publishes no intentions."""
+        """``is_stranger`` (F, N): tracked, but of no fleet; never cooperative, and nobody knows its intentions."""
         first = fleet_step.message(state, None)
         flights, count = first.shape[:2]
         self._p = perturbation

@@ -24,8 +24,9 @@ MIX = (
 )
 _MAX_VEHICLES = 250
 KNOWN = (
-    "form3, swapN (jittered) and swapNx (exact), randN and randNdA (A m^2 per vehicle), crossN@90, crossN@180, squeeze, "
-    f"intruderN@1, intruderN@2, lostN@frozen, lostN@silent, and mix (the benchmark); N is a number up to {_MAX_VEHICLES}"
+    "form3, swapN (jittered) and swapNx (exact), randN and randNdA (A m^2 per vehicle), crossN@90, crossN@180, "
+    "squeeze, intruderN@1, intruderN@2, lostN@frozen, lostN@silent, and mix (the benchmark); "
+    f"N is a number up to {_MAX_VEHICLES}"
 )
 _TRIANGLE_SIDE_M = 1.6
 _PERMUTATIONS = tuple(itertools.permutations(range(3)))
@@ -108,7 +109,7 @@ def _number(name: str, text: str | None, default: int, *, low: int = 2) -> int:
 
 
 def _form3(name: str, seed: int) -> Plan:
-    """Into a triangle of side 1.6 m about (0, 1.2) by each of the 6 permutations, trajectories of 7 s and 5 s in turn."""
+    """Into a triangle of side 1.6 m about (0, 1.2) by the 6 permutations, trajectories of 7 s and 5 s in turn."""
     rng = np.random.default_rng(seed)
     start = np.array([[-1.5, -1.5], [0.0, -1.5], [1.5, -1.5]]) + rng.normal(0.0, 0.1, (3, 2))
     radius = _TRIANGLE_SIDE_M / math.sqrt(3.0)

@@ -15,6 +15,7 @@ from onboard.config import ConfigError, FleetConfig, LawConfig, SitlProfile, Veh
 LAWS = ("covey", "paper", "off")
 _CONFIGS = Path(__file__).resolve().parents[2] / "configs" / "fleets"
 _EXAMPLES = ("sih.toml", "paper.toml")  # whose types can be named without --fleet
+_FLEET_KEYS = ("safety_distance_m", "body_diameter_m")  # what a fleet file gives to a campaign besides types and law
 # short names for what is otherwise a value of the law or of the vehicle
 _ALIASES = {"tilt_deg": "vehicle.max_tilt_deg", "range_m": "law.range_m", "neighbours": "law.max_neighbours"}
 _NOT_A_VEHICLE_VALUE = (
@@ -138,9 +139,7 @@ class Setup:
         }
         wide = 1e6
         fleet = {
-            **{
-                key: value for key, value in self.fleet_table.items() if key in ("safety_distance_m", "body_diameter_m")
-            },
+            **{key: self.fleet_table[key] for key in _FLEET_KEYS if key in self.fleet_table},
             "name": "campaign",
             "geofence_m": {"x": [-wide, wide], "y": [-wide, wide], "z": [-wide, wide]},
         }
