@@ -24,6 +24,7 @@ _PASSED_ON = {
     "agent": ("one vehicle's agent", "onboard.agent.__main__"),
     "check": ("whether fleet or mission files are right and can be flown", "groundstation.check"),
     "simulate": ("the law over many perturbed flights, seeded", "sitl.campaign.cli"),
+    "sitl-check": ("whether a MAVLink endpoint behaves as a real PX4", "sitl.conformance.__main__"),
     "plot": ("figures of a recorded flight", "groundstation.plot"),
 }
 _BENCHES = {

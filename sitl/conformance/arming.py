@@ -1,0 +1,136 @@
+"""On the ground: what is told to whom, modes that are asked for, arming, the motors' first seconds."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+from sitl.conformance.facts import Report, number, word
+from sitl.conformance.hover import grounded
+from sitl.conformance.phase import Phase
+from sitl.conformance.pilot import ARM, MODE_NUMBERS, SET_MODE, SILENCE, Pilot
+
+_DENIED = "Arming denied: Resolve system health failures first\t"
+MODES_ON_GROUND = (
+    word("mode.two-acks", "5", "DO_SET_MODE is acknowledged twice", "ACCEPTED, ACCEPTED"),
+    word("mode.offboard-disarmed", "5", "OFFBOARD asked for disarmed, without setpoints, is shown", "OFFBOARD"),
+    word("mode.offboard-disarmed-base", "5", "and its base_mode", "1"),
+    word("mode.offboard-disarmed-status", "5", "and its system_status", "UNINIT"),
+    word("mode.set-mode-message", "5", "SET_MODE, the message, is acknowledged once", "ACCEPTED"),
+    word("arm.denied", "5", "arming in OFFBOARD without setpoints", "TEMPORARILY_REJECTED"),
+    word("event.denied", "2", "the reason comes as EVENT (410) on any link", "sent"),
+)
+TEXTS = (
+    word("text.none-for-companion", "2", "no STATUSTEXT while only a companion is heard", "none"),
+    word("text.backlog", "2", "the last seconds' texts follow a ground station's first heartbeat", "sent"),
+    word("text.denied", "5", "what it says", repr(_DENIED)),
+    word("text.denied-severity", "5", "its severity", "2"),
+    word("text.chunks", "2", "more than 50 characters come in two pieces", "2"),
+    word("text.stops", "2", "no more STATUSTEXT when the ground station is gone", "none"),
+)
+ARMED = (
+    word("arm.disarm-disarmed", "5", "disarming what is disarmed", "ACCEPTED"),
+    word("arm.accepted", "5", "arming in AUTO.LOITER, without a ground station or RC", "ACCEPTED"),
+    word("arm.text", "5", "text", repr("Armed by external command\t")),
+    word("arm.status", "5", "system_status armed", "ACTIVE"),
+    word("arm.base-mode", "5", "base_mode in AUTO.LOITER, armed", "157"),
+    word("arm.again", "5", "arming again", "ACCEPTED"),
+    word("arm.again-text", "5", "text of arming again", "none"),
+    number("arm.servo", "4", "SERVO_OUTPUT_RAW idling", 1000.0, 1400.0),
+    number("heartbeat.not-on-change", "5", "a heartbeat is not sent early because the vehicle armed", 0.96, 1.04, "s"),
+    number("arm.auto-disarm", "5", "armed and not taken off for 10 s: disarms", 9.7, 12.2, "s"),
+    word("arm.auto-disarm-text", "5", "text", repr("Disarmed by auto preflight disarming\t")),
+    word("arm.auto-disarm-severity", "5", "its severity", "6"),
+)
+
+
+def run(pilot: Pilot, report: Report) -> None:
+    """Be refused, as a companion and as a ground station, then arm and wait."""
+    if report.wants("mode.*", "text.*", "event.*", "arm.denied"):
+        _refusals(pilot, report)
+    if report.wants(*(fact.name for fact in ARMED)):
+        _armed(pilot, report)
+
+
+def _refusals(pilot: Pilot, report: Report) -> None:
+    grounded(pilot)
+    pilot.greet(as_ground_station=False)
+    pilot.spend(5.2 if report.wants("text.*") else 0.5)  # older texts and the last ground station are forgotten
+    report.add("mode.two-acks", pilot.set_mode("OFFBOARD"))
+    pilot.next_heartbeat()
+    beat = pilot.newest("HEARTBEAT")
+    report.add("mode.offboard-disarmed", pilot.mode)
+    report.add("mode.offboard-disarmed-base", str(beat.base_mode))
+    report.add("mode.offboard-disarmed-status", pilot.status)
+    since_s = pilot.now_s
+    report.add("arm.denied", pilot.command(ARM, 1.0))
+    pilot.spend(0.5)
+    report.add("event.denied", "sent" if pilot.seen.of("EVENT", since_s) else "not sent")
+    report.add("text.none-for-companion", _count(pilot, since_s))
+    if report.wants("text.backlog", "text.denied*", "text.chunks", "text.stops"):
+        pilot.greet(as_ground_station=True)
+        pilot.spend(1.5, lambda: pilot.text("Arming denied", since_s) is not None)
+        pilot.spend(0.2)
+        text = pilot.text("Arming denied", since_s)
+        report.add("text.backlog", "sent" if text else "not sent")
+        _, severity, words, pieces = text or (0.0, -1, "", 0)
+        report.add("text.denied", repr(words))
+        report.add("text.denied-severity", str(severity))
+        report.add("text.chunks", str(pieces))
+    if report.wants("text.stops"):
+        pilot.greet(as_ground_station=False)
+        pilot.spend(6.0)
+        since_s = pilot.now_s
+        pilot.command(ARM, 1.0)
+        pilot.spend(0.5)
+        report.add("text.stops", _count(pilot, since_s))
+    if report.wants("mode.set-mode-message"):
+        since_s = pilot.now_s
+        loiter = MODE_NUMBERS["AUTO.LOITER"]
+        pilot.send("SET_MODE", target_system=pilot.system_id, base_mode=1, custom_mode=loiter)
+        # Which command an acknowledgement of this message names is not known to us.
+        pilot.acks(SET_MODE, since_s)
+        answers = ["ACCEPTED" if p.message.result == 0 else "refused" for p in pilot.seen.of("COMMAND_ACK", since_s)]
+        report.add("mode.set-mode-message", ", ".join(answers) or SILENCE)
+    grounded(pilot)
+
+
+def _count(pilot: Pilot, since_s: float) -> str:
+    texts = pilot.texts(since_s)
+    return f"{len(texts)} texts" if texts else "none"
+
+
+def _armed(pilot: Pilot, report: Report) -> None:
+    grounded(pilot)
+    pilot.greet(as_ground_station=True)
+    pilot.spend(1.2)
+    report.add("arm.disarm-disarmed", pilot.command(ARM, 0.0))
+    # Half way between two heartbeats, where one that is sent because of the change would be seen as such.
+    pilot.next_heartbeat()
+    pilot.spend(0.4)
+    armed_s = pilot.now_s
+    report.add("arm.accepted", pilot.command(ARM, 1.0))
+    pilot.next_heartbeat(2)
+    beats = [packet.at_s for packet in pilot.seen.of("HEARTBEAT", armed_s - 2.0)]
+    gaps = [after - before for before, after in itertools.pairwise(beats)]
+    report.add("heartbeat.not-on-change", min(gaps, default=math.nan))
+    report.add("arm.status", pilot.status)
+    report.add("arm.base-mode", str(pilot.newest("HEARTBEAT").base_mode))
+    text = pilot.text("Armed by", armed_s)
+    report.add("arm.text", repr(text[2]) if text else "none")
+    report.add("arm.servo", float(pilot.newest("SERVO_OUTPUT_RAW").servo1_raw))
+    again_s = pilot.now_s
+    report.add("arm.again", pilot.command(ARM, 1.0))
+    report.add("arm.again-text", _count(pilot, again_s))
+    if not report.wants("arm.auto-disarm*"):
+        return
+    pilot.spend(14.0, lambda: pilot.text("Disarmed by", armed_s) is not None)
+    text = pilot.text("Disarmed by", armed_s)
+    at_s, severity, words, _ = text or (math.inf, -1, "", 0)
+    report.add("arm.auto-disarm", at_s - armed_s)
+    report.add("arm.auto-disarm-text", repr(words))
+    report.add("arm.auto-disarm-severity", str(severity))
+    pilot.next_heartbeat()
+
+
+PHASE = Phase("arming on the ground", (*MODES_ON_GROUND, *TEXTS, *ARMED), run)

@@ -1,0 +1,117 @@
+"""The simulated battery and what PX4 does as it empties, down to taking the vehicle out of OFFBOARD."""
+
+from __future__ import annotations
+
+import math
+
+from sitl.conformance.facts import Report, number, word
+from sitl.conformance.hover import Hover, airborne
+from sitl.conformance.phase import Phase
+from sitl.conformance.pilot import Pilot
+
+_HEIGHT_M = 2.5
+_FAST_DRAIN_S = 15.0
+DRAIN = (
+    number("battery.drain", "9", "drains while armed by 100 % a minute", 1.45, 1.9, "%/s"),
+    number(
+        "battery.voltage", "9", "voltage is linear between 14.4 V empty and 16.2 V full, largest error", 0.0, 60.0, "mV"
+    ),
+    number("battery.floor", "9", "stops at 50 % by default", 49.0, 51.0, "%"),
+    number("battery.refill", "9", "full again after disarming, within", 1.0, 7.0, "s"),
+)
+EMPTY = (
+    word("battery.low-text", "9", "text at 15 %", "Low battery"),
+    number("battery.low-at", "9", "charge at which it comes", 12.0, 16.0, "%"),
+    word("battery.low-severity", "9", "its severity", "0"),
+    word("battery.low-mode", "9", "mode between 15 % and 7 %", "OFFBOARD"),
+    word("battery.critical-text", "9", "text at 7 %", "Critical battery"),
+    number("battery.critical-at", "9", "charge at which it comes", 4.0, 8.0, "%"),
+    word("battery.hold-text", "9", "text of the failsafe", "Failsafe activated: entering Hold for 5 seconds"),
+    word("battery.hold-mode", "9", "mode from 7 % on, although setpoints flow", "AUTO.LOITER"),
+    word("battery.hold-status", "9", "and system_status", "CRITICAL"),
+    word("battery.emergency-text", "9", "text at 5 %", "Emergency battery level"),
+    number("battery.land-after", "9", "lands after the hold", 4.5, 7.0, "s"),
+    word("battery.charge-states", "9", "charge_state on the way", "1 2 3 4"),
+    word("battery.disarms", "9", "lands and disarms", "yes"),
+)
+
+
+def run(pilot: Pilot, report: Report) -> None:
+    """Fly until the battery is empty, faster than usual, then let it fill up."""
+    pilot.greet(as_ground_station=True)
+    # What was flown before this shows the default floor.
+    before = [packet.message.battery_remaining for packet in pilot.seen.of("BATTERY_STATUS")]
+    if report.wants("battery.floor"):
+        if before.count(min(before, default=100)) >= 3 and min(before, default=100) < 90:
+            report.add("battery.floor", float(min(before)))
+        else:
+            report.skip([fact for fact in DRAIN if fact.name == "battery.floor"], "nothing flew long enough before")
+    hover = airborne(pilot, _HEIGHT_M)
+    pilot.interval("BATTERY_STATUS", 10.0)
+    if report.wants("battery.drain"):
+        _drain(pilot, report)
+    pilot.set_parameter("SIM_BAT_MIN_PCT", 0.0)
+    pilot.set_parameter("SIM_BAT_DRAIN", _FAST_DRAIN_S)
+    _empty(pilot, report, hover)
+    pilot.restore_parameters()
+    if report.wants("battery.voltage"):
+        full = [packet.message for packet in pilot.seen.of("BATTERY_STATUS")]
+        errors = [abs(m.voltages[0] - 14400 - 18 * m.battery_remaining) for m in full if m.battery_remaining > 0]
+        report.add("battery.voltage", float(max(errors)))
+    disarmed_s = pilot.now_s
+    filled = pilot.spend(10.0, lambda: pilot.newest("BATTERY_STATUS").battery_remaining >= 99)
+    report.add("battery.refill", pilot.now_s - disarmed_s if filled else math.inf)
+    pilot.interval("BATTERY_STATUS", 0.0)
+
+
+def _drain(pilot: Pilot, report: Report) -> None:
+    packets = pilot.seen.of("BATTERY_STATUS", pilot.now_s - 0.5)
+    begin = pilot.newest("BATTERY_STATUS").voltages[0]
+    begin_s = packets[-1].at_s if packets else pilot.now_s
+    pilot.spend(5.0)
+    packet = pilot.seen.of("BATTERY_STATUS", begin_s)[-1]
+    # Voltage has more digits than the percentage.
+    drained_pct = (begin - packet.message.voltages[0]) / 18.0
+    report.add("battery.drain", drained_pct / (packet.at_s - begin_s))
+
+
+def _empty(pilot: Pilot, report: Report, hover: Hover) -> None:
+    since_s = pilot.now_s
+    pilot.spend(1.2 * _FAST_DRAIN_S, lambda: pilot.text("Low battery", since_s) is not None)
+    low_s = _say(pilot, report, "low", "Low battery", since_s)
+    pilot.spend(4.0, lambda: pilot.text("Critical battery", since_s) is not None)
+    # The heartbeat of the second and a half between both texts.
+    report.add("battery.low-mode", pilot.mode if math.isfinite(low_s) else "not seen")
+    critical_s = _say(pilot, report, "critical", "Critical battery", since_s)
+    pilot.next_heartbeat()
+    report.add("battery.hold-mode", pilot.mode)
+    report.add("battery.hold-status", pilot.status)
+    text = pilot.text("Failsafe activated: entering", since_s)
+    report.add("battery.hold-text", text[2].rstrip("\t") if text else "none")
+    landing = pilot.spend(8.0, lambda: pilot.mode == "AUTO.LAND")
+    if landing:
+        # The heartbeat tells it up to a second later.
+        report.add("battery.land-after", pilot.now_s - critical_s)
+    text = pilot.text("Emergency battery", since_s)
+    report.add("battery.emergency-text", text[2].rstrip("\t") if text else "none")
+    seen = sorted({packet.message.charge_state for packet in pilot.seen.of("BATTERY_STATUS")})
+    report.add("battery.charge-states", " ".join(map(str, seen)))
+    down = pilot.spend(25.0, lambda: not pilot.is_armed)
+    report.add("battery.disarms", "yes" if down else "no")
+    pilot.stream(None)
+
+
+def _say(pilot: Pilot, report: Report, stage: str, start: str, since_s: float) -> float:
+    text = pilot.text(start, since_s)
+    if text is None:
+        report.add(f"battery.{stage}-text", "none")
+        return math.nan
+    at_s, severity, words, _ = text
+    report.add(f"battery.{stage}-text", words.rstrip("\t"))
+    report.add(f"battery.{stage}-severity", str(severity))
+    near = min(pilot.seen.of("BATTERY_STATUS", since_s), key=lambda packet: abs(packet.at_s - at_s))
+    report.add(f"battery.{stage}-at", float(near.message.battery_remaining))
+    return at_s
+
+
+PHASE = Phase("battery", (*DRAIN, *EMPTY), run)

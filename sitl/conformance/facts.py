@@ -1,0 +1,156 @@
+"""What a fact is, what was found, and the report that judges one against the other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from fnmatch import fnmatchcase
+
+Measured = float | str
+
+
+class Verdict(Enum):
+    """How an endpoint stands to one fact."""
+
+    AGREES = "agrees"
+    DIFFERS = "differs"
+    SKIPPED = "skipped"
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """One thing that a real PX4 does, as it was measured on v1.16 with its built-in simulator.
+
+    Attributes:
+        name: topic, dot, what.
+        section: of the list of measured facts.
+        says: the fact in words.
+        low, high, unit: what a number may be; wide enough for what a real PX4 itself scatters.
+        allowed: what a word may be, when it is not a number.
+    """
+
+    name: str
+    section: str
+    says: str
+    low: float = math.nan
+    high: float = math.nan
+    unit: str = ""
+    allowed: tuple[str, ...] = ()
+
+    def accepts(self, measured: Measured) -> bool:
+        """Whether a measurement agrees."""
+        if self.allowed or isinstance(measured, str):
+            return str(measured) in self.allowed
+        return self.low <= measured <= self.high
+
+    @property
+    def expected(self) -> str:
+        """What is accepted, in words."""
+        if self.allowed:
+            return " or ".join(self.allowed)
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.low:g}{unit}" if self.low == self.high else f"{self.low:g} to {self.high:g}{unit}"
+
+    def show(self, measured: Measured) -> str:
+        """A measurement in words."""
+        if isinstance(measured, str):
+            return measured
+        unit = f" {self.unit}" if self.unit else ""
+        return "nothing" if math.isnan(measured) else f"{measured:.4g}{unit}"
+
+
+def word(name: str, section: str, says: str, *allowed: str) -> Fact:
+    """A fact that is a word."""
+    return Fact(name, section, says, allowed=allowed)
+
+
+def number(name: str, section: str, says: str, low: float, high: float, unit: str = "") -> Fact:
+    """A fact that is a number within bounds."""
+    return Fact(name, section, says, low, high, unit)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What came out for one fact; `reason` says why nothing could be measured."""
+
+    fact: Fact
+    verdict: Verdict
+    measured: str
+    reason: str = ""
+
+    def as_json(self) -> dict[str, str]:
+        """Plain values."""
+        return {
+            "name": self.fact.name,
+            "section": self.fact.section,
+            "fact": self.fact.says,
+            "expected": self.fact.expected,
+            "measured": self.measured,
+            "verdict": self.verdict.value,
+            "reason": self.reason,
+        }
+
+
+@dataclass(slots=True)
+class Report:
+    """Collects findings and tells each at once.
+
+    Attributes:
+        facts: those that were asked for, by name.
+        tell: hears every finding.
+    """
+
+    facts: dict[str, Fact]
+    tell: Callable[[Finding], None] = lambda finding: None
+    findings: dict[str, Finding] = field(default_factory=dict)
+
+    def wants(self, *patterns: str) -> bool:
+        """Whether one of the facts named (shell patterns) was asked for: what nobody asked for is not flown."""
+        return any(fnmatchcase(name, pattern) for name in self.facts for pattern in patterns)
+
+    def add(self, name: str, measured: Measured) -> None:
+        """Judge one measurement; what was not asked for is dropped."""
+        fact = self.facts.get(name)
+        if fact is not None:
+            verdict = Verdict.AGREES if fact.accepts(measured) else Verdict.DIFFERS
+            self._file(Finding(fact, verdict, fact.show(measured)))
+
+    def skip(self, facts: Iterable[Fact], reason: str) -> None:
+        """Leave out, for a reason that is not the vehicle's."""
+        self._unmeasured(facts, Verdict.SKIPPED, reason)
+
+    def fail(self, facts: Iterable[Fact], reason: str) -> None:
+        """The vehicle did something that left these unmeasured: they differ."""
+        self._unmeasured(facts, Verdict.DIFFERS, reason)
+
+    def count(self, verdict: Verdict) -> int:
+        """How many findings have a verdict."""
+        return sum(finding.verdict is verdict for finding in self.findings.values())
+
+    def _unmeasured(self, facts: Iterable[Fact], verdict: Verdict, reason: str) -> None:
+        for fact in facts:
+            if fact.name in self.facts and fact.name not in self.findings:
+                self._file(Finding(fact, verdict, "nothing", reason))
+
+    def _file(self, finding: Finding) -> None:
+        self.findings[finding.fact.name] = finding
+        self.tell(finding)
+
+
+def chosen(facts: Sequence[Fact], patterns: Sequence[str]) -> dict[str, Fact]:
+    """Facts whose name, or the topic before its dot, matches one of the patterns; all without patterns.
+
+    Raises:
+        KeyError: a pattern that matches nothing, as its argument.
+    """
+    if not patterns:
+        return {fact.name: fact for fact in facts}
+    found: dict[str, Fact] = {}
+    for pattern in patterns:
+        matching = [f for f in facts if fnmatchcase(f.name, pattern) or f.name.partition(".")[0] == pattern]
+        if not matching:
+            raise KeyError(pattern)
+        found.update((fact.name, fact) for fact in matching)
+    return {fact.name: fact for fact in facts if fact.name in found}

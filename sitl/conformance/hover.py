@@ -1,0 +1,161 @@
+"""A crude position hold by attitude setpoints, and the flights every phase begins or ends with."""
+
+from __future__ import annotations
+
+import math
+
+from sitl.conformance.pilot import ARM, FORCE, LAND, Pilot, Quaternion, Stuck, quaternion
+
+_GRAVITY = 9.81
+HOVER_THRUST = 0.49
+_CLIMB_LIMIT, _SINK_LIMIT, _SPEED_LIMIT, _ACCEL_LIMIT = 2.5, 1.5, 1.5, 3.0
+_RATES_HZ = {"LOCAL_POSITION_NED": 100.0, "ATTITUDE": 250.0, "ATTITUDE_TARGET": 250.0, "EXTENDED_SYS_STATE": 20.0}
+
+
+class Hover:
+    """Holds a place and a height; callable as a setpoint stream.
+
+    Attributes:
+        goal: north, east, down in the vehicle's local frame [m].
+        yaw_rad: heading.
+        tilt: roll and pitch instead of the horizontal hold, when given [rad].
+    """
+
+    def __init__(self, pilot: Pilot) -> None:
+        self._pilot = pilot
+        place = pilot.newest("LOCAL_POSITION_NED")
+        self.ground_z = float(place.z)
+        self.goal = [float(place.x), float(place.y), float(place.z)]
+        self.yaw_rad = pilot.euler()[2]
+        self.tilt: tuple[float, float] | None = None
+        self.is_resting = True
+
+    @property
+    def height_m(self) -> float:
+        """Height above where it stood."""
+        return self.ground_z - float(self._pilot.newest("LOCAL_POSITION_NED").z)
+
+    def to_height(self, height_m: float) -> None:
+        """New height above the ground."""
+        self.goal[2] = self.ground_z - height_m
+        self.is_resting = False
+
+    def here(self) -> None:
+        """Hold the present place."""
+        place = self._pilot.newest("LOCAL_POSITION_NED")
+        self.goal[:2] = [float(place.x), float(place.y)]
+        self.tilt = None
+
+    def __call__(self) -> None:
+        self._pilot.attitude(*self.output())
+
+    def output(self) -> tuple[Quaternion, float]:
+        """Attitude and thrust now."""
+        if self.is_resting:
+            return quaternion(0.0, 0.0, self.yaw_rad), 0.0
+        place = self._pilot.newest("LOCAL_POSITION_NED")
+        down = _clip(self.goal[2] - place.z, _CLIMB_LIMIT, _SINK_LIMIT)
+        lift = _GRAVITY + 3.0 * (place.vz - down)
+        roll, pitch = self.tilt or self._tilt(place)
+        thrust = HOVER_THRUST * lift / _GRAVITY / (math.cos(roll) * math.cos(pitch))
+        return quaternion(roll, pitch, self.yaw_rad), min(1.0, max(0.12, thrust))
+
+    def _tilt(self, place: object) -> tuple[float, float]:
+        north = self._acceleration(self.goal[0] - place.x, place.vx)  # type: ignore[attr-defined]
+        east = self._acceleration(self.goal[1] - place.y, place.vy)  # type: ignore[attr-defined]
+        # In the heading that the vehicle has, not the one it is turning to.
+        yaw = self._pilot.euler()[2]
+        forward = math.cos(yaw) * north + math.sin(yaw) * east
+        right = -math.sin(yaw) * north + math.cos(yaw) * east
+        return math.atan(right / _GRAVITY), -math.atan(forward / _GRAVITY)
+
+    @staticmethod
+    def _acceleration(error_m: float, speed_m_s: float) -> float:
+        wanted = _clip(0.7 * error_m, _SPEED_LIMIT, _SPEED_LIMIT)
+        return _clip(1.5 * (wanted - speed_m_s) + speed_m_s, _ACCEL_LIMIT, _ACCEL_LIMIT)
+
+
+def _clip(value: float, below: float, above: float) -> float:
+    return max(-below, min(above, value))
+
+
+def airborne(pilot: Pilot, height_m: float) -> Hover:
+    """Fly in OFFBOARD by attitude setpoints at a height, from wherever the vehicle is; calm when it returns.
+
+    Raises:
+        Stuck: it cannot be armed or does not get there.
+    """
+    hover = pilot.setpoint_duty.act
+    if not isinstance(hover, Hover) or not pilot.is_armed or pilot.mode != "OFFBOARD":
+        grounded(pilot)
+        fast_streams(pilot)
+        hover = Hover(pilot)
+        pilot.stream(hover)
+        pilot.spend(0.3)
+        pilot.set_mode("OFFBOARD")
+        answer = pilot.command(ARM, 1.0)
+        if not answer.startswith("ACCEPTED"):
+            raise Stuck(f"arming was answered with {answer}")
+    hover.tilt = None
+    hover.to_height(height_m)
+    settle(pilot, hover)
+    return hover
+
+
+def settle(pilot: Pilot, hover: Hover, timeout_s: float = 14.0) -> None:
+    """Wait until the goal's height is reached and the vehicle is calm.
+
+    Raises:
+        Stuck: it is not within the time.
+    """
+
+    def calm() -> bool:
+        place = pilot.newest("LOCAL_POSITION_NED")
+        roll, pitch, _ = pilot.euler()
+        speed = math.hypot(place.vx, place.vy)
+        return bool(
+            abs(place.z - hover.goal[2]) < 0.3
+            and abs(place.vz) < 0.35
+            and speed < 0.6
+            and math.hypot(roll, pitch) < 0.1
+        )
+
+    if not pilot.spend(timeout_s, calm):
+        raise Stuck("it did not come to rest in the air")
+
+
+def fast_streams(pilot: Pilot) -> None:
+    """Ask for what flying and measuring need."""
+    for name, hz in _RATES_HZ.items():
+        pilot.interval(name, hz)
+
+
+def default_streams(pilot: Pilot) -> None:
+    """Back to the default rates."""
+    for name in _RATES_HZ:
+        pilot.interval(name, 0.0)
+
+
+def grounded(pilot: Pilot) -> None:
+    """On the ground, disarmed, in AUTO.LOITER, nothing streaming: where every phase on the ground begins.
+
+    Raises:
+        Stuck: it cannot be brought there.
+    """
+    if pilot.is_armed:
+        if pilot.landed != "ON_GROUND":
+            pilot.command(LAND)
+        else:
+            pilot.stream(None)
+            pilot.command(ARM, 0.0)
+        pilot.spend(2.0, lambda: pilot.mode != "OFFBOARD")
+        pilot.stream(None)
+        if not pilot.spend(40.0, lambda: not pilot.is_armed):
+            pilot.command(ARM, 0.0, FORCE)
+            pilot.next_heartbeat()
+    pilot.stream(None)
+    if pilot.mode != "AUTO.LOITER":
+        pilot.set_mode("AUTO.LOITER")
+        pilot.next_heartbeat(2)
+    if pilot.is_armed:
+        raise Stuck("it could not be disarmed")

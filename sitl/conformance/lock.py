@@ -1,0 +1,58 @@
+"""Whose the stream is: the first sender's, for good."""
+
+from __future__ import annotations
+
+from sitl.conformance.facts import Report, word
+from sitl.conformance.phase import Phase
+from sitl.conformance.pilot import Pilot
+
+FACTS = (
+    word("link.second-sender", "1", "a heartbeat from a second port does not move the stream", "stays"),
+    word("link.first-sender", "1", "the first sender gets the stream, whatever its port", "moves there"),
+    word("link.listening-port", "1", "the port streamed to at first does not get it back by speaking later", "stays"),
+)
+
+
+def run(pilot: Pilot, report: Report) -> None:
+    """Speak for the first time, from one port or the other, then from both."""
+    if pilot.moves_first_sender:
+        _from_elsewhere(pilot, report)
+        return
+    report.skip(FACTS[1:], "it leaves the vehicle locked to a port that is gone: see --from-elsewhere")
+    pilot.greet(as_ground_station=False)
+    pilot.spend(0.5)
+    stranger = pilot.port.stranger()
+    try:
+        for _ in range(3):
+            stranger.send(pilot.pack_heartbeat())
+            pilot.spend(0.3)
+        got = stranger.receive(0.0)
+        pilot.spend(0.3)
+        report.add("link.second-sender", "moves" if got or stranger.receive(0.0) else "stays")
+    finally:
+        stranger.close()
+
+
+def _from_elsewhere(pilot: Pilot, report: Report) -> None:
+    listener, stranger = pilot.port, pilot.port.stranger()
+    pilot.port = stranger
+    pilot.greet(as_ground_station=False)
+    pilot.spend(0.6)
+    listener.receive(0.0)
+    pilot.spend(0.4)
+    moved = not listener.receive(0.0)
+    report.add("link.first-sender", "moves there" if moved else "stays")
+    for _ in range(3):
+        listener.send(pilot.pack_heartbeat())
+        pilot.spend(0.3)
+    got = listener.receive(0.0)
+    report.add("link.listening-port", "stays" if moved and not got else "comes back")
+    report.skip(FACTS[:1], "the first sender was another port")
+    if moved:
+        listener.close()
+    else:
+        pilot.port = listener
+        stranger.close()
+
+
+PHASE = Phase("first and second sender", FACTS, run, turns_motors=False)

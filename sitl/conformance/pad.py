@@ -1,0 +1,283 @@
+"""Start, streams and field quirks: what a vehicle on its pad sends by itself, while nobody says a word."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import statistics
+
+from pymavlink.dialects.v20 import common
+
+from sitl.conformance.facts import Fact, Report, number, word
+from sitl.conformance.phase import Phase
+from sitl.conformance.pilot import MODES, STATUS, Pilot
+from sitl.conformance.wire import NAMES, Packet
+
+_WATCH_S = 10.0
+_READY_S = 6.0
+_FRESH_S = 1.0
+_RATES_HZ = {
+    "ATTITUDE": 100.0,
+    "HIGHRES_IMU": 50.0,
+    "ATTITUDE_QUATERNION": 50.0,
+    "GLOBAL_POSITION_INT": 50.0,
+    "LOCAL_POSITION_NED": 30.0,
+    "ODOMETRY": 30.0,
+    "TIMESYNC": 10.0,
+    "ALTITUDE": 10.0,
+    "DISTANCE_SENSOR": 10.0,
+    "ATTITUDE_TARGET": 10.0,
+    "POSITION_TARGET_LOCAL_NED": 10.0,
+    "SERVO_OUTPUT_RAW": 10.0,
+    "VFR_HUD": 10.0,
+    "GPS_RAW_INT": 8.0,
+    "EXTENDED_SYS_STATE": 5.0,
+    "SYS_STATUS": 5.0,
+    "HEARTBEAT": 1.0,
+    "ESTIMATOR_STATUS": 1.0,
+    "OPEN_DRONE_ID_LOCATION": 1.0,
+    "OPEN_DRONE_ID_SYSTEM": 1.0,
+    "PING": 1.0,
+    "SCALED_PRESSURE": 1.0,
+    "SYSTEM_TIME": 1.0,
+    "LINK_NODE_STATUS": 1.0,
+    "MISSION_CURRENT": 1.0,
+    "BATTERY_STATUS": 0.5,
+    "CURRENT_MODE": 0.5,
+    "HOME_POSITION": 0.5,
+    "VIBRATION": 0.5,
+    "TIME_ESTIMATE_TO_TARGET": 0.5,
+    "CURRENT_EVENT_SEQUENCE": 0.3,
+}
+_EVENTS_ONLY = ("EVENT", "COMMAND_ACK", "PARAM_VALUE", "STATUSTEXT", "POSITION_TARGET_GLOBAL_INT", "GPS_GLOBAL_ORIGIN")
+
+
+def _stream_name(message: str) -> str:
+    return f"stream.{message.lower().replace('_', '-')}"
+
+
+def _rate_fact(message: str, hz: float) -> Fact:
+    # One more or one less in the watched stretch is chance; so is a percent or two of pace.
+    slack = max(1.01 / _WATCH_S, 0.06 * hz)
+    return number(_stream_name(message), "4", f"{message} at {hz:g} Hz unasked", hz - slack, hz + slack, "Hz")
+
+
+BOOT = (
+    word("boot.unasked", "1", "streams before it has heard anything", "yes"),
+    number("boot.clock", "4", "time_boot_ms starts near zero", 0.0, 1.0, "s"),
+    number("boot.heartbeat", "11", "first heartbeat 1.3 s after the start", 0.8, 1.9, "s"),
+    word("boot.heartbeat-status", "11", "the first heartbeat says UNINIT", "UNINIT"),
+    number("boot.gps", "11", "GPS has a 3D fix at 2.3 s", 1.8, 3.2, "s"),
+    number("boot.home", "11", "first HOME_POSITION at 2.3 s", 1.8, 4.5, "s"),
+    number("boot.armable", "11", "prearm bit at 4.3 s", 3.3, 5.5, "s"),
+)
+STREAMS = tuple(_rate_fact(message, hz) for message, hz in _RATES_HZ.items())
+WIRE = (
+    word("wire.version", "4", "everything is MAVLink 2", "MAVLink 2"),
+    number("wire.messages-per-datagram", "4", "one message in a datagram", 1.0, 1.02),
+    number("wire.datagrams", "4", "405 datagrams a second", 380.0, 425.0, "1/s"),
+    number("wire.bytes", "4", "about 24 kB/s", 20.0, 30.0, "kB/s"),
+    word("wire.checksums", "4", "every checksum is right", "all right"),
+    word("wire.component", "1", "the autopilot is component 1", "1"),
+    word("wire.unasked-others", "4", "nothing else is streamed", "nothing"),
+    word("wire.no-rc", "4", "no RC_CHANNELS", "none"),
+    word("text.silent-alone", "2", "no STATUSTEXT without a ground station's heartbeat", "none"),
+    number("clock.pace", "4", "its clock runs at 0.99 of the wall clock", 0.95, 1.01),
+    number("clock.gap-mean", "4", "ATTITUDE comes every 10 ms on average", 9.6, 10.6, "ms"),
+    number("clock.gap-steps", "4", "ATTITUDE's stamps are whole steps of 4 ms apart", 0.99, 1.0),
+    number("heartbeat.interval-min", "5", "heartbeats are 1 s apart", 0.96, 1.04, "s"),
+    number("heartbeat.interval-max", "5", "heartbeats are 1 s apart", 0.96, 1.04, "s"),
+)
+QUIRKS = (
+    word("quirk.heartbeat", "4", "HEARTBEAT type and autopilot", "type 2 autopilot 12"),
+    word("pad.mode", "5", "waits in AUTO.LOITER", "AUTO.LOITER"),
+    word("pad.base-mode", "5", "base_mode in AUTO.LOITER, disarmed", "29"),
+    word("pad.status", "5", "system_status when ready", "STANDBY"),
+    word("pad.prearm-bit", "4", "SYS_STATUS health shows ready to arm", "set"),
+    word("pad.landed", "5", "landed state", "1"),
+    number("pad.height", "1", "z on the ground is near zero, but not exactly", 1e-4, 0.6, "m"),
+    number("pad.latitude", "1", "home latitude", 47.3967, 47.3988, "deg"),
+    number("pad.longitude", "1", "home longitude", 8.5446, 8.5467, "deg"),
+    number("pad.position-noise", "8", "position on the pad, std over 10 s, worst axis", 0.005, 0.12, "m"),
+    number("pad.velocity-noise", "8", "velocity on the pad, std, worst axis", 0.003, 0.08, "m/s"),
+    number("pad.attitude-noise", "8", "roll and pitch noise, std", 0.02, 0.18, "deg"),
+    number("pad.yaw-noise", "8", "yaw noise, std", 0.03, 0.4, "deg"),
+    number("pad.gyro-noise", "8", "gyro noise, std", 0.15, 0.6, "deg/s"),
+    word("quirk.odometry-frames", "4", "ODOMETRY frame_id and child_frame_id", "1 and 1"),
+    word("quirk.odometry-covariance", "4", "ODOMETRY covariances off the diagonal", "NaN"),
+    word("quirk.odometry-estimator", "4", "ODOMETRY estimator_type", "8"),
+    number("quirk.odometry-resets", "4", "ODOMETRY reset_counter on the pad", 1.0, 60.0),
+    word("quirk.odometry-quality", "4", "ODOMETRY quality", "0"),
+    number("quirk.battery-voltage", "4", "voltages[0] is the whole pack's", 15900.0, 16250.0, "mV"),
+    word("quirk.battery-cells", "4", "the other voltages", "65535"),
+    word("quirk.battery-current", "4", "current_battery without a sensor", "-100"),
+    word("quirk.battery-temperature", "4", "temperature", "32767"),
+    word("quirk.battery-consumed", "4", "current_consumed", "0"),
+    word("quirk.battery-charge-state", "9", "charge_state", "1"),
+    word("quirk.servo-disarmed", "4", "SERVO_OUTPUT_RAW while disarmed", "900"),
+    word("quirk.attitude-target-mask", "4", "ATTITUDE_TARGET.type_mask", "0"),
+    word("quirk.vtol-state", "4", "EXTENDED_SYS_STATE.vtol_state", "0"),
+    number("pad.estimator-flags", "10", "ESTIMATOR_STATUS.flags with GPS or vision", 0x1EF, 0x1EF),
+)
+
+
+def run(pilot: Pilot, report: Report) -> None:
+    """Watch, without a word."""
+    _boot(pilot, report)
+    if not report.wants("stream.*", "wire.*", "clock.*", "heartbeat.*", "pad.*", "quirk.*", "text.silent-alone"):
+        return
+    if pilot.now_s < _READY_S:
+        pilot.spend(_READY_S - pilot.now_s)
+    since_s, before = pilot.now_s, (pilot.seen.datagrams, pilot.seen.octets)
+    pilot.spend(_WATCH_S)
+    until_s = pilot.now_s
+    _streams(pilot, report, since_s, until_s)
+    elapsed_s = until_s - since_s
+    report.add("wire.datagrams", (pilot.seen.datagrams - before[0]) / elapsed_s)
+    report.add("wire.bytes", (pilot.seen.octets - before[1]) / elapsed_s / 1e3)
+    _wire(pilot, report, since_s)
+    _quirks(pilot, report)
+    _noise(pilot, report, since_s)
+
+
+def _boot(pilot: Pilot, report: Report) -> None:
+    seen = pilot.seen
+    report.add("boot.unasked", "yes")  # whoever came here has heard it without a word
+    rest = [fact for fact in BOOT if fact.name != "boot.unasked"]
+    pilot.listen(1.5, lambda: seen.newest("ATTITUDE") is not None)
+    attitudes = seen.of("ATTITUDE")
+    first_s = attitudes[0].message.time_boot_ms * 1e-3 if attitudes else math.inf
+    if first_s > _FRESH_S:
+        reason = f"it started {first_s:.0f} s before: start it while the check already waits"
+        report.skip(rest, reason if math.isfinite(first_s) else "no ATTITUDE tells its time")
+        return
+    report.add("boot.clock", first_s)
+    if not report.wants("boot.*"):
+        return
+
+    def fixed() -> list[Packet]:
+        return [packet for packet in seen.of("GPS_RAW_INT") if packet.message.fix_type >= 3]
+
+    pilot.spend(1.0)
+    is_armable = pilot.spend(_READY_S, pilot.shows_ready)
+    armable_s = pilot.now_s
+    if is_armable and armable_s < 1.3:
+        armable_s = seen.of("SYS_STATUS")[0].at_s
+    pilot.spend(1.0)
+    heartbeats, homes, fixes = seen.of("HEARTBEAT"), seen.of("HOME_POSITION"), fixed()
+    report.add("boot.heartbeat", heartbeats[0].at_s if heartbeats else math.nan)
+    report.add("boot.heartbeat-status", STATUS.get(heartbeats[0].message.system_status, "?") if heartbeats else "none")
+    report.add("boot.gps", fixes[0].at_s if fixes else math.nan)
+    report.add("boot.home", homes[0].at_s if homes else math.nan)
+    report.add("boot.armable", armable_s if is_armable else math.nan)
+
+
+def _streams(pilot: Pilot, report: Report, since_s: float, until_s: float) -> None:
+    for message in _RATES_HZ:
+        count = len(pilot.seen.of(message, since_s, until_s))
+        report.add(_stream_name(message), count / (until_s - since_s))
+    others = [
+        NAMES.get(number, str(number))
+        for number, packets in pilot.seen.packets.items()
+        if packets and packets[-1].at_s >= since_s and NAMES.get(number) not in (*_RATES_HZ, *_EVENTS_ONLY)
+    ]
+    report.add("wire.unasked-others", ", ".join(sorted(others)) or "nothing")
+
+
+def _wire(pilot: Pilot, report: Report, since_s: float) -> None:
+    seen = pilot.seen
+    report.add("wire.version", "MAVLink 2" if not seen.v1_frames else f"{seen.v1_frames} frames of MAVLink 1")
+    report.add("wire.messages-per-datagram", seen.frames / max(1, seen.datagrams))
+    report.add("wire.checksums", _checksums(pilot))
+    report.add("wire.component", str(seen.of("HEARTBEAT")[-1].component_id))
+    rc = sum(bool(seen.of(name)) for name in ("RC_CHANNELS", "RC_CHANNELS_RAW"))
+    report.add("wire.no-rc", "none" if not rc else "streamed")
+    texts = len(seen.of("STATUSTEXT"))
+    report.add("text.silent-alone", "none" if not texts else f"{texts} texts")
+    if 0.9 < pilot.clock.pace < 1.1:
+        report.add("clock.pace", pilot.clock.pace)
+    else:
+        pace = f"it runs at {pilot.clock.pace:.1f} times real time"
+        report.skip([fact for fact in WIRE if fact.name == "clock.pace"], pace)
+    stamps = [packet.message.time_boot_ms for packet in seen.of("ATTITUDE", since_s)]
+    gaps = [after - before for before, after in itertools.pairwise(stamps)]
+    report.add("clock.gap-mean", statistics.fmean(gaps) if gaps else math.nan)
+    # A stamp is rounded to a millisecond.
+    whole = [gap for gap in gaps if min(gap % 4, 4 - gap % 4) <= 1 and gap >= 3]
+    report.add("clock.gap-steps", len(whole) / len(gaps) if gaps else math.nan)
+    beats = [packet.at_s for packet in seen.of("HEARTBEAT", since_s)]
+    between = [after - before for before, after in itertools.pairwise(beats)]
+    slack = 0.02 * max(0.0, pilot.clock.pace - 1.0)  # arrival is seen by the wall clock
+    report.add("heartbeat.interval-min", min(between) + slack if between else math.nan)
+    report.add("heartbeat.interval-max", max(between) - slack if between else math.nan)
+
+
+def _checksums(pilot: Pilot) -> str:
+    wrong = 0
+    for message_id, packets in pilot.seen.packets.items():
+        for packet in packets[:20] if message_id in common.mavlink_map else ():
+            try:
+                _ = packet.message
+            except common.MAVError:
+                wrong += 1
+    return "all right" if not wrong else f"{wrong} wrong"
+
+
+def _quirks(pilot: Pilot, report: Report) -> None:
+    def shown(name: str, message: str, read: str) -> None:
+        packet = pilot.seen.newest(message)
+        report.add(name, "no " + message if packet is None else str(getattr(packet.message, read)))
+
+    beat = pilot.newest("HEARTBEAT")
+    report.add("quirk.heartbeat", f"type {beat.type} autopilot {beat.autopilot}")
+    report.add("pad.mode", MODES.get(beat.custom_mode, str(beat.custom_mode)))
+    report.add("pad.base-mode", str(beat.base_mode))
+    report.add("pad.status", pilot.status)
+    report.add("pad.prearm-bit", "set" if pilot.shows_ready() else "not set")
+    shown("pad.landed", "EXTENDED_SYS_STATE", "landed_state")
+    shown("quirk.vtol-state", "EXTENDED_SYS_STATE", "vtol_state")
+    shown("quirk.odometry-estimator", "ODOMETRY", "estimator_type")
+    shown("quirk.odometry-quality", "ODOMETRY", "quality")
+    shown("quirk.battery-current", "BATTERY_STATUS", "current_battery")
+    shown("quirk.battery-temperature", "BATTERY_STATUS", "temperature")
+    shown("quirk.battery-consumed", "BATTERY_STATUS", "current_consumed")
+    shown("quirk.battery-charge-state", "BATTERY_STATUS", "charge_state")
+    shown("quirk.servo-disarmed", "SERVO_OUTPUT_RAW", "servo1_raw")
+    shown("quirk.attitude-target-mask", "ATTITUDE_TARGET", "type_mask")
+    odometry, battery = pilot.newest("ODOMETRY"), pilot.newest("BATTERY_STATUS")
+    report.add("quirk.odometry-frames", f"{odometry.frame_id} and {odometry.child_frame_id}")
+    # The upper triangle of a 6 x 6 matrix, row by row; its diagonal lies at 0, 6, 11, 15, 18, 20.
+    off_diagonal = [
+        value for place, value in enumerate(odometry.pose_covariance) if place not in (0, 6, 11, 15, 18, 20)
+    ]
+    report.add("quirk.odometry-covariance", "NaN" if all(map(math.isnan, off_diagonal)) else "numbers")
+    report.add("quirk.odometry-resets", float(odometry.reset_counter))
+    report.add("quirk.battery-voltage", float(battery.voltages[0]))
+    report.add("quirk.battery-cells", ", ".join(sorted({str(value) for value in battery.voltages[1:]})))
+    report.add("pad.estimator-flags", float(pilot.newest("ESTIMATOR_STATUS").flags))
+    place = pilot.newest("GLOBAL_POSITION_INT")
+    report.add("pad.latitude", place.lat * 1e-7)
+    report.add("pad.longitude", place.lon * 1e-7)
+
+
+def _noise(pilot: Pilot, report: Report, since_s: float) -> None:
+    places = [packet.message for packet in pilot.seen.of("LOCAL_POSITION_NED", since_s)]
+    angles = [packet.message for packet in pilot.seen.of("ATTITUDE", since_s)]
+    if len(places) < 10 or len(angles) < 10:
+        return
+    report.add("pad.height", abs(statistics.fmean(place.z for place in places)))
+    report.add("pad.position-noise", max(statistics.pstdev([getattr(p, axis) for p in places]) for axis in "xyz"))
+    speeds = ("vx", "vy", "vz")
+    report.add("pad.velocity-noise", max(statistics.pstdev([getattr(p, axis) for p in places]) for axis in speeds))
+    tilts = [math.degrees(statistics.pstdev([getattr(a, axis) for a in angles])) for axis in ("roll", "pitch")]
+    report.add("pad.attitude-noise", statistics.fmean(tilts))
+    first_yaw = angles[0].yaw
+    turned = [math.remainder(a.yaw - first_yaw, math.tau) for a in angles]
+    report.add("pad.yaw-noise", math.degrees(statistics.pstdev(turned)))
+    gyros = [
+        math.degrees(statistics.pstdev([getattr(a, axis) for a in angles])) for axis in ("rollspeed", "pitchspeed")
+    ]
+    report.add("pad.gyro-noise", statistics.fmean(gyros))
+
+
+PHASE = Phase("streams on the pad", (*BOOT, *STREAMS, *WIRE, *QUIRKS), run, turns_motors=False)

@@ -1,0 +1,26 @@
+"""A stretch of a check: the facts it settles and how it settles them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from sitl.conformance.facts import Fact, Report
+from sitl.conformance.pilot import Pilot
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """One stretch.
+
+    Attributes:
+        name: for people.
+        facts: settled here; those that were asked for decide whether it runs at all.
+        run: measures and reports.
+        turns_motors: motors spin; only done with a vehicle that is simulated.
+    """
+
+    name: str
+    facts: tuple[Fact, ...]
+    run: Callable[[Pilot, Report], None]
+    turns_motors: bool = True

@@ -1,0 +1,406 @@
+"""A client of one vehicle: speaks, listens, sends setpoints on time, remembers every parameter it changed."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import common
+
+from sitl.conformance.wire import Packet, Port, Recording, VehicleClock
+
+MODES = {
+    65536: "MANUAL",
+    131072: "ALTCTL",
+    196608: "POSCTL",
+    393216: "OFFBOARD",
+    458752: "STABILIZED",
+    33816576: "AUTO.TAKEOFF",
+    50593792: "AUTO.LOITER",
+    67371008: "AUTO.MISSION",
+    84148224: "AUTO.RTL",
+    100925440: "AUTO.LAND",
+}
+MODE_NUMBERS = {name: number for number, name in MODES.items()}
+STATUS = {0: "UNINIT", 1: "BOOT", 3: "STANDBY", 4: "ACTIVE", 5: "CRITICAL", 6: "EMERGENCY"}
+RESULTS = {
+    0: "ACCEPTED",
+    1: "TEMPORARILY_REJECTED",
+    2: "DENIED",
+    3: "UNSUPPORTED",
+    4: "FAILED",
+    5: "IN_PROGRESS",
+}
+LANDED = {0: "UNDEFINED", 1: "ON_GROUND", 2: "IN_AIR", 3: "TAKEOFF", 4: "LANDING"}
+ARMED = 0x80
+SILENCE = "silence"
+ARM, LAND, TAKEOFF, SET_MODE, SET_INTERVAL, REQUEST = 400, 21, 22, 176, 511, 512
+FORCE = 21196.0
+ATTITUDE_AND_THRUST = 7
+_GCS, _COMPANION = (245, 190, 6), (0, 195, 18)
+_PREARM = 0x10000000
+_SILENT_S = 5.0
+_ANSWER_S = 0.3
+# Rounding a wait down to nothing would make the loop spin; rounding it up would make setpoints late.
+_SHORTEST_WAIT_S = 0.0002
+_TYPES = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
+_CLASSES = {kind.msgname: kind for kind in common.mavlink_map.values()}
+
+Quaternion = tuple[float, float, float, float]
+
+
+class Gone(RuntimeError):
+    """Nothing has come for seconds: the vehicle is no more."""
+
+
+class Stuck(RuntimeError):
+    """The vehicle did not do what the next measurement needs."""
+
+
+@dataclass(slots=True)
+class Duty:
+    """Something sent again and again; None is a pause."""
+
+    period_s: float
+    act: Callable[[], None] | None = None
+    due_s: float = 0.0
+
+
+def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
+    """NED <- FRD, wxyz, from roll, pitch, yaw (z-y'-x'')."""
+    cr, sr = math.cos(roll_rad / 2), math.sin(roll_rad / 2)
+    cp, sp = math.cos(pitch_rad / 2), math.sin(pitch_rad / 2)
+    cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def wrap(angle_rad: float) -> float:
+    """Into (-pi, pi]."""
+    return math.atan2(math.sin(angle_rad), math.cos(angle_rad))
+
+
+class Pilot:
+    """Flies and asks. Times are the vehicle's own, whatever pace its simulator runs at.
+
+    Args:
+        port: the way to the vehicle.
+    """
+
+    def __init__(self, port: Port) -> None:
+        self.port = port
+        self.clock = VehicleClock()
+        self.seen = Recording()
+        self.system_id = 0
+        self.is_ground_station = False
+        self.moves_first_sender = False
+        self.heartbeat_duty = Duty(0.5)
+        self.setpoint_duty = Duty(0.02)
+        self.vision_duty = Duty(0.02)
+        self._heard_s = port.now_s()
+        self._sequence = 0
+        self._originals: dict[str, tuple[float, int]] = {}
+
+    # -- time ---------------------------------------------------------------------------------------------------
+
+    @property
+    def now_s(self) -> float:
+        """Vehicle's time."""
+        return self.clock.now_s(self.port.now_s())
+
+    def listen(self, timeout_s: float, until: Callable[[], bool]) -> bool:
+        """Only receive, by the port's clock: before the vehicle's own is known."""
+        end_s = self.port.now_s() + timeout_s
+        while not until():
+            if self.port.now_s() >= end_s:
+                return False
+            self._receive(0.05)
+        self._heard_s = self.port.now_s()
+        return True
+
+    def spend(self, duration_s: float, until: Callable[[], bool] | None = None) -> bool:
+        """Let time pass while duties are done, at most until a condition holds; whether it did.
+
+        Raises:
+            Gone: the vehicle fell silent.
+        """
+        end_s = self.now_s + duration_s
+        duties = (self.heartbeat_duty, self.setpoint_duty, self.vision_duty)
+        while True:
+            if until is not None and until():
+                return True
+            now_s = self.now_s
+            if now_s >= end_s:
+                return False
+            wake_s = end_s
+            for duty in duties:
+                if duty.act is None:
+                    continue
+                if now_s >= duty.due_s:
+                    duty.act()
+                    duty.due_s = max(duty.due_s + duty.period_s, now_s)
+                wake_s = min(wake_s, duty.due_s)
+            self._receive(max(_SHORTEST_WAIT_S, (wake_s - now_s) / self.clock.pace))
+
+    def _receive(self, timeout_s: float) -> None:
+        datagrams = self.port.receive(min(timeout_s, 0.2))
+        port_s = self.port.now_s()
+        for datagram in datagrams:
+            self.seen.take(datagram, self.clock, port_s)
+        if datagrams:
+            self._heard_s = port_s
+        elif port_s - self._heard_s > _SILENT_S and self.seen.datagrams:
+            raise Gone
+
+    # -- what the vehicle shows ---------------------------------------------------------------------------------
+
+    def newest(self, name: str) -> Any:
+        """Newest message of a kind.
+
+        Raises:
+            Stuck: none has come yet.
+        """
+        packet = self.seen.newest(name)
+        if packet is None:
+            raise Stuck(f"no {name} came")
+        return packet.message
+
+    @property
+    def mode(self) -> str:
+        """Mode of the newest heartbeat."""
+        number = self.newest("HEARTBEAT").custom_mode
+        return MODES.get(number, str(number))
+
+    @property
+    def status(self) -> str:
+        """System status of the newest heartbeat."""
+        number = self.newest("HEARTBEAT").system_status
+        return STATUS.get(number, str(number))
+
+    @property
+    def is_armed(self) -> bool:
+        """Whether the newest heartbeat says armed."""
+        return bool(self.newest("HEARTBEAT").base_mode & ARMED)
+
+    @property
+    def landed(self) -> str:
+        """Newest landed state."""
+        return LANDED.get(self.newest("EXTENDED_SYS_STATE").landed_state, "?")
+
+    def shows_ready(self) -> bool:
+        """Whether SYS_STATUS has the prearm bit."""
+        packet = self.seen.newest("SYS_STATUS")
+        return packet is not None and bool(packet.message.onboard_control_sensors_health & _PREARM)
+
+    def next_heartbeat(self, count: int = 1) -> None:
+        """Wait for heartbeats that are newer than now."""
+        since_s, wanted = self.now_s, count
+        self.spend(1.4 * count, lambda: len(self.seen.of("HEARTBEAT", since_s)) >= wanted)
+
+    def texts(self, since_s: float) -> list[tuple[float, int, str, int]]:
+        """STATUSTEXTs: time of the first piece, severity, whole text, pieces."""
+        texts: list[tuple[float, int, str, int]] = []
+        pieces: dict[int, int] = {}
+        for packet in self.seen.of("STATUSTEXT", since_s):
+            message = packet.message
+            if message.id and message.id in pieces:
+                place = pieces[message.id]
+                at_s, severity, text, count = texts[place]
+                texts[place] = (at_s, severity, text + message.text, count + 1)
+                continue
+            pieces[message.id] = len(texts)
+            texts.append((packet.at_s, message.severity, message.text, 1))
+        return texts
+
+    def text(self, start: str, since_s: float) -> tuple[float, int, str, int] | None:
+        """First text that begins so."""
+        return next((text for text in self.texts(since_s) if text[2].startswith(start)), None)
+
+    # -- speaking -----------------------------------------------------------------------------------------------
+
+    @property
+    def identity(self) -> tuple[int, int]:
+        """Own system and component: a ground station's, or a companion's on the vehicle."""
+        system, component, _ = _GCS if self.is_ground_station else _COMPANION
+        return system or self.system_id, component
+
+    def pack(self, name: str, **fields: Any) -> bytes:
+        """Bytes of a message; every field has to be given."""
+        system, component = self.identity
+        mav = common.MAVLink(None, srcSystem=system, srcComponent=component)
+        mav.seq = self._sequence = (self._sequence + 1) & 0xFF
+        return bytes(_CLASSES[name](**fields).pack(mav))
+
+    def send(self, name: str, **fields: Any) -> None:
+        """Send one message."""
+        self.port.send(self.pack(name, **fields))
+
+    def pack_heartbeat(self) -> bytes:
+        """A heartbeat of the present identity."""
+        kind = (_GCS if self.is_ground_station else _COMPANION)[2]
+        return self.pack(
+            "HEARTBEAT", type=kind, autopilot=8, base_mode=0, custom_mode=0, system_status=4, mavlink_version=3
+        )
+
+    def send_heartbeat(self) -> None:
+        """One heartbeat of the present identity."""
+        self.port.send(self.pack_heartbeat())
+
+    def greet(self, *, as_ground_station: bool) -> None:
+        """Send heartbeats from now on."""
+        self.is_ground_station = as_ground_station
+        self.heartbeat_duty.act = self.send_heartbeat
+        self.heartbeat_duty.due_s = 0.0
+
+    def command(self, number: int, *params: float, target: int | None = None, within_s: float = _ANSWER_S) -> str:
+        """COMMAND_LONG; its acknowledgements in words, in order."""
+        since_s = self.now_s
+        self.send_command(number, *params, target=target)
+        return self.acks(number, since_s, within_s)
+
+    def send_command(self, number: int, *params: float, target: int | None = None) -> None:
+        """COMMAND_LONG, without waiting."""
+        values = [*params, *[0.0] * (7 - len(params))]
+        named = {f"param{place}": value for place, value in enumerate(values, start=1)}
+        wanted = self.system_id if target is None else target
+        self.send("COMMAND_LONG", target_system=wanted, target_component=1, command=number, confirmation=0, **named)
+
+    def acks(self, number: int, since_s: float, within_s: float = _ANSWER_S) -> str:
+        """Wait, then the acknowledgements of a command since a time."""
+        # Never less than what an answer takes on a busy machine, however fast the vehicle's time runs.
+        self.spend(max(within_s, 0.12 * self.clock.pace))
+        answers = [packet.message for packet in self.seen.of("COMMAND_ACK", since_s)]
+        results = [RESULTS.get(ack.result, str(ack.result)) for ack in answers if ack.command == number]
+        return ", ".join(results) or SILENCE
+
+    def set_mode(self, mode: str) -> str:
+        """DO_SET_MODE; both acknowledgements."""
+        number = MODE_NUMBERS[mode]
+        return self.command(SET_MODE, 1.0, float(number >> 16 & 0xFF), float(number >> 24 & 0xFF))
+
+    def interval(self, name_or_id: str | int, hz: float) -> str:
+        """SET_MESSAGE_INTERVAL; 0 Hz is the default rate."""
+        number = common_id(name_or_id) if isinstance(name_or_id, str) else name_or_id
+        return self.command(SET_INTERVAL, float(number), 1e6 / hz if hz else 0.0, within_s=0.1)
+
+    # -- parameters ---------------------------------------------------------------------------------------------
+
+    def parameter(self, name: str) -> float | None:
+        """Read one; None when it is not answered."""
+        answer = self._read(name)
+        return None if answer is None else answer[0]
+
+    def set_parameter(self, name: str, value: float) -> float | None:
+        """Set one and remember what it was; the value that the vehicle answers with."""
+        before = self._read(name)
+        if before is None:
+            return None
+        self._originals.setdefault(name, before)
+        return self._write(name, value, before[1])
+
+    def restore_parameters(self) -> None:
+        """Put back all that was changed."""
+        while self._originals:
+            name, (value, kind) = self._originals.popitem()
+            self._write(name, value, kind)
+
+    def _read(self, name: str) -> tuple[float, int] | None:
+        for _ in range(3):
+            seen = len(self._values)
+            self.send(
+                "PARAM_REQUEST_READ",
+                target_system=self.system_id,
+                target_component=1,
+                param_id=name.encode("ascii"),
+                param_index=-1,
+            )
+            answer = self._answer(name, seen)
+            if answer is not None:
+                return answer
+        return None
+
+    def _write(self, name: str, value: float, kind: int) -> float | None:
+        raw = value if kind == 9 else struct.unpack("<f", struct.pack(_TYPES[kind], int(value)).ljust(4, b"\0"))[0]
+        seen = len(self._values)
+        self.send(
+            "PARAM_SET",
+            target_system=self.system_id,
+            target_component=1,
+            param_id=name.encode("ascii"),
+            param_value=raw,
+            param_type=kind,
+        )
+        answer = self._answer(name, seen)
+        return None if answer is None else answer[0]
+
+    @property
+    def _values(self) -> list[Packet]:
+        return self.seen.packets[common_id("PARAM_VALUE")]
+
+    def _answer(self, name: str, seen: int) -> tuple[float, int] | None:
+        found: list[tuple[float, int]] = []
+
+        def answered() -> bool:
+            for packet in self._values[seen:]:
+                if packet.message.param_id == name:
+                    found.append(parameter_value(packet.message))
+                    return True
+            return False
+
+        self.spend(max(0.5, 0.3 * self.clock.pace), answered)
+        return found[0] if found else None
+
+    # -- setpoints ----------------------------------------------------------------------------------------------
+
+    def attitude(
+        self,
+        q: Quaternion,
+        thrust: float,
+        *,
+        mask: int = ATTITUDE_AND_THRUST,
+        rates: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        target: int | None = None,
+    ) -> None:
+        """SET_ATTITUDE_TARGET, once."""
+        self.send(
+            "SET_ATTITUDE_TARGET",
+            time_boot_ms=0,
+            target_system=self.system_id if target is None else target,
+            target_component=1,
+            type_mask=mask,
+            q=list(q),
+            body_roll_rate=rates[0],
+            body_pitch_rate=rates[1],
+            body_yaw_rate=rates[2],
+            thrust=thrust,
+        )
+
+    def stream(self, act: Callable[[], None] | None, hz: float = 50.0) -> None:
+        """Send this setpoint again and again from now on; None stops."""
+        self.setpoint_duty.act, self.setpoint_duty.period_s, self.setpoint_duty.due_s = act, 1.0 / hz, 0.0
+
+    def euler(self) -> tuple[float, float, float]:
+        """Newest roll, pitch, yaw [rad]."""
+        message = self.newest("ATTITUDE")
+        return message.roll, message.pitch, message.yaw
+
+
+def common_id(name: str) -> int:
+    """Number of a message."""
+    return int(_CLASSES[name].id)
+
+
+def parameter_value(message: Any) -> tuple[float, int]:
+    """Value and type of a PARAM_VALUE: whole numbers lie bytewise in the float."""
+    kind = int(message.param_type)
+    if kind not in _TYPES:
+        return float(message.param_value), kind
+    layout = struct.Struct(_TYPES[kind])
+    return float(layout.unpack(struct.pack("<f", message.param_value)[: layout.size])[0]), kind

@@ -1,0 +1,188 @@
+"""Step responses in the air: roll, pitch, yaw, thrust."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from sitl.conformance.facts import Fact, Report, number
+from sitl.conformance.hover import HOVER_THRUST, Hover, airborne, settle
+from sitl.conformance.phase import Phase
+from sitl.conformance.pilot import Pilot, quaternion, wrap
+
+_HEIGHT_M = 4.0
+_SLACK_S = 0.02
+_TILT_TIMES = {"t5": (0.062, 0.073), "t50": (0.165, 0.175), "t63": (0.190, 0.200), "t90": (0.250, 0.260)}
+# Step [deg]: when it reaches which part [s], overshoot [%].
+_YAW = {
+    30: ({"t5": 0.220, "t63": 0.615, "t90": 0.765}, 30.0),
+    90: ({"t63": 0.736, "t90": 0.930}, 16.0),
+    170: ({"t63": 1.049}, 11.0),
+}
+_PEAK_RATES = {10: 58.0, 20: 123.0, 30: 160.0}
+
+
+def _tilt_facts(axis: str, step_deg: int) -> tuple[Fact, ...]:
+    name, says = f"step.{axis}-{step_deg}", f"{axis} step of {step_deg} deg"
+    times = tuple(
+        number(f"{name}-{part}", "8", f"{says}, {part[1:]} % after", low - _wide(low), high + _wide(high), "s")
+        for part, (low, high) in _TILT_TIMES.items()
+    )
+    rate = _PEAK_RATES[step_deg]
+    return (
+        *times,
+        number(f"{name}-overshoot", "8", f"{says}, overshoot", 6.5, 13.0, "%"),
+        number(f"{name}-peak", "8", f"{says}, largest excursion after", 0.33, 0.43, "s"),
+        number(f"{name}-rate", "8", f"{says}, largest rate", 0.8 * rate, 1.2 * rate, "deg/s"),
+    )
+
+
+def _wide(time_s: float) -> float:
+    return max(_SLACK_S, 0.12 * time_s)
+
+
+def _yaw_facts(step_deg: int) -> tuple[Fact, ...]:
+    times, overshoot = _YAW[step_deg]
+    name, says = f"step.yaw-{step_deg}", f"yaw step of {step_deg} deg"
+    return (
+        *(
+            number(f"{name}-{part}", "8", f"{says}, {part[1:]} % after", t - _wide(t), t + _wide(t), "s")
+            for part, t in times.items()
+        ),
+        number(f"{name}-overshoot", "8", f"{says}, overshoot", 0.65 * overshoot, 1.35 * overshoot, "%"),
+    )
+
+
+_TILTS = (("roll", 10), ("roll", 20), ("roll", 30), ("pitch", 10), ("pitch", 30))
+FACTS = (
+    *(fact for axis, step in _TILTS for fact in _tilt_facts(axis, step)),
+    *(fact for step in _YAW for fact in _yaw_facts(step)),
+    # Only this one comes near the limit.
+    number("step.yaw-170-rate", "8", "yaw step of 170 deg, largest rate", 140.0, 200.0, "deg/s"),
+    number("step.thrust", "8", "climb 0.6 s after 0.1 more thrust", 0.6, 1.15, "m/s"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """What one step did: times [s] since it was asked for, fraction of the step, rate [deg/s]."""
+
+    times_s: list[float]
+    parts: list[float]
+    largest_rate_deg_s: float
+
+    def reaches(self, part: float) -> float:
+        """When it first reaches a part, between samples."""
+        for (t0, p0), (t1, p1) in zip(
+            zip(self.times_s, self.parts, strict=True), zip(self.times_s[1:], self.parts[1:], strict=True), strict=False
+        ):
+            if t0 >= 0.0 and p0 < part <= p1:
+                return t0 + (t1 - t0) * (part - p0) / (p1 - p0)
+        return math.nan
+
+    @property
+    def overshoot_pct(self) -> float:
+        """Beyond the step."""
+        return 100.0 * (max(self.parts) - 1.0)
+
+    @property
+    def peak_s(self) -> float:
+        """When the largest excursion is."""
+        return self.times_s[self.parts.index(max(self.parts))]
+
+
+def run(pilot: Pilot, report: Report) -> None:
+    """One step after the other, with calm between them."""
+    pilot.greet(as_ground_station=True)
+    hover = airborne(pilot, _HEIGHT_M)
+    for axis, step_deg in _TILTS:
+        if report.wants(f"step.{axis}-{step_deg}-*"):
+            _tilt(pilot, report, hover, axis, step_deg)
+    for step_deg in _YAW:
+        if report.wants(f"step.yaw-{step_deg}-*"):
+            _yaw(pilot, report, hover, step_deg)
+    if report.wants("step.thrust"):
+        _thrust(pilot, report, hover)
+
+
+def _tilt(pilot: Pilot, report: Report, hover: Hover, axis: str, step_deg: int) -> None:
+    step = math.radians(step_deg)
+
+    def go(sign: float) -> None:
+        hover.tilt = (sign * step, 0.0) if axis == "roll" else (0.0, sign * step)
+
+    hover.tilt = (0.0, 0.0)
+    pilot.spend(0.5)
+    response = _record(pilot, axis, step, lambda: go(1.0), 0.6)
+    go(-1.0)  # undo the speed that this gave
+    pilot.spend(0.6)
+    hover.here()
+    pilot.spend(0.5)
+    name = f"step.{axis}-{step_deg}"
+    for part in _TILT_TIMES:
+        report.add(f"{name}-{part}", response.reaches(int(part[1:]) / 100.0))
+    report.add(f"{name}-overshoot", response.overshoot_pct)
+    report.add(f"{name}-peak", response.peak_s)
+    report.add(f"{name}-rate", response.largest_rate_deg_s)
+
+
+def _yaw(pilot: Pilot, report: Report, hover: Hover, step_deg: int) -> None:
+    hover.tilt = (0.0, 0.0)
+    pilot.spend(0.3)
+    # From where the vehicle really points, so that the step has the size that is meant.
+    hover.yaw_rad = pilot.euler()[2]
+    pilot.spend(0.8)
+    goal = wrap(hover.yaw_rad + math.radians(step_deg))
+
+    def go() -> None:
+        hover.yaw_rad = goal
+
+    response = _record(pilot, "yaw", math.radians(step_deg), go, 2.0)
+    hover.here()
+    settle(pilot, hover)
+    times, _ = _YAW[step_deg]
+    name = f"step.yaw-{step_deg}"
+    for part in times:
+        report.add(f"{name}-{part}", response.reaches(int(part[1:]) / 100.0))
+    report.add(f"{name}-overshoot", response.overshoot_pct)
+    report.add(f"{name}-rate", response.largest_rate_deg_s)
+
+
+def _record(pilot: Pilot, axis: str, step_rad: float, go: Callable[[], None], for_s: float) -> Response:
+    """Do it, and read what ATTITUDE shows; time zero is when ATTITUDE_TARGET echoes the new setpoint."""
+    begin_s = pilot.now_s
+    before = [p.message for p in pilot.seen.of("ATTITUDE", begin_s - 0.15)]
+    start = before[0]
+    mean = math.atan2(sum(math.sin(getattr(m, axis)) for m in before), sum(math.cos(getattr(m, axis)) for m in before))
+    echoed = pilot.newest("ATTITUDE_TARGET").q
+    go()
+    pilot.setpoint_duty.due_s = 0.0
+    pilot.spend(for_s)
+    changed = [
+        p.message.time_boot_ms
+        for p in pilot.seen.of("ATTITUDE_TARGET", begin_s)
+        if math.dist(p.message.q, echoed) > 0.25 * abs(step_rad) / 2
+    ]
+    zero_ms = changed[0] if changed else start.time_boot_ms + 150.0
+    samples = [packet.message for packet in pilot.seen.of("ATTITUDE", begin_s)]
+    times = [(m.time_boot_ms - zero_ms) * 1e-3 for m in samples]
+    parts = [wrap(getattr(m, axis) - mean) / step_rad for m in samples]
+    rates = [abs(math.degrees(getattr(m, f"{axis}speed"))) for m in samples]
+    return Response(times, parts, max(rates))
+
+
+def _thrust(pilot: Pilot, report: Report, hover: Hover) -> None:
+    level = quaternion(0.0, 0.0, hover.yaw_rad)
+    pilot.stream(lambda: pilot.attitude(level, HOVER_THRUST))
+    pilot.spend(0.6)
+    before = pilot.newest("LOCAL_POSITION_NED").vz
+    pilot.stream(lambda: pilot.attitude(level, HOVER_THRUST + 0.1))
+    pilot.spend(0.6)
+    report.add("step.thrust", before - pilot.newest("LOCAL_POSITION_NED").vz)
+    hover.here()
+    pilot.stream(hover)
+    settle(pilot, hover)
+
+
+PHASE = Phase("step responses", FACTS, run)

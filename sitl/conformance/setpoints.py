@@ -1,0 +1,196 @@
+"""Setpoints that no sane client sends, and other kinds than attitudes: nothing is refused, nothing is said."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+
+from sitl.conformance.facts import Report, number, word
+from sitl.conformance.hover import HOVER_THRUST, Hover, airborne, settle
+from sitl.conformance.phase import Phase
+from sitl.conformance.pilot import ATTITUDE_AND_THRUST, Pilot, Quaternion, quaternion
+
+_HEIGHT_M, _LOWEST_M = 8.0, 5.5
+_BAD_S = 0.6
+_IGNORE_THRUST, _RATES = 64, 128
+_IGNORE_ALL_BUT_POSITION, _IGNORE_ALL_BUT_VELOCITY = 0b0000_1001_1111_1000, 0b0000_1001_1100_0111
+_LOCAL_NED = 1
+FACTS = (
+    number("setpoint.nan-thrust", "7", "thrust NaN: falls, speed after 0.6 s", 2.5, 5.5, "m/s"),
+    number("setpoint.ignored-thrust", "7", "THROTTLE_IGNORE: falls, speed after 0.6 s", 2.5, 5.5, "m/s"),
+    number("setpoint.negative-thrust", "7", "thrust -0.5: falls, speed after 0.6 s", 2.5, 5.5, "m/s"),
+    number("setpoint.thrust-above-one", "7", "thrust 1.5 saturates, SERVO_OUTPUT_RAW", 1900.0, 2000.0),
+    word("setpoint.mode-kept", "7", "mode after all of these", "OFFBOARD"),
+    word("setpoint.silent", "7", "texts about them", "none"),
+    number("setpoint.scaled-quaternion", "7", "a quaternion times 3 is normalised: roll of 10 asked", 8.0, 12.5, "deg"),
+    number("setpoint.zero-quaternion", "7", "a quaternion of zeros: nearly level, largest tilt", 0.0, 4.0, "deg"),
+    number("setpoint.nan-quaternion", "7", "a quaternion of NaN: drifts, tilt after 0.6 s", 1.0, 9.0, "deg"),
+    number("setpoint.mask-zero", "7", "type_mask 0 with an attitude: roll of 10 asked", 8.0, 12.5, "deg"),
+    number("setpoint.rates", "7", "body rates: 25 deg/s of roll asked, at 0.4 s", 18.0, 31.0, "deg/s"),
+    word("setpoint.rates-base-mode", "5", "base_mode with body rates", "129"),
+    number("setpoint.steep-50", "7", "no tilt limit: 50 deg asked", 44.0, 60.0, "deg"),
+    number("setpoint.steep-75", "7", "no tilt limit: 75 deg asked", 66.0, 90.0, "deg"),
+    word("setpoint.steep-text", "7", "text beyond 60 deg", repr("Preflight Fail: Attitude failure (roll)\t")),
+    word("setpoint.steep-failsafe-text", "7", "and a warning", repr("Failsafe activated\t")),
+    word("setpoint.steep-mode", "7", "mode beyond 60 deg", "OFFBOARD"),
+    word("setpoint.any-sender", "5", "setpoints from another system id count", "OFFBOARD"),
+    number(
+        "setpoint.position", "7", "position setpoints on the fly: 1 m to the north, reached after 4 s", 0.5, 1.5, "m"
+    ),
+    number("setpoint.velocity", "7", "velocity setpoints: 1 m/s to the east asked, after 2 s", 0.6, 1.4, "m/s"),
+    word("setpoint.position-mode", "7", "mode with position setpoints", "OFFBOARD"),
+    number("setpoint.echo", "7", "attitude asked and ATTITUDE_TARGET's, apart", 0.0, 0.5, "deg"),
+)
+
+
+def run(pilot: Pilot, report: Report) -> None:
+    """Each for a moment, with calm after it."""
+    pilot.greet(as_ground_station=True)
+    hover = airborne(pilot, _HEIGHT_M)
+    since_s = pilot.now_s
+    level = quaternion(0.0, 0.0, hover.yaw_rad)
+    tilted = quaternion(math.radians(10.0), 0.0, hover.yaw_rad)
+    tripled = (3.0 * tilted[0], 3.0 * tilted[1], 3.0 * tilted[2], 3.0 * tilted[3])
+    for name, thrust, mask in (
+        ("setpoint.nan-thrust", math.nan, ATTITUDE_AND_THRUST),
+        ("setpoint.ignored-thrust", HOVER_THRUST, ATTITUDE_AND_THRUST | _IGNORE_THRUST),
+        ("setpoint.negative-thrust", -0.5, ATTITUDE_AND_THRUST),
+    ):
+        if report.wants(name):
+            report.add(name, _falls(pilot, hover, level, thrust, mask))
+    if report.wants("setpoint.thrust-above-one"):
+        pilot.interval("SERVO_OUTPUT_RAW", 50.0)
+        _for_a_moment(pilot, partial(pilot.attitude, level, 1.5), _BAD_S)
+        report.add("setpoint.thrust-above-one", float(pilot.newest("SERVO_OUTPUT_RAW").servo1_raw))
+        pilot.interval("SERVO_OUTPUT_RAW", 0.0)
+        _recover(pilot, hover)
+    for name, q, mask in (
+        ("setpoint.scaled-quaternion", tripled, ATTITUDE_AND_THRUST),
+        ("setpoint.mask-zero", tilted, 0),
+    ):
+        if report.wants(name):
+            _for_a_moment(pilot, partial(pilot.attitude, q, HOVER_THRUST, mask=mask), _BAD_S)
+            report.add(name, math.degrees(pilot.euler()[0]))
+            if name == "setpoint.mask-zero":
+                echoed = pilot.newest("ATTITUDE_TARGET").q
+                cosine = min(1.0, abs(sum(a * b for a, b in zip(echoed, q, strict=True))))
+                report.add("setpoint.echo", math.degrees(2.0 * math.acos(cosine)))
+            _recover(pilot, hover)
+    for name, q in (("setpoint.zero-quaternion", (0.0,) * 4), ("setpoint.nan-quaternion", (math.nan,) * 4)):
+        if report.wants(name):
+            _for_a_moment(pilot, partial(pilot.attitude, q, HOVER_THRUST), _BAD_S)
+            roll, pitch, _ = pilot.euler()
+            report.add(name, math.degrees(math.hypot(roll, pitch)))
+            _recover(pilot, hover)
+    pilot.next_heartbeat()
+    report.add("setpoint.mode-kept", pilot.mode)
+    texts = pilot.texts(since_s)
+    report.add("setpoint.silent", "none" if not texts else repr(texts[0][2]))
+    if report.wants("setpoint.rates*"):
+        _rates(pilot, report, hover)
+    if report.wants("setpoint.any-sender"):
+        _other_sender(pilot, report, hover)
+    if report.wants("setpoint.position*", "setpoint.velocity"):
+        _positions(pilot, report, hover)
+    if report.wants("setpoint.steep*"):
+        _steep(pilot, report, hover)
+
+
+def _for_a_moment(pilot: Pilot, send: Callable[[], None], for_s: float) -> None:
+    pilot.stream(send)
+    pilot.spend(for_s)
+
+
+def _recover(pilot: Pilot, hover: Hover) -> None:
+    hover.here()
+    # Where it is, unless the next fall would end on the ground.
+    hover.to_height(min(_HEIGHT_M + 2.0, max(_LOWEST_M, hover.height_m)))
+    pilot.stream(hover)
+    settle(pilot, hover)
+
+
+def _falls(pilot: Pilot, hover: Hover, level: Quaternion, thrust: float, mask: int) -> float:
+    _for_a_moment(pilot, partial(pilot.attitude, level, thrust, mask=mask), _BAD_S)
+    sinking = float(pilot.newest("LOCAL_POSITION_NED").vz)
+    _recover(pilot, hover)
+    return sinking
+
+
+def _rates(pilot: Pilot, report: Report, hover: Hover) -> None:
+    nothing: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    still = (0.0, 0.0, 0.0)
+    rolling = (math.radians(25.0), 0.0, 0.0)
+    pilot.stream(lambda: pilot.attitude(nothing, HOVER_THRUST, mask=_RATES, rates=still))
+    pilot.next_heartbeat(2)
+    report.add("setpoint.rates-base-mode", str(pilot.newest("HEARTBEAT").base_mode))
+    _recover(pilot, hover)
+    pilot.stream(lambda: pilot.attitude(nothing, HOVER_THRUST, mask=_RATES, rates=rolling))
+    pilot.spend(0.45)
+    speeds = [packet.message.rollspeed for packet in pilot.seen.of("ATTITUDE", pilot.now_s - 0.06)]
+    report.add("setpoint.rates", math.degrees(sum(speeds) / len(speeds)) if speeds else math.nan)
+    _recover(pilot, hover)
+
+
+def _other_sender(pilot: Pilot, report: Report, hover: Hover) -> None:
+    was_ground_station, pilot.is_ground_station = pilot.is_ground_station, False
+    pilot.heartbeat_duty.act = None
+    pilot.spend(2.2)
+    report.add("setpoint.any-sender", pilot.mode)
+    pilot.greet(as_ground_station=was_ground_station)
+
+
+def _positions(pilot: Pilot, report: Report, hover: Hover) -> None:
+    start = pilot.newest("LOCAL_POSITION_NED")
+    # Both are cut off from the hold's own wishes: only what is asked for here is flown.
+    x, y, z, yaw = start.x + 1.0, start.y, hover.goal[2], hover.yaw_rad
+
+    def target(mask: int, velocity_east: float = 0.0) -> Callable[[], None]:
+        return lambda: pilot.send(
+            "SET_POSITION_TARGET_LOCAL_NED",
+            time_boot_ms=0,
+            target_system=pilot.system_id,
+            target_component=1,
+            coordinate_frame=_LOCAL_NED,
+            type_mask=mask,
+            x=x,
+            y=y,
+            z=z,
+            vx=0.0,
+            vy=velocity_east,
+            vz=0.0,
+            afx=0.0,
+            afy=0.0,
+            afz=0.0,
+            yaw=yaw,
+            yaw_rate=0.0,
+        )
+
+    pilot.stream(target(_IGNORE_ALL_BUT_POSITION))
+    pilot.spend(4.0)
+    report.add("setpoint.position", pilot.newest("LOCAL_POSITION_NED").x - start.x)
+    report.add("setpoint.position-mode", pilot.mode)
+    pilot.stream(target(_IGNORE_ALL_BUT_VELOCITY, 1.0))
+    pilot.spend(2.0)
+    report.add("setpoint.velocity", float(pilot.newest("LOCAL_POSITION_NED").vy))
+    _recover(pilot, hover)
+
+
+def _steep(pilot: Pilot, report: Report, hover: Hover) -> None:
+    for name, tilt_deg, for_s in (("setpoint.steep-50", 50.0, 0.6), ("setpoint.steep-75", 75.0, 0.6)):
+        since_s = pilot.now_s
+        for sign in (1.0, -1.0):
+            q = quaternion(sign * math.radians(tilt_deg), 0.0, hover.yaw_rad)
+            _for_a_moment(pilot, partial(pilot.attitude, q, 0.9), for_s)
+            if sign > 0.0:
+                rolls = [math.degrees(packet.message.roll) for packet in pilot.seen.of("ATTITUDE", since_s)]
+                report.add(name, max(rolls))
+        _recover(pilot, hover)
+    pilot.next_heartbeat()
+    text, warning = pilot.text("Preflight Fail", since_s), pilot.text("Failsafe activated", since_s)
+    report.add("setpoint.steep-text", repr(text[2]) if text else "none")
+    report.add("setpoint.steep-failsafe-text", repr(warning[2]) if warning else "none")
+    report.add("setpoint.steep-mode", pilot.mode)
+
+
+PHASE = Phase("odd setpoints", FACTS, run)

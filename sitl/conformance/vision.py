@@ -1,0 +1,171 @@
+"""External position on the ground: what is fused, what is ignored, what is shown when it stops."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Callable
+
+from sitl.conformance.facts import Report, number, word
+from sitl.conformance.hover import Hover, grounded
+from sitl.conformance.phase import Phase
+from sitl.conformance.pilot import ARM, Pilot
+
+_PARAMETERS = {"EKF2_EV_CTRL": 15.0, "EKF2_GPS_CTRL": 0.0, "EKF2_HGT_REF": 3.0, "EKF2_MAG_TYPE": 5.0}
+_PLACE = (1.0, -0.5, -0.2)
+_JUMP_M = 0.8
+_SETTLE_S = 4.0
+_NO_GPS_S = 4.0
+_GOOD = 0x1EF
+FUSED = (
+    word("vision.before-streams", "10", "LOCAL_POSITION_NED without any source", "streams"),
+    word("vision.before-arming", "10", "arming in AUTO.LOITER without any source", "TEMPORARILY_REJECTED"),
+    number("vision.estimate", "10", "VISION_POSITION_ESTIMATE: local position apart from it after 4 s", 0.0, 0.03, "m"),
+    number("vision.jump", "10", "a jump sideways is followed within 2 s, left over", 0.0, 0.06, "m"),
+    number("vision.height-jump", "10", "a jump in height is followed within 8 s, left over", 0.0, 0.06, "m"),
+    number("vision.odometry", "10", "ODOMETRY: local position apart from it after 4 s", 0.0, 0.03, "m"),
+    word("vision.silent", "10", "answers to either", "none"),
+    number("vision.flags", "10", "ESTIMATOR_STATUS.flags with vision", _GOOD, _GOOD),
+)
+LOST = (
+    word("vision.lost-streams", "10", "LOCAL_POSITION_NED after vision stopped", "streams"),
+    word("vision.lost-flags", "10", "ESTIMATOR_STATUS.flags then, one after the other", "0x1ef 0xef 0xe5", "0xef 0xe5"),
+    word("vision.mocap-ignored", "10", "ATT_POS_MOCAP is not fused: flags stay", "0xe5"),
+    word("vision.lost-arming", "10", "arming in AUTO.LOITER after it stopped", "TEMPORARILY_REJECTED"),
+    word("vision.offboard-arming", "10", "attitude OFFBOARD arms without any position source", "ACCEPTED"),
+    word("vision.offboard-prearm", "10", "and shows ready before", "set"),
+)
+_SECTION = (*FUSED, *LOST)
+
+
+def run(pilot: Pilot, report: Report) -> None:
+    """Take GPS away, give positions in three ways, take them away again."""
+    pilot.greet(as_ground_station=True)
+    grounded(pilot)
+    pilot.interval("ESTIMATOR_STATUS", 5.0)
+    for name, value in _PARAMETERS.items():
+        pilot.set_parameter(name, value)
+    if report.wants("vision.before-*"):
+        pilot.spend(_NO_GPS_S)
+        report.add("vision.before-streams", _streams(pilot))
+        report.add("vision.before-arming", pilot.command(ARM, 1.0))
+    if report.wants(*(fact.name for fact in FUSED)):
+        _fused(pilot, report)
+    if report.wants(*(fact.name for fact in LOST)):
+        _lost(pilot, report)
+    pilot.vision_duty.act = None
+    pilot.interval("ESTIMATOR_STATUS", 0.0)
+
+
+def _streams(pilot: Pilot) -> str:
+    return "streams" if pilot.seen.of("LOCAL_POSITION_NED", pilot.now_s - 0.5) else "stops"
+
+
+def _fused(pilot: Pilot, report: Report) -> None:
+    since_s = pilot.now_s
+    place = list(_PLACE)
+    pilot.vision_duty.act = _vision(pilot, place)
+    pilot.spend(_SETTLE_S)
+    report.add("vision.estimate", _apart(pilot, place))
+    report.add("vision.flags", float(pilot.newest("ESTIMATOR_STATUS").flags))
+    if report.wants("vision.jump"):
+        place[0] += _JUMP_M
+        pilot.spend(2.0)
+        report.add("vision.jump", _apart(pilot, place, axes=2))
+    if report.wants("vision.height-jump"):
+        place[2] -= _JUMP_M
+        pilot.spend(8.0)
+        report.add("vision.height-jump", _apart(pilot, place))
+    if report.wants("vision.odometry"):
+        place[1] += 0.3
+        pilot.vision_duty.act = _odometry(pilot, place)
+        pilot.spend(_SETTLE_S)
+        report.add("vision.odometry", _apart(pilot, place))
+    answers = pilot.seen.of("COMMAND_ACK", since_s)
+    report.add("vision.silent", "none" if not answers else f"{len(answers)} acknowledgements")
+
+
+def _lost(pilot: Pilot, report: Report) -> None:
+    if pilot.vision_duty.act is None:
+        pilot.vision_duty.act = _vision(pilot, list(_PLACE))
+        pilot.spend(_SETTLE_S)
+    pilot.vision_duty.act = None
+    since_s = pilot.now_s
+    pilot.spend(7.5)
+    report.add("vision.lost-streams", _streams(pilot))
+    flags: list[str] = []
+    for packet in pilot.seen.of("ESTIMATOR_STATUS", since_s):
+        shown = hex(packet.message.flags)
+        if not flags or flags[-1] != shown:
+            flags.append(shown)
+    report.add("vision.lost-flags", " ".join(flags))
+    if report.wants("vision.mocap-ignored"):
+        pilot.vision_duty.act = _mocap(pilot, list(_PLACE))
+        pilot.spend(3.0)
+        report.add("vision.mocap-ignored", hex(pilot.newest("ESTIMATOR_STATUS").flags))
+        pilot.vision_duty.act = None
+    report.add("vision.lost-arming", pilot.command(ARM, 1.0))
+    if report.wants("vision.offboard-*"):
+        hover = Hover(pilot)
+        pilot.stream(hover)
+        pilot.spend(0.3)
+        pilot.set_mode("OFFBOARD")
+        pilot.spend(0.6)
+        report.add("vision.offboard-prearm", "set" if pilot.shows_ready() else "not set")
+        report.add("vision.offboard-arming", pilot.command(ARM, 1.0))
+        pilot.command(ARM, 0.0)
+        pilot.next_heartbeat()
+        pilot.stream(None)
+
+
+def _apart(pilot: Pilot, place: list[float], axes: int = 3) -> float:
+    newest = [packet.message for packet in pilot.seen.of("LOCAL_POSITION_NED", pilot.now_s - 1.0)]
+    if not newest:
+        return math.nan
+    mean = [statistics.fmean(getattr(m, axis) for m in newest) for axis in "xyz"]
+    return math.dist(mean[:axes], place[:axes])
+
+
+def _usec(pilot: Pilot) -> int:
+    return round(pilot.now_s * 1e6)
+
+
+def _vision(pilot: Pilot, place: list[float]) -> Callable[[], None]:
+    yaw = pilot.euler()[2]
+    return lambda: pilot.send(
+        "VISION_POSITION_ESTIMATE", usec=_usec(pilot), x=place[0], y=place[1], z=place[2], roll=0.0, pitch=0.0, yaw=yaw
+    )
+
+
+def _mocap(pilot: Pilot, place: list[float]) -> Callable[[], None]:
+    return lambda: pilot.send(
+        "ATT_POS_MOCAP", time_usec=_usec(pilot), q=[1.0, 0.0, 0.0, 0.0], x=place[0], y=place[1], z=place[2]
+    )
+
+
+def _odometry(pilot: Pilot, place: list[float]) -> Callable[[], None]:
+    yaw = pilot.euler()[2]
+    return lambda: pilot.send(
+        "ODOMETRY",
+        time_usec=_usec(pilot),
+        frame_id=1,
+        child_frame_id=12,
+        x=place[0],
+        y=place[1],
+        z=place[2],
+        q=[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)],
+        vx=math.nan,
+        vy=math.nan,
+        vz=math.nan,
+        rollspeed=math.nan,
+        pitchspeed=math.nan,
+        yawspeed=math.nan,
+        pose_covariance=[math.nan] * 21,
+        velocity_covariance=[math.nan] * 21,
+        reset_counter=0,
+        estimator_type=2,
+        quality=100,
+    )
+
+
+PHASE = Phase("external position", _SECTION, run)
