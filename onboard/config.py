@@ -16,9 +16,12 @@ from typing import Any, Literal
 
 import msgspec
 
+from onboard import obstacles
+from onboard.law_config import LawConfig as LawConfig
+from onboard.law_config import LawName as LawName
+
 SCHEMA = 1
 Vec3 = tuple[float, float, float]
-LawName = Literal["covey", "paper", "off"]
 
 
 class ConfigError(ValueError):
@@ -63,31 +66,6 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     direct_command_timeout_s: float = 0.3
     bus_lost_land_s: float = 5.0
     simulator: str | None = None
-
-
-class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[law]``: the avoidance law's values; onboard/control/README.md explains each one."""
-
-    name: LawName = "covey"
-    design_margin_m: float = 0.10
-    kappa_1_1_s: float = 4.0
-    kappa_2_1_s: float = 8.0
-    kappa_3_1_s: float = 2.0
-    kappa_4_1_s: float = 1.5
-    shortfall_gain: float = 0.85
-    v_perp_m_s: float = 0.42
-    v_perp_crowd_m_s: float = 0.65
-    crowd_count: int = 4
-    max_neighbours: int = 12
-    range_m: float = 8.0
-    # the paper's law, (5)-(22)
-    paper_kappa_1_1_s: float = 2.0
-    paper_kappa_2_1_s: float = 2.0
-    paper_kappa_3_1_s: float = 1.5
-    paper_kappa_4_1_s: float = 1.5
-    paper_v_perp_m_s: float = 0.1
-    paper_turn: Literal["eq8", "eq9"] = "eq8"
-    paper_force_ring: bool = False
 
 
 class SitlProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -147,6 +125,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
     formations: dict[str, dict[str, Vec3]]
     vehicles: dict[str, Vehicle]
     text: str
+    obstacles: tuple[obstacles.Obstacle, ...] = ()
 
     @property
     def namespace(self) -> str:
@@ -156,7 +135,8 @@ class FleetConfig(msgspec.Struct, frozen=True):
     @property
     def config_hash(self) -> str:
         """Equal on all vehicles that read the same values; differing hashes refuse take-off."""
-        values = msgspec.json.encode([self.fleet, self.law, self.formations, self.vehicles], order="deterministic")
+        parts = [self.fleet, self.law, self.formations, self.vehicles, self.obstacles]
+        values = msgspec.json.encode(parts, order="deterministic")
         return hashlib.sha256(values).hexdigest()[:12]
 
     @property
@@ -231,7 +211,7 @@ def read_toml(path: str | os.PathLike[str], what: str) -> tuple[dict[str, Any], 
 def fleet_from_mapping(data: Mapping[str, Any], *, path: str = "<fleet>", text: str = "") -> FleetConfig:
     """Resolve and validate the content of a fleet file; see :func:`load_fleet`."""
     check_schema(data, path)
-    known = {"schema", "fleet", "law", "formations", "types", "defaults", "vehicles"}
+    known = {"schema", "fleet", "law", "formations", "obstacles", "types", "defaults", "vehicles"}
     for key in data:
         if key not in known:
             raise ConfigError(f"{path}: unknown key '{key}'. Known keys here: {', '.join(sorted(known))}.")
@@ -241,13 +221,16 @@ def fleet_from_mapping(data: Mapping[str, Any], *, path: str = "<fleet>", text: 
     fleet = convert(data["fleet"], FleetSection, path, "fleet")
     law = convert(data.get("law", {}), LawConfig, path, "law")
     formations = convert(data.get("formations", {}), dict[str, dict[str, Vec3]], path, "formations")
+    standing = convert(data.get("obstacles", []), tuple[obstacles.Obstacle, ...], path, "obstacles")
     types = _tables(data.get("types", {}), path, "types")
     defaults = _table(data.get("defaults", {}), path, "defaults")
     vehicles = {
         name: _vehicle(name, index, table, types, defaults, path)
         for index, (name, table) in enumerate(_tables(data["vehicles"], path, "vehicles").items())
     }
-    config = FleetConfig(path=path, fleet=fleet, law=law, formations=formations, vehicles=vehicles, text=text)
+    config = FleetConfig(
+        path=path, fleet=fleet, law=law, formations=formations, vehicles=vehicles, text=text, obstacles=standing
+    )
     _check(config)
     return config
 
@@ -404,7 +387,15 @@ def _check(config: FleetConfig) -> None:
                     f"{path}: 'vehicles.{name}.{key}' is {value!r}, which 'vehicles.{other}.{key}' has too. "
                     "Give each vehicle its own."
                 )
+    _check_obstacles(config)
     _check_spacing(config)
+
+
+def _check_obstacles(config: FleetConfig) -> None:
+    clearance_m = 0.5 * config.fleet.body_diameter_m + config.law.obstacle_margin_m
+    starts = {name: vehicle.start_enu_m for name, vehicle in config.vehicles.items()}
+    for sentence in obstacles.problems(config.obstacles, starts, clearance_m):
+        raise ConfigError(f"{config.path}: {sentence}")
 
 
 def _check_spacing(config: FleetConfig) -> None:

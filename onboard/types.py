@@ -90,7 +90,8 @@ class Neighbours:
     commanded_acceleration: state predicted over the sender's own lag and its command (..., K, 3). age_s (..., K): now
     minus the stamp. crowd_count (..., K). is_present (..., K) mask; masked entries may hold anything.
     is_cooperative (..., K): False asks for full responsibility on our side. is_paper_obstacle (..., K): this is the
-    ring's successor, the only neighbour that the paper-exact law sees.
+    ring's successor, the only neighbour that the paper-exact law sees. lead_time_s (..., K): how far ahead of the stamp
+    the predicted state lies (None: as far as our own). velocity_std_m_s (..., K); None: not known.
     """
 
     position_enu_m: Array
@@ -105,6 +106,8 @@ class Neighbours:
     is_present: BoolArray
     is_cooperative: BoolArray
     is_paper_obstacle: BoolArray
+    lead_time_s: Array | None = None
+    velocity_std_m_s: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +116,8 @@ class LawOutput:
 
     commanded_acceleration_enu_m_s2 (..., 3) is published to the neighbours (P2 of the design); intervention_m_s2 (...)
     is |u - u0|; slack_m_s2 (...) is 0 unless relaxed; crowd_count (...) is published; active_neighbour (...) is the
-    index of the neighbour whose row binds most, -1 for none.
+    index of the neighbour whose row binds most, -1 for none, -2 for an obstacle or the fence. lead_time_s (...) is
+    published: how far ahead of now the predicted state lies.
     """
 
     thrust: Thrust

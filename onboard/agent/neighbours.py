@@ -121,7 +121,7 @@ class NeighbourTable:
         """The frozen picture for one tick, (K, 3); a silent or grounded neighbour does not cooperate."""
         count = max(1, len(self.names))
         vectors = np.zeros((6, count, 3))
-        scalars = np.zeros((3, count))
+        scalars = np.zeros((5, count))
         present, cooperative, successor = (np.zeros(count, dtype=bool) for _ in range(3))
         for place, name in enumerate(self.names):
             state = self._entries[name].state
@@ -134,7 +134,8 @@ class NeighbourTable:
             vectors[4, place] = state.predicted_velocity_enu_m_s
             vectors[5, place] = state.commanded_acceleration_enu_m_s2
             age_s = self.age_s(name, now_ns)
-            scalars[:, place] = age_s, state.position_std_m, state.crowd_count
+            scalars[:3, place] = age_s, state.position_std_m, state.crowd_count
+            scalars[3:, place] = state.lead_time_s, state.velocity_std_m_s
             present[place] = True
             cooperative[place] = state.is_cooperative and age_s <= SILENT_S
             successor[place] = name == self._successor
@@ -151,6 +152,8 @@ class NeighbourTable:
             is_present=present,
             is_cooperative=cooperative,
             is_paper_obstacle=successor,
+            lead_time_s=scalars[3],
+            velocity_std_m_s=scalars[4],
         )
 
 

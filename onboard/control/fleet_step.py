@@ -27,6 +27,8 @@ _LAYOUT = (
     ("commanded_acceleration_enu_m_s2", 3),
     ("position_std_m", 1),
     ("crowd_count", 1),
+    ("lead_time_s", 1),
+    ("velocity_std_m_s", 1),
 )
 
 
@@ -86,6 +88,8 @@ def _mapped(function: Callable[..., NDArray[np.generic]], *trees: _Tree) -> _Tre
     changed = {}
     for field in fields(trees[0]):  # type: ignore[arg-type]
         parts = [getattr(tree, field.name) for tree in trees]
+        if parts[0] is None:
+            continue
         changed[field.name] = _mapped(function, *parts) if is_dataclass(parts[0]) else function(*parts)
     return replace(trees[0], **changed)  # type: ignore[type-var]
 
@@ -109,10 +113,11 @@ def message(state: State, law: LawOutput | None) -> Array:
     still = np.zeros_like(position)
     parts = [position, state.velocity_enu_m_s, state.acceleration_enu_m_s2]
     if law is None:
-        parts += [position, still, still, state.position_std_m[..., None], still[..., :1]]
+        parts += [position, still, still, state.position_std_m[..., None], still[..., :2]]
     else:
         parts += [law.predicted_position_enu_m, law.predicted_velocity_enu_m_s, law.commanded_acceleration_enu_m_s2]
-        parts += [state.position_std_m[..., None], law.crowd_count[..., None]]
+        parts += [state.position_std_m[..., None], law.crowd_count[..., None], law.lead_time_s[..., None]]
+    parts.append(state.velocity_std_m_s[..., None])
     return np.concatenate(parts, axis=-1)
 
 

@@ -1,53 +1,29 @@
 """Output-to-Input Saturation for N neighbours: the baseline thrust in, a safe thrust out, equal types.
 
-Every neighbour gives a hard row (distance) and, while the baseline violates it, a soft row (turn direction). The safe
-horizontal thrust is the projection of the baseline on all rows and on what tilt and thrust can deliver; the vertical
-thrust is never touched, so height is not traded for separation. Rows are evaluated where the vehicle will be when the
-command takes effect (prediction.py). README.md beside this file has the symbols and the deviations from the paper.
+Every neighbour, obstacle and wall gives a hard row (distance); while the baseline violates it, a soft row asks to turn
+about the other one, and one more keeps the speed down. The safe horizontal thrust is the projection of the baseline on
+all rows and on what tilt and thrust can deliver; the vertical thrust is never touched, so height is not traded for
+separation. Rows (rows.py) are evaluated where the vehicle will be when the command takes effect (prediction.py).
+README.md beside this file has the symbols and the deviations from the paper.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from onboard.control import prediction
-from onboard.control.paper_law import PaperLawParams, saturate_thrust
+from onboard.control import prediction, rows
+from onboard.control.law_params import ROTATION, LawNumbers
+from onboard.control.law_params import LawParams as LawParams
+from onboard.control.paper_law import saturate_thrust
 from onboard.control.projection import Rows, project
 from onboard.types import GRAVITY_M_S2, Array, BoolArray, IntArray, LawOutput, LawStatus, Neighbours, State, Thrust
 
 _HUGE = 1e5  # positions, velocities and accelerations beyond this are clipped: squares must stay finite
-_COINCIDENT_M = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class LawParams:
-    """Values of the law for one vehicle; d_design_m is the safety distance plus the margin, lag_s the own L.
-
-    vertical_lag_s is the motors' lag; max_thrust_m_s2 the collective thrust at full throttle per mass. README.md
-    explains each of the others.
-    """
-
-    name: Literal["covey", "paper", "off"] = "covey"
-    lag_s: float = 0.15
-    vertical_lag_s: float = 0.09
-    d_design_m: float = 0.94
-    kappa_1_1_s: float = 4.0
-    kappa_2_1_s: float = 8.0
-    kappa_3_1_s: float = 2.0
-    kappa_4_1_s: float = 1.5
-    shortfall_gain: float = 0.85
-    v_perp_m_s: float = 0.42
-    v_perp_crowd_m_s: float = 0.65
-    crowd_count: int = 4
-    max_neighbours: int = 12
-    range_m: float = 8.0
-    max_tilt_rad: float = math.radians(25.0)
-    max_thrust_m_s2: float = 2.0 * GRAVITY_M_S2
-    paper: PaperLawParams = field(default_factory=PaperLawParams)
+_VIOLATED_M_S2 = 1e-10
+_LONGEST_LEAD_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +43,9 @@ def predict(memory: LawMemory, state: State, *, params: LawParams) -> tuple[Arra
     """Own position and velocity (..., 3) when a command of now takes effect, at t + L (line P1).
 
     The vertical axis obeys the motors and not the attitude: the commands count over its own, shorter lag, and the rest
-    of L is at constant velocity. With the paper's law there is no prediction.
+    of L is at constant velocity. With the paper's law, or where the policy says so, there is no prediction.
     """
-    if params.name == "paper":
+    if params.name == "paper" or params.config.prediction == "none":
         return state.position_enu_m, state.velocity_enu_m_s
     age = np.clip(np.nan_to_num(state.age_s, nan=0.0), 0.0, prediction.MAX_MESSAGE_AGE_S)
     p, v = state.position_enu_m, state.velocity_enu_m_s
@@ -81,8 +57,10 @@ def predict(memory: LawMemory, state: State, *, params: LawParams) -> tuple[Arra
     return position, velocity
 
 
-def speed_share(memory: LawMemory) -> Array:
-    """Share (...) of the speed limit that is left in a jam (line G): relaxed rows slow the pursuit down."""
+def speed_share(memory: LawMemory, *, params: LawParams) -> Array:
+    """Share (...) of the speed limit that is left in a jam (line G): relaxed rows slow the pursuit down, by policy."""
+    if params.config.jam == "ignore":
+        return np.ones_like(memory.relaxed_share)
     return np.maximum(0.1, 1.0 - 1.5 * memory.relaxed_share)
 
 
@@ -125,14 +103,16 @@ def saturate(
     crowd = np.zeros(batch)
     slack = np.zeros(batch)
     active = np.full(batch, -1, np.int64)
-    if params.name == "off" or neighbours.is_present.shape[-1] == 0:
+    if params.name == "off":
         safe = wanted
         status = np.full(batch, int(LawStatus.INACTIVE), np.int64)
     elif params.name == "paper":
         safe, status, active = _paper(wanted - shift, state, neighbours, params)
         safe = _into_disc(safe + shift, radius)
     else:
-        safe, status, slack, crowd, active = _covey(wanted, shift, radius, position, velocity, neighbours, params)
+        std = (state.position_std_m, state.velocity_std_m_s)
+        own = (position[..., :2], velocity[..., :2])
+        safe, status, slack, crowd, active = _covey(wanted, shift, radius, own, std, neighbours, params)
     status = np.where(is_own_finite, status, int(LawStatus.INFEASIBLE))
     command = np.concatenate([safe - shift, thrust[..., 2:]], axis=-1)
     acceleration = command - level
@@ -150,7 +130,7 @@ def saturate(
         slack_m_s2=slack,
         crowd_count=crowd,
         active_neighbour=active,
-        lead_time_s=np.full(batch, 0.0 if params.name == "paper" else params.lag_s),
+        lead_time_s=np.full(batch, 0.0 if params.name == "paper" else params.numbers.lead_time_s),
     )
     return memory, output
 
@@ -168,101 +148,97 @@ def horizontal_limit(thrust_z_m_s2: Array, *, params: LawParams) -> Array:
 
 
 def _covey(
-    wanted: Array, shift: Array, radius: Array, position: Array, velocity: Array, neighbours: Neighbours, p: LawParams
+    wanted: Array,
+    shift: Array,
+    radius: Array,
+    own: tuple[Array, Array],
+    own_std: tuple[Array, Array],
+    neighbours: Neighbours,
+    p: LawParams,
 ) -> tuple[Array, IntArray, Array, Array, IntArray]:
     """Projection of ``wanted`` (shifted by the compensation) on the rows of all neighbours; lines P3, D, R, Q."""
-    q, w_j, u_j, is_seen, is_bad = _received(neighbours, p)
-    e = position[..., None, :2] - q
-    w = velocity[..., None, :2] - w_j
+    n, (position, velocity) = p.numbers, own
+    q, w_j, u_j, is_seen, is_bad = _received(neighbours, n)
+    e, w = position[..., None, :] - q, velocity[..., None, :] - w_j
     distance_2 = np.einsum("...kc,...kc->...k", e, e)
-    is_seen &= distance_2 <= p.range_m**2
-    coincident = is_seen & (distance_2 < _COINCIDENT_M**2)
-    e = np.where(coincident[..., None], _way_out(w), e)
-    d = p.d_design_m
+    is_seen &= distance_2 <= n.range_m**2
+    coincident = is_seen & (distance_2 < rows.COINCIDENT_M**2)
+    e = np.where(coincident[..., None], rows.way_out(w), e)
+    std = neighbours.velocity_std_m_s
+    their_std = (neighbours.position_std_m, np.zeros(is_seen.shape) if std is None else std)
+    d = rows.design_distance(own_std, their_std, neighbours.is_cooperative, n)
     crowd = (is_seen & (distance_2 < 4.0 * d * d)).sum(-1).astype(np.float64)
-    order = np.argsort(np.where(is_seen, distance_2, np.inf), axis=-1, kind="stable")[..., : p.max_neighbours]
+    order = np.argsort(np.where(is_seen, distance_2, np.inf), axis=-1, kind="stable")[..., : n.max_neighbours]
     is_on = np.take_along_axis(is_seen, order, -1)
-    full = ~np.take_along_axis(neighbours.is_cooperative, order, -1)
-    theirs = np.take_along_axis(neighbours.crowd_count, order, -1)
-    distance_2 = np.take_along_axis(distance_2, order, -1)
+    d, theirs = (np.take_along_axis(array, order, -1) for array in (d, neighbours.crowd_count))
+    is_full = ~np.take_along_axis(neighbours.is_cooperative, order, -1) | bool(n.is_full)
     e, w, u_j = (np.take_along_axis(array, order[..., None], -2) for array in (e, w, u_j))
-    normals, bounds = distance_rows(e, w, distance_2, u_j, full, params=p)
-    bounds = bounds + np.einsum("...kc,...c->...k", normals, shift)
+    # hard: neighbours, what stands still, walls
+    obstacle, obstacle_bound, obstacle_turn, obstacle_turn_bound = rows.obstacle_rows(
+        position, velocity, p.capsules_enu_m, n=n
+    )
+    pair, pair_bound = rows.distance_rows(e, w, d, u_j, is_full, n=n)
+    fence, fence_bound = rows.fence_rows(position, velocity, n=n)
+    normals = np.concatenate([pair, obstacle, fence], axis=-2)
+    bounds = _net(np.concatenate([pair_bound, obstacle_bound, fence_bound], axis=-1), normals, shift)
+    is_on = np.asarray(np.concatenate([is_on, np.isfinite(obstacle_bound), np.isfinite(fence_bound)], axis=-1))
     lack = np.where(is_on, bounds - np.einsum("...kc,...c->...k", normals, wanted), -np.inf)
-    is_violated = lack > 1e-10
-    nearest = np.take_along_axis(order, np.argmax(lack, axis=-1)[..., None], -1)[..., 0]
-    active = np.where(is_violated.any(-1), nearest, -1).astype(np.int64)
+    is_violated = np.asarray(lack > _VIOLATED_M_S2)
+    is_avoiding = np.asarray(is_violated.any(-1))
+    place = np.concatenate([order, np.full((*is_avoiding.shape, lack.shape[-1] - order.shape[-1]), -2)], axis=-1)
+    worst = np.take_along_axis(place, np.argmax(lack, axis=-1)[..., None], -1)[..., 0]
+    active = np.where(is_avoiding, worst, -1).astype(np.int64)
     flagged = is_bad | coincident.any(-1)
-    if not is_violated.any():
+    if not is_avoiding.any() and n.rotation != ROTATION["always"]:
         status = np.where(flagged, int(LawStatus.INFEASIBLE), int(LawStatus.INACTIVE))
         return wanted, status, np.zeros(status.shape), crowd, active
+    # soft, the last one dropped first: speed, then turning about the nearest neighbour, ..., about obstacles
     count = np.maximum(crowd[..., None], np.where(np.isfinite(theirs), theirs, 0.0))
-    turn, turn_bounds = rotation_rows(e, w, distance_2, count >= p.crowd_count, params=p)
-    turn_bounds = turn_bounds + np.einsum("...kc,...c->...k", turn, shift)
+    own_velocity = np.broadcast_to(velocity[..., None, :], e.shape)
+    turn, turn_bound = rows.rotation_rows(e, w, own_velocity, d, count >= n.crowd_count, is_full, n=n)
+    speed, speed_bound, is_moving = rows.speed_row(velocity, n=n)
+    soft = np.concatenate([speed, turn, obstacle_turn], axis=-2)
+    soft_bounds = _net(np.concatenate([speed_bound, turn_bound, obstacle_turn_bound], axis=-1), soft, shift)
+    turning = slice(None, lack.shape[-1] - 4)  # walls are not turned about
+    has_turn = np.where(n.rotation == ROTATION["always"], is_on, is_violated & (n.rotation != ROTATION["never"]))
+    is_soft = np.concatenate([is_moving & is_avoiding[..., None], has_turn[..., turning]], axis=-1)
     reach = np.sqrt(np.einsum("...kc,...kc->...k", normals, normals)) * radius[..., None]
     can_bind = is_on & (bounds > -reach)  # the others hold for every thrust of the disc
-    result = project(
-        wanted, Rows(normals, bounds, can_bind), Rows(turn, turn_bounds, is_violated & is_on), radius_m_s2=radius
-    )
+    result = project(wanted, Rows(normals, bounds, can_bind), Rows(soft, soft_bounds, is_soft), radius_m_s2=radius)
     status = np.where(flagged, int(LawStatus.INFEASIBLE), result.status)
     return result.point_m_s2, status, result.slack_m_s2, crowd, active
 
 
-def distance_rows(
-    e: Array, w: Array, distance_2: Array, neighbour_command: Array, is_full: BoolArray, *, params: LawParams
-) -> tuple[Array, Array]:
-    """Hard rows ``(e/d).u >= bound``: normals (..., K, 2) [-], bounds (..., K) [m/s^2].
-
-    (17) asks the pair for ``need``. Each vehicle takes half, plus ``shortfall_gain`` times what the other's command
-    fails to deliver; alone (``is_full``, a neighbour that does not cooperate) it takes all. DEVIATION D2.
-    """
-    p, d = params, params.d_design_m
-    closing = np.einsum("...kc,...kc->...k", e, w)
-    speed_2 = np.einsum("...kc,...kc->...k", w, w)
-    k_1, k_2 = p.kappa_1_1_s, p.kappa_2_1_s
-    need = -speed_2 - (k_1 + k_2) * closing - 0.5 * k_1 * k_2 * (distance_2 - d * d)
-    pulled = np.einsum("...kc,...kc->...k", e, neighbour_command)
-    shared = 0.5 * need + p.shortfall_gain * np.maximum(0.0, 0.5 * need + pulled)
-    return e / d, np.where(is_full, need, shared) / d
+def _net(bounds: Array, normals: Array, shift: Array) -> Array:
+    """Bounds for the thrust with its compensation, of which the rows constrain what is left as net motion."""
+    return np.asarray(bounds + np.einsum("...kc,...c->...k", normals, shift))
 
 
-def rotation_rows(
-    e: Array, w: Array, distance_2: Array, is_crowded: BoolArray, *, params: LawParams
-) -> tuple[Array, Array]:
-    """Soft rows that turn the pair about each other, in relative form with half a share each. DEVIATION D4.
-
-    The direction is the pair's own, which both see alike; undecided or crowded pairs turn counter-clockwise.
-    """
-    p, d = params, params.d_design_m
-    spin = e[..., 0] * w[..., 1] - e[..., 1] * w[..., 0]
-    closing = np.einsum("...kc,...kc->...k", e, w)
-    speed = np.sqrt(np.einsum("...kc,...kc->...k", w, w))
-    sign = np.where(~is_crowded & (spin < -0.25 * d * np.maximum(speed, 0.1)), -1.0, 1.0)
-    v_perp = np.where(is_crowded, p.v_perp_crowd_m_s, p.v_perp_m_s)
-    gap = sign * spin - 2.0 * d * v_perp + p.kappa_3_1_s * (distance_2 - d * d)
-    bound = 0.5 * (-2.0 * p.kappa_3_1_s * closing - p.kappa_4_1_s * gap)
-    turned = np.stack([-e[..., 1], e[..., 0]], axis=-1) * sign[..., None]
-    return turned / d, bound / d
-
-
-def _received(neighbours: Neighbours, p: LawParams) -> tuple[Array, Array, Array, BoolArray, BoolArray]:
+def _received(neighbours: Neighbours, n: LawNumbers) -> tuple[Array, Array, Array, BoolArray, BoolArray]:
     """Neighbours carried to our own time: position, velocity, command (..., K, 2), who counts, and who is unusable."""
     own_word = np.isfinite(neighbours.predicted_position_enu_m).all(-1)
     own_word &= np.isfinite(neighbours.predicted_velocity_enu_m_s).all(-1)
     own_word &= np.isfinite(neighbours.commanded_acceleration_enu_m_s2).all(-1) & neighbours.is_cooperative
     age = np.where(np.isfinite(neighbours.age_s), neighbours.age_s, prediction.MAX_MESSAGE_AGE_S)
+    lead = np.full(age.shape, n.lead_time_s)
+    if neighbours.lead_time_s is not None:
+        told = neighbours.lead_time_s
+        lead = np.where(np.isfinite(told), np.clip(np.nan_to_num(told), 0.0, _LONGEST_LEAD_S), lead)
     command = np.where(own_word[..., None], _bounded(neighbours.commanded_acceleration_enu_m_s2[..., :2]), 0.0)
+    plain_velocity = _bounded(neighbours.velocity_enu_m_s[..., :2])
     position, velocity = prediction.predict_neighbour(
         _bounded(neighbours.predicted_position_enu_m[..., :2]),
         _bounded(neighbours.predicted_velocity_enu_m_s[..., :2]),
         command,
+        plain_velocity,
         age,
+        lead,
+        n.lead_time_s,
     )
     usable = own_word
     if not own_word.all():  # plain estimate at constant velocity up to our own lead time
         seen = np.isfinite(neighbours.position_enu_m).all(-1) & np.isfinite(neighbours.velocity_enu_m_s).all(-1)
-        plain_velocity = _bounded(neighbours.velocity_enu_m_s[..., :2])
-        ahead = np.clip(age, 0.0, prediction.MAX_MESSAGE_AGE_S) + p.lag_s
+        ahead = np.clip(age, 0.0, prediction.MAX_MESSAGE_AGE_S) + n.lead_time_s
         plain = _bounded(neighbours.position_enu_m[..., :2]) + ahead[..., None] * plain_velocity
         position = np.where(own_word[..., None], position, plain)
         velocity = np.where(own_word[..., None], velocity, plain_velocity)
@@ -274,6 +250,8 @@ def _received(neighbours: Neighbours, p: LawParams) -> tuple[Array, Array, Array
 def _paper(wanted: Array, state: State, neighbours: Neighbours, p: LawParams) -> tuple[Array, IntArray, IntArray]:
     """The pair law against the ring's successor, on plain estimates as the paper has it."""
     mask = neighbours.is_present & neighbours.is_paper_obstacle
+    if mask.shape[-1] == 0:
+        return wanted, np.full(mask.shape[:-1], int(LawStatus.INACTIVE)), np.full(mask.shape[:-1], -1)
     index = np.argmax(mask, axis=-1)
     has_one = mask.any(-1)
     picked = [
@@ -291,13 +269,6 @@ def _paper(wanted: Array, state: State, neighbours: Neighbours, p: LawParams) ->
     status = np.where(acts & result.is_changed, int(LawStatus.SATURATED), int(LawStatus.INACTIVE))
     status = np.where(has_one & ~acts, int(LawStatus.INFEASIBLE), status)
     return safe, status, np.where(acts & result.is_changed, index, -1).astype(np.int64)
-
-
-def _way_out(w: Array) -> Array:
-    """Direction (..., K, 2) of a tiny separation for coincident vehicles: onwards along the relative velocity."""
-    speed = np.sqrt(np.einsum("...kc,...kc->...k", w, w))[..., None]
-    is_moving = speed > 1e-6
-    return _COINCIDENT_M * np.where(is_moving, w / np.where(is_moving, speed, 1.0), np.array([1.0, 0.0]))
 
 
 def _into_disc(vector: Array, radius: Array) -> Array:

@@ -14,11 +14,11 @@ import math
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
+import msgspec
 import numpy as np
 
 from onboard.config import FleetConfig, LawName
 from onboard.control import allocation, backstepping, estimate, guidance, hover_thrust, oist
-from onboard.control.paper_law import PaperLawParams
 from onboard.types import (
     GRAVITY_M_S2,
     Array,
@@ -88,19 +88,11 @@ def pipeline_params(fleet: FleetConfig, vehicle_name: str, *, law: str | None = 
     names: dict[str, LawName] = {"covey": "covey", "paper": "paper", "off": "off"}
     if law is not None and law not in names:
         raise ValueError(f"law is '{law}', but there are only {', '.join(names)}. Name one of these.")
-    name = names[law] if law is not None else values.name
+    if law is not None:
+        values = msgspec.structs.replace(values, name=names[law])
     tilt_rad = math.radians(vehicle.max_tilt_deg)
-    lag_s = 0.0 if name == "paper" else vehicle.lag_s
+    lag_s = vehicle.lag_s if values.name != "paper" and values.prediction == "lag" else 0.0
     lift_reserve = (1.0 / vehicle.hover_thrust_frac - 1.0) * GRAVITY_M_S2
-    paper = PaperLawParams(
-        kappa_1_1_s=values.paper_kappa_1_1_s,
-        kappa_2_1_s=values.paper_kappa_2_1_s,
-        kappa_3_1_s=values.paper_kappa_3_1_s,
-        kappa_4_1_s=values.paper_kappa_4_1_s,
-        v_perp_m_s=values.paper_v_perp_m_s,
-        d_inf_m=fleet.fleet.safety_distance_m,
-        turn_sign=1.0 if values.paper_turn == "eq8" else -1.0,
-    )
     limits = allocation.params_from_degrees(vehicle.max_tilt_deg, vehicle.hover_thrust_frac)
     return PipelineParams(
         guidance=guidance.GuidanceParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2, lag_s),
@@ -109,22 +101,15 @@ def pipeline_params(fleet: FleetConfig, vehicle_name: str, *, law: str | None = 
             max_vertical_acceleration_m_s2=min(2.5, 0.4 * lift_reserve),  # the rest stays for separation
         ),
         law=oist.LawParams(
-            name=name,
+            config=values,
             lag_s=vehicle.lag_s,
-            d_design_m=fleet.fleet.safety_distance_m + values.design_margin_m,
-            kappa_1_1_s=values.kappa_1_1_s,
-            kappa_2_1_s=values.kappa_2_1_s,
-            kappa_3_1_s=values.kappa_3_1_s,
-            kappa_4_1_s=values.kappa_4_1_s,
-            shortfall_gain=values.shortfall_gain,
-            v_perp_m_s=values.v_perp_m_s,
-            v_perp_crowd_m_s=values.v_perp_crowd_m_s,
-            crowd_count=values.crowd_count,
-            max_neighbours=values.max_neighbours,
-            range_m=values.range_m,
+            safety_distance_m=fleet.fleet.safety_distance_m,
+            body_radius_m=0.5 * fleet.fleet.body_diameter_m,
+            max_speed_m_s=vehicle.max_speed_m_s,
             max_tilt_rad=tilt_rad,
             max_thrust_m_s2=0.97 / vehicle.hover_thrust_frac * GRAVITY_M_S2,
-            paper=paper,
+            fence_enu_m=(*fleet.fleet.geofence_m.x, *fleet.fleet.geofence_m.y),
+            capsules_enu_m=tuple(capsule for obstacle in fleet.obstacles for capsule in obstacle.capsules_enu_m),
         ),
         observer=estimate.ObserverParams(
             delay_s=vehicle.attitude_delay_s,
@@ -203,7 +188,7 @@ def step(
     position, velocity = oist.predict(memory.law, state, params=params.law)
     rate = clock_rate(memory, position, goal, params=params, dt_s=dt_s)
     guidance_memory, setpoint = guidance.step(memory.guidance, goal, params=params.guidance, dt_s=dt_s, clock_rate=rate)
-    share = oist.speed_share(memory.law)
+    share = oist.speed_share(memory.law, params=params.law)
     baseline = backstepping.step(
         position, velocity, _slowed(setpoint, share), params=_pursuit(params, setpoint, share, is_frozen)
     )
@@ -322,7 +307,7 @@ def _ground(
     level = Thrust(np.broadcast_to(np.array([0.0, 0.0, GRAVITY_M_S2]), position.shape).copy())
     still = np.zeros_like(position)
     _, law = oist.saturate(
-        memory.law, level, (position, still), state, neighbours, params=replace(params.law, name="off"), dt_s=0.02
+        memory.law, level, (position, still), state, neighbours, params=params.law.changed(name="off"), dt_s=0.02
     )
     hover = memory.hover_thrust.hover_thrust_frac
     yaw = np.broadcast_to(np.asarray(yaw_rad, dtype=np.float64), batch)

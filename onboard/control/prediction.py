@@ -68,12 +68,31 @@ def predict_own(
 
 
 def predict_neighbour(
-    position_enu_m: Array, velocity_enu_m_s: Array, command_enu_m_s2: Array, age_s: Array
+    position_enu_m: Array,
+    velocity_enu_m_s: Array,
+    command_enu_m_s2: Array,
+    plain_velocity_enu_m_s: Array,
+    age_s: Array,
+    lead_time_s: Array,
+    own_lead_time_s: float,
 ) -> tuple[Array, Array]:
-    """Neighbour's predicted state (..., K, 3) carried over the age (..., K) of its message, line P3."""
+    """Neighbour's predicted state (..., K, C) carried to our own ``t + L``, line P3.
+
+    It was predicted to its own ``t_j + L_j``. What is missing from there is flown with its command, as long as that
+    says something, then straight on. A neighbour that leads by more than we do is taken back along the way that it
+    predicts from its plain velocity.
+
+    Args:
+        age_s, lead_time_s: (..., K) of its message, and its L_j. own_lead_time_s: our L.
+    """
     age = np.minimum(np.maximum(age_s, 0.0), MAX_MESSAGE_AGE_S)
-    held = np.minimum(age, MAX_COMMAND_AGE_S)
-    position = (
-        position_enu_m + age[..., None] * velocity_enu_m_s + (held * (age - 0.5 * held))[..., None] * command_enu_m_s2
-    )
-    return position, velocity_enu_m_s + held[..., None] * command_enu_m_s2
+    ahead = age + (own_lead_time_s - lead_time_s)
+    held = np.minimum(np.maximum(ahead, 0.0), MAX_COMMAND_AGE_S)
+    back = np.minimum(ahead, 0.0)
+    has_lead = lead_time_s > 1e-3
+    mean = np.where(has_lead[..., None], velocity_enu_m_s - plain_velocity_enu_m_s, 0.0)
+    mean = mean / np.where(has_lead, lead_time_s, 1.0)[..., None]
+    position = position_enu_m + ahead[..., None] * velocity_enu_m_s
+    position = position + (held * (ahead - 0.5 * held))[..., None] * command_enu_m_s2
+    position = position + (0.5 * back * back)[..., None] * mean
+    return position, velocity_enu_m_s + held[..., None] * command_enu_m_s2 + back[..., None] * mean

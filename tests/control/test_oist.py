@@ -5,10 +5,10 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from onboard.control import oist
+from onboard.control import oist, rows
 from onboard.types import GRAVITY_M_S2, LawStatus, Neighbours, State, Thrust
 
-PARAMS = oist.LawParams(lag_s=0.15, d_design_m=0.9)
+PARAMS = oist.LawParams(lag_s=0.15)
 
 
 def state_of(position, velocity):
@@ -50,8 +50,8 @@ def random_case(seed, batch=(), count=4):
 
 
 def mapped(neighbours, function):
-    changes = {field.name: function(field.name, getattr(neighbours, field.name)) for field in fields(neighbours)}
-    return Neighbours(**changes)
+    values = {field.name: getattr(neighbours, field.name) for field in fields(neighbours)}
+    return Neighbours(**{name: function(name, value) for name, value in values.items() if value is not None})
 
 
 def test_vehicle_flying_at_a_neighbour_is_braked_and_turned_counter_clockwise():
@@ -97,7 +97,7 @@ def test_neighbour_that_does_not_cooperate_gets_the_full_share():
 
 
 def test_one_neighbour_with_full_share_and_no_lag_obeys_equation_17():
-    params = replace(PARAMS, lag_s=0.0, kappa_1_1_s=2.0, kappa_2_1_s=2.0)
+    params = replace(PARAMS, lag_s=0.0).changed(kappa_1_1_s=2.0, kappa_2_1_s=2.0, uncooperative_margin_m=0.0)
     hit = 0
     for seed in range(60):
         p, v, a, neighbours = random_case(seed, count=1)
@@ -142,16 +142,12 @@ def test_order_of_neighbours_does_not_matter():
 def test_distance_rows_scale_with_length_and_time():
     rng = np.random.default_rng(0)
     e, w, u = rng.normal(size=(3, 50, 4, 2))
-    length, time = 3.0, 0.5
-    scaled = replace(
-        PARAMS, d_design_m=PARAMS.d_design_m * length, kappa_1_1_s=4.0 / time, kappa_2_1_s=8.0 / time,
-        kappa_3_1_s=2.0 / time, kappa_4_1_s=1.5 / time, v_perp_m_s=PARAMS.v_perp_m_s * length / time,
-    )  # fmt: skip
-    full, square = np.zeros((50, 4), bool), (e * e).sum(-1)
-    _, plain = oist.distance_rows(e, w, square, u, full, params=PARAMS)
-    _, big = oist.distance_rows(
-        e * length, w * length / time, square * length**2, u * length / time**2, full, params=scaled
-    )
+    length, time, full, d = 3.0, 0.5, rng.random((50, 4)) < 0.3, rng.uniform(0.8, 1.2, (50, 4))
+    kappas = {f"kappa_{k}_1_s": getattr(PARAMS.config, f"kappa_{k}_1_s") / time for k in (1, 2, 3, 4)}
+    scaled = PARAMS.changed(v_perp_m_s=PARAMS.config.v_perp_m_s * length / time, **kappas)
+    _, plain = rows.distance_rows(e, w, d, u, full, n=PARAMS.numbers)
+    big_u = u * length / time**2
+    _, big = rows.distance_rows(e * length, w * length / time, d * length, big_u, full, n=scaled.numbers)
     np.testing.assert_allclose(big, plain * length / time**2, rtol=1e-9)
 
 
@@ -206,12 +202,12 @@ def test_squeezed_vehicle_is_relaxed_with_its_slack_and_slows_the_pursuit_down()
     assert out.status == LawStatus.RELAXED
     assert out.slack_m_s2 > 0
     assert out.crowd_count == 3
-    assert oist.speed_share(memory) < 0.5
+    assert oist.speed_share(memory, params=PARAMS) < 0.5
 
 
 def test_law_off_is_the_identity_within_the_tilt_limit():
     p, v, a, neighbours = random_case(1)
-    out = run(p, v, 0.5 * a, neighbours, replace(PARAMS, name="off"))
+    out = run(p, v, 0.5 * a, neighbours, PARAMS.changed(name="off"))
     np.testing.assert_array_equal(out.thrust.thrust_enu_m_s2, 0.5 * a + [0, 0, GRAVITY_M_S2])
     assert out.status == LawStatus.INACTIVE
 
@@ -219,7 +215,7 @@ def test_law_off_is_the_identity_within_the_tilt_limit():
 def test_paper_law_sees_the_ring_successor_only():
     near, far = [0.9, 0, 1], [5.0, 5.0, 1]
     still = np.zeros((2, 3))
-    paper = replace(PARAMS, name="paper")
+    paper = PARAMS.changed(name="paper")
     ignoring = run([0, 0, 1], [0.5, 0, 0], [0, 0, 0], neighbours_of([far, near], still), paper)
     heeding = run([0, 0, 1], [0.5, 0, 0], [0, 0, 0], neighbours_of([near, far], still), paper)
     assert ignoring.status == LawStatus.INACTIVE
@@ -241,7 +237,7 @@ BAD = {
 @pytest.mark.parametrize("kind", BAD)
 def test_bad_neighbours_give_a_bounded_thrust_and_no_warning(kind, law):
     _, _, _, neighbours = random_case(0)
-    out = run(np.zeros(3), np.zeros(3), [1.0, 1.0, 0.0], BAD[kind](neighbours), replace(PARAMS, name=law))
+    out = run(np.zeros(3), np.zeros(3), [1.0, 1.0, 0.0], BAD[kind](neighbours), PARAMS.changed(name=law))
     assert np.isfinite(out.thrust.thrust_enu_m_s2).all()
     assert np.hypot(*out.thrust.thrust_enu_m_s2[:2]) <= GRAVITY_M_S2
     if law == "covey" and kind in ("coincident", "not a number"):

@@ -8,11 +8,13 @@ import pytest
 
 from onboard.config import load_fleet
 from onboard.control import pipeline
+from onboard.control.law_params import OPEN_FENCE
 from onboard.control.pipeline import Phase
 from onboard.types import GRAVITY_M_S2, Goal, LawStatus, Neighbours, State
 
 FLEET = load_fleet("configs/fleets/paper.toml")
-PARAMS = pipeline.pipeline_params(FLEET, "mav0")
+FENCED = pipeline.pipeline_params(FLEET, "mav0")
+PARAMS = replace(FENCED, law=replace(FENCED.law, fence_enu_m=OPEN_FENCE))
 
 
 def state_of(position, velocity=None):

@@ -81,16 +81,39 @@ def test_a_command_that_is_not_finite_counts_as_none():
     np.testing.assert_allclose(v, [0, 0, 0.02])
 
 
-def test_neighbour_is_carried_along_its_command_for_the_age_of_its_message():
-    q, w = prediction.predict_neighbour(
-        np.zeros((1, 3)), np.array([[1.0, 0, 0]]), np.array([[0, 2.0, 0]]), np.array([0.1])
+def carried(position, velocity, command, age, *, plain=None, lead=0.15, own_lead=0.15):
+    position, velocity, command = (np.array([x], float) for x in (position, velocity, command))
+    plain = velocity if plain is None else np.array([plain], float)
+    result = prediction.predict_neighbour(
+        position, velocity, command, plain, np.array([age]), np.array([lead]), own_lead
     )
-    np.testing.assert_allclose(q, [[0.1, 0.5 * 2.0 * 0.01, 0]])
-    np.testing.assert_allclose(w, [[1.0, 0.2, 0]])
+    return np.array(result)[:, 0]
+
+
+def test_neighbour_is_carried_along_its_command_for_the_age_of_its_message():
+    q, w = carried([0, 0, 0], [1.0, 0, 0], [0, 2.0, 0], 0.1)
+    np.testing.assert_allclose(q, [0.1, 0.5 * 2.0 * 0.01, 0])
+    np.testing.assert_allclose(w, [1.0, 0.2, 0])
 
 
 def test_silent_neighbour_is_not_extrapolated_for_ever():
-    args = np.zeros((1, 3)), np.array([[1.0, 0, 0]]), np.array([[1.0, 0, 0]])
-    late = prediction.predict_neighbour(*args, np.array([0.3]))
-    later = prediction.predict_neighbour(*args, np.array([30.0]))
+    late, later = (carried([0, 0, 0], [1.0, 0, 0], [1.0, 0, 0], age) for age in (0.3, 30.0))
     np.testing.assert_array_equal(late, later)
+
+
+def test_neighbour_with_another_lag_is_carried_to_our_own_time():
+    """A neighbour under one constant acceleration, predicted over its own lag, is where it will be after ours."""
+    p, v, a = np.array([0.3, -0.2, 1.0]), np.array([0.7, 0.4, 0.0]), np.array([1.5, -2.0, 0.0])
+    for lead, own_lead, age in ((0.27, 0.15, 0.04), (0.15, 0.27, 0.04), (0.40, 0.05, 0.0), (0.15, 0.0, 0.02)):
+        told = p + lead * v + 0.5 * lead**2 * a, v + lead * a
+        q, w = carried(*told, a, age, plain=v, lead=lead, own_lead=own_lead)
+        then = age + own_lead
+        np.testing.assert_allclose(q, p + then * v + 0.5 * then**2 * a, atol=1e-12)
+        np.testing.assert_allclose(w, v + then * a, atol=1e-12)
+
+
+def test_lead_that_ends_at_our_time_leaves_the_prediction_as_it_is_from_both_sides():
+    for shift in (-1e-9, 0.0, 1e-9):
+        q, w = carried([1, 2, 3], [1, 0, 0], [0, 5, 0], 0.05, plain=[3, 3, 3], lead=0.20 + shift, own_lead=0.15)
+        np.testing.assert_allclose(q, [1, 2, 3], atol=1e-7)
+        np.testing.assert_allclose(w, [1, 0, 0], atol=1e-6)

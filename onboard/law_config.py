@@ -1,0 +1,48 @@
+"""The avoidance law's values and policies, as a fleet file's ``[law]`` gives them: the one place of their defaults."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+LawName = Literal["covey", "paper", "off"]
+
+
+class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``[law]``: the avoidance law's values and policies; onboard/control/README.md explains each one."""
+
+    name: LawName = "covey"
+    # policies: each a small function chosen by name
+    responsibility: Literal["shortfall", "half", "full"] = "shortfall"
+    prediction: Literal["lag", "none"] = "lag"
+    margin: Literal["accuracy", "fixed"] = "accuracy"
+    rotation: Literal["violated", "never", "always"] = "violated"
+    direction: Literal["crowd", "pair", "fixed"] = "crowd"
+    jam: Literal["slow", "ignore"] = "slow"
+    # neighbours
+    design_margin_m: float = 0.10
+    uncooperative_margin_m: float = 0.05
+    accuracy_time_s: float = 0.5
+    kappa_1_1_s: float = 4.0
+    kappa_2_1_s: float = 8.0
+    kappa_3_1_s: float = 2.0
+    kappa_4_1_s: float = 1.5
+    shortfall_gain: float = 0.85
+    v_perp_m_s: float = 0.42
+    v_perp_crowd_m_s: float = 0.65
+    crowd_count: int = 4
+    max_neighbours: int = 12
+    range_m: float = 8.0
+    # what stands still, and speed
+    obstacle_margin_m: float = 0.20
+    fence_margin_m: float = 0.05
+    avoid_speed_frac: float = 1.5
+    # the paper's law, (5)-(22)
+    paper_kappa_1_1_s: float = 2.0
+    paper_kappa_2_1_s: float = 2.0
+    paper_kappa_3_1_s: float = 1.5
+    paper_kappa_4_1_s: float = 1.5
+    paper_v_perp_m_s: float = 0.1
+    paper_turn: Literal["eq8", "eq9"] = "eq8"
+    paper_force_ring: bool = False
