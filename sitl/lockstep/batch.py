@@ -1,6 +1,6 @@
 """Ticks of many agents at one instant: passes of the pipeline with equal parameters are computed together.
 
-The pipeline takes leading batch axes, and a batch gives what a loop gives; so numpy's and the kernels' price of a call is
+The pipeline takes leading batch axes, and a batch gives what a loop gives; so the price of each call of numpy is
 paid once for all agents. The stacked memories stay stacked as long as the same agents tick together.
 """
 
