@@ -1,6 +1,6 @@
 """The physics and the estimator's errors as loops that numba compiles; without numba the numpy form is used.
 
-Each loop says what its vectorised twin in `physics.py`, `world.py` or `estimator.py` says, column by column; tests hold
+Each loop says what its vectorised twin in `physics.py`, `world.py` or `errors.py` says, column by column; tests hold
 them together. Compiled code is kept beside this file, so that only the first start on a machine compiles.
 """
 
@@ -10,8 +10,35 @@ import math
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
+from sitl.errors import (
+    BASE,
+    BIAS,
+    BIAS_GOAL,
+    BLEND_S,
+    DRIFT_A,
+    DRIFT_V,
+    DRIFTS,
+    KEEP,
+    OFFSET,
+    POSITION,
+    PULL,
+    RATIO,
+    STD_P,
+    STD_P_GOAL,
+    STD_V,
+    STD_V_GOAL,
+    UNIT_P,
+    UNIT_V,
+    VELOCITY,
+    VISION_YAW,
+    YAW_ERROR,
+    YAW_MEAN,
+    YAW_SHARE,
+    YAW_SHARE_GOAL,
+    YAW_STD,
+    YAW_UNIT,
+)
 from sitl.physics import (
-    COUNTS,
     CRASH_TILT_COS,
     CURVE,
     DRAG,
@@ -75,7 +102,6 @@ except ImportError:
         return function
 
 
-assert COUNTS == 4
 _TWO_PI = 2.0 * math.pi
 _NOISE_BLEND = STEP_S / THRUST_NOISE_CORRELATION_S
 _NOISE_SPREAD = math.sqrt(2.0 * _NOISE_BLEND)
@@ -265,3 +291,32 @@ def meet(
             strength = wash_m_s2 * lift_share[upper] * onset * fade * fade * math.exp(-square / (radius * radius))
             push[lower, 2] += strength
     return count
+
+
+@compiled
+def advance(
+    blocks: Array, scalars: Array, draws: Array, dt_s: float, position: Array, velocity: Array, yaw_keep: float
+) -> None:
+    """See :func:`sitl.errors.advance`."""
+    blend = dt_s / BLEND_S
+    yaw_spread = math.sqrt(1.0 - yaw_keep * yaw_keep)
+    for i in range(blocks.shape[0]):
+        b, s = blocks[i], scalars[i]
+        keep = s[KEEP]
+        spread = math.sqrt(1.0 - keep * keep)
+        for k in range(3):
+            unit = keep * b[UNIT_V, k] + spread * draws[i, k]
+            b[UNIT_V, k] = unit
+            b[UNIT_P, k] += dt_s * (b[RATIO, k] * unit - b[PULL, k] * b[UNIT_P, k])
+            b[STD_P, k] += blend * (b[STD_P_GOAL, k] - b[STD_P, k])
+            b[STD_V, k] += blend * (b[STD_V_GOAL, k] - b[STD_V, k])
+            b[BIAS, k] += blend * (b[BIAS_GOAL, k] - b[BIAS, k])
+            b[DRIFT_V, k] = s[DRIFTS] * (b[DRIFT_V, k] + dt_s * b[DRIFT_A, k])
+            b[OFFSET, k] += dt_s * b[DRIFT_V, k]
+            b[BASE, k] = position[i, k] + b[OFFSET, k]
+            b[POSITION, k] = b[BASE, k] + b[BIAS, k] + b[STD_P, k] * b[UNIT_P, k]
+            b[VELOCITY, k] = velocity[i, k] + b[DRIFT_V, k] + b[STD_V, k] * unit
+        s[YAW_UNIT] = yaw_keep * s[YAW_UNIT] + yaw_spread * draws[i, 3]
+        s[YAW_SHARE] += blend * (s[YAW_SHARE_GOAL] - s[YAW_SHARE])
+        compass = s[YAW_MEAN] + s[YAW_STD] * s[YAW_UNIT]
+        s[YAW_ERROR] = s[YAW_SHARE] * compass + (1.0 - s[YAW_SHARE]) * s[VISION_YAW]

@@ -1,61 +1,55 @@
 """What the autopilot believes about its own state: not an EKF, but an estimate that errs as PX4's does.
 
-Each vehicle has its own local origin. Position and velocity carry correlated errors whose size and correlation time
-depend on the source (satellites, external vision, nothing). External vision pulls the estimate to what it says, right
-or wrong; without any source the estimate drifts away.
+Each vehicle has its own local origin. Position and velocity carry the slow errors of `errors.py`, sized by the source:
+satellites, external vision, nothing. Without satellites the estimate follows vision, right or wrong: a jump sideways at
+once, one in height when it has been refused for 5 s; each jump of the estimate counts up PX4's reset counters. Without
+any source it drifts away.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sitl import errors, kernels
+from sitl.errors import GPS as GPS
+from sitl.errors import PAD as PAD
+from sitl.errors import VISION_DEFAULT as VISION_DEFAULT
+from sitl.errors import VISION_TRUSTED as VISION_TRUSTED
+from sitl.errors import VISION_TUNED as VISION_TUNED
+from sitl.errors import VISION_TUNED_WITH_VELOCITY as VISION_TUNED_WITH_VELOCITY
+from sitl.errors import ErrorLevel as ErrorLevel
+from sitl.errors import Source as Source
+from sitl.errors import vision_level as vision_level
+from sitl.physics import STEP_S
 from sitl.rotation import Array
-from sitl.vehicle import STEP_S
 
 ESTIMATE_EVERY_STEPS = 2  # 125 Hz, the rate of PX4's estimator
+GPS_FIX_S = 2.3
+PERIOD_S = ESTIMATE_EVERY_STEPS * STEP_S
+_BLOCK = 64  # random numbers are drawn for so many periods at once
 _HISTORY = 64
 _VISION_TIMEOUT_S = 1.0
-_DRIFT_M_S = 0.15
-_ATTITUDE_NOISE_RAD = math.radians(0.06)
-_YAW_NOISE_RAD = math.radians(0.11)
-_GYRO_NOISE_RAD_S = math.radians(0.33)
-_COMPASS_STD_RAD = math.radians(2.0)
-
-
-class Source(Enum):
-    """What the position estimate rests on."""
-
-    GPS = "gps"
-    VISION = "vision"
-    NONE = "none"
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorLevel:
-    """Standard deviations north, east, down of position [m] and velocity [m/s], and their correlation time [s]."""
-
-    position_m: tuple[float, float, float]
-    velocity_m_s: tuple[float, float, float]
-    correlation_s: float
-
-
-PAD = ErrorLevel((0.03, 0.03, 0.04), (0.015, 0.02, 0.02), 3.4)
-GPS = ErrorLevel((0.12, 0.20, 0.21), (0.16, 0.29, 0.10), 3.4)
-VISION_DEFAULT = ErrorLevel((0.039, 0.10, 0.05), (0.07, 0.17, 0.07), 1.5)
-VISION_TRUSTED = ErrorLevel((0.016, 0.044, 0.02), (0.038, 0.106, 0.04), 0.68)
-VISION_TUNED = ErrorLevel((0.0035, 0.010, 0.005), (0.018, 0.053, 0.02), 0.20)
-
-
-def vision_level(evp_noise_m: float, tau_vel_s: float) -> ErrorLevel:
-    """Error level with external vision for EKF2_EVP_NOISE and EKF2_TAU_VEL."""
-    if evp_noise_m > 0.03:
-        return VISION_DEFAULT
-    return VISION_TUNED if tau_vel_s <= 0.05 else VISION_TRUSTED
+_HEIGHT_REFUSED_S = 5.0
+_FLAGS_FADE_S = 5.0
+_FUSE_GAIN = 0.2
+_YAW_FUSE_GAIN = 0.1
+_GATE_SIGMAS, _SMALLEST_GATE_M = 5.0, 0.2
+# Dead reckoning: displacement after so many seconds, uniform between two values; it grows with the square of time.
+_DRIFT_TIME_S, _DRIFT_LEAST_M, _DRIFT_MOST_M = 6.0, 0.5, 1.3
+_DRIFT_UP = 0.3
+_COMPASS_MEAN_DEG, _COMPASS_STD_DEG = (2.0, 17.0), (2.0, 7.0)
+_YAW_KEEP = math.exp(-PERIOD_S / errors.YAW_CORRELATION_S)
+# Reset counters in PX4's order, and how often its filter has jumped before it has any position: 13 on the pad.
+XY, VXY, Z, VZ, HEADING = range(5)
+_RESETS_AT_START = (2, 2, 2, 2, 1)
+# ESTIMATOR_STATUS.flags. With satellites PX4 adds what is absolute to what it was measured to say with vision.
+_FLAGS = {Source.VISION: 0x1EF, Source.GPS: 0x3FF}
+_FLAGS_RECKONING, _FLAGS_LOST = 0xEF, 0xE5
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,109 +66,247 @@ class Estimator:
     Args:
         start_ned_m: (n, 3) true start positions: each is the origin of its vehicle's local frame.
         seed: of all errors.
+        is_common: all vehicles err alike, as PX4 instances do that are started together and share SIH's random numbers;
+            otherwise each errs on its own.
+        scale: of all random errors; 0 for an estimate that is right.
+        uses_numba: the compiled loop, or numpy.
+
+    Attributes:
+        offset_ned_m: (n, 3) of the local frame against the true motion since the start.
+        yaw_error_rad: (n,) believed heading minus true heading.
+        source: what each estimate rests on.
+        has_gps, uses_vision_yaw, vision_levels, vision_noise_m: by parameters, per vehicle.
+        gps_blocked: (list) satellites are not received, whatever the parameters say.
+        resets: (n, 5) counters XY, VXY, Z, VZ, HEADING.
+        reset_ned_m: (n, 3) by how much the position jumped at its newest reset.
     """
 
-    def __init__(self, start_ned_m: Array, *, seed: int) -> None:
+    def __init__(
+        self,
+        start_ned_m: Array,
+        *,
+        seed: int,
+        is_common: bool = False,
+        scale: float = 1.0,
+        uses_numba: bool = kernels.HAS_NUMBA,
+    ) -> None:
         n = start_ned_m.shape[0]
+        self._advance = kernels.advance if uses_numba else errors.advance
         self._rng = np.random.default_rng([seed, 2])
+        self._luck_of_drift = np.random.default_rng([seed, 5])
+        self._is_common, self._scale = is_common, scale
         self._origin = np.array(start_ned_m, dtype=np.float64)
+        self._blocks = np.zeros((n, errors.BLOCKS, 3))
+        self._scalars = np.zeros((n, errors.SCALARS))
+        self._draws = np.zeros((_BLOCK, n, 4))
+        self._place = 0
+        self._blocks[:, errors.UNIT_V] = self._random(lambda size: self._rng.standard_normal((size, 3)))
+        self._luck = scale * self._random(lambda size: self._rng.standard_normal((size, 3)))
         # The filter starts before the vehicle rests: height on the ground is not exactly zero.
-        self.offset_ned_m = np.zeros((n, 3))
-        self.offset_ned_m[:, 2] = self._rng.uniform(-0.2, 0.2, n)
-        self._error_position = np.zeros((n, 3))
-        self._error_velocity = np.zeros((n, 3))
-        self._level_position = np.zeros((n, 3))
-        self._level_velocity = np.zeros((n, 3))
-        self._correlation_s = np.full(n, PAD.correlation_s)
-        self._drift_m_s = self._rng.normal(0.0, _DRIFT_M_S, (n, 3)) * np.array([1.0, 1.0, 0.3])
-        self._compass_rad = np.clip(self._rng.normal(0.0, _COMPASS_STD_RAD, n), -0.07, 0.07)
-        self.yaw_error_rad = self._compass_rad.copy()
-        self._vision_time_s = np.full(n, -math.inf)
+        self.offset_ned_m = self._blocks[:, errors.OFFSET]
+        self.offset_ned_m[:, 2] = scale * self._random(lambda size: self._rng.uniform(-0.2, 0.2, size))
+        sign = self._random(lambda size: self._rng.choice([-1.0, 1.0], size))
+        mean = scale * np.radians(self._random(lambda size: self._rng.uniform(*_COMPASS_MEAN_DEG, size)))
+        std = scale * np.radians(self._random(lambda size: self._rng.uniform(*_COMPASS_STD_DEG, size)))
+        self._scalars[:, errors.YAW_MEAN], self._scalars[:, errors.YAW_STD] = sign * mean, std
+        self._scalars[:, errors.YAW_SHARE] = self._scalars[:, errors.YAW_SHARE_GOAL] = 1.0
+        self.yaw_error_rad = self._scalars[:, errors.YAW_ERROR]
+        self.yaw_error_rad[:] = sign * mean
+        self._vision_time_s = [-math.inf] * n
+        self._height_time_s = [-math.inf] * n
+        self._lost_time_s = [-math.inf] * n
+        self._start_time_s = [0.0] * n
         self._vision_frame: list[Array | None] = [None] * n
         self._history = np.zeros((_HISTORY, n, 3))
         self._history_index = 0
-        self.source = [Source.GPS] * n
+        self.source = [Source.NONE] * n
         self.has_gps = [True] * n
+        self.gps_blocked = [False] * n
         self.uses_vision_yaw = [True] * n
         self.vision_levels = [VISION_DEFAULT] * n
-        self._position = self._origin * 0.0
-        self._velocity = np.zeros((n, 3))
+        self.vision_noise_m = [0.1] * n
+        self.resets = np.tile(np.array(_RESETS_AT_START, dtype=np.int64), (n, 1))
+        self.reset_ned_m = np.zeros((n, 3))
+        self._levels: list[ErrorLevel | None] = [None] * n
+        self._rests = [True] * n
 
     def step(self, time_s: float, position_ned_m: Array, velocity_ned_m_s: Array, on_ground: NDArray[np.bool_]) -> None:
         """Advance the errors by one estimator period and form the estimates from the true motion."""
-        dt_s = ESTIMATE_EVERY_STEPS * STEP_S
-        rests = on_ground.tolist()
-        for i, is_resting in enumerate(rests):
-            fresh = time_s - self._vision_time_s[i] < _VISION_TIMEOUT_S
-            source = Source.VISION if fresh else Source.GPS if self.has_gps[i] else Source.NONE
-            if source is not self.source[i] and source is not Source.VISION:
-                self._vision_frame[i] = None
-            self.source[i] = source
-            level = self.vision_levels[i] if source is Source.VISION else PAD if is_resting else GPS
-            blend = dt_s / 0.5
-            self._level_position[i] += blend * (np.array(level.position_m) - self._level_position[i])
-            self._level_velocity[i] += blend * (np.array(level.velocity_m_s) - self._level_velocity[i])
-            self._correlation_s[i] = level.correlation_s
-            yaw_goal = 0.0 if source is Source.VISION and self.uses_vision_yaw[i] else self._compass_rad[i]
-            self.yaw_error_rad[i] += dt_s / 0.5 * (yaw_goal - self.yaw_error_rad[i])
-            if source is Source.NONE and not is_resting:
-                self.offset_ned_m[i] += dt_s * self._drift_m_s[i]
-        keep = np.exp(-dt_s / self._correlation_s)[:, None]
-        spread = np.sqrt(1.0 - keep**2)
-        n = keep.shape[0]
-        self._error_position = keep * self._error_position + spread * self._rng.standard_normal((n, 3))
-        self._error_velocity = keep * self._error_velocity + spread * self._rng.standard_normal((n, 3))
-        base = position_ned_m - self._origin + self.offset_ned_m
+        for i, is_resting in enumerate(on_ground.tolist()):
+            self._choose(i, time_s, is_resting)
+        place = self._place % _BLOCK
+        if place == 0:
+            self._draws[:] = self._random(lambda size: self._rng.standard_normal((size, _BLOCK, 4))).swapaxes(0, 1)
+        self._place += 1
+        local = position_ned_m - self._origin
+        self._advance(self._blocks, self._scalars, self._draws[place], PERIOD_S, local, velocity_ned_m_s, _YAW_KEEP)
         self._history_index = (self._history_index + 1) % _HISTORY
-        self._history[self._history_index] = base
-        self._position = base + self._level_position * self._error_position
-        self._velocity = velocity_ned_m_s + self._level_velocity * self._error_velocity
+        self._history[self._history_index] = self._blocks[:, errors.BASE]
 
-    def fuse_vision(self, index: int, time_s: float, position_ned_m: Array, *, delay_s: float) -> None:
-        """Take one external position of a vehicle, in the frame of its sender.
+    def fuse_vision(
+        self,
+        index: int,
+        time_s: float,
+        position_ned_m: Array,
+        *,
+        delay_s: float,
+        yaw_error_rad: float = 0.0,
+    ) -> None:
+        """Take one external position of a vehicle, in the frame of its sender; what is not finite is ignored.
 
-        While satellites give the frame, vision only steadies the estimate (PX4 then estimates the offset between both);
-        without them the estimate follows vision, jumps included: sideways at once, in height within seconds.
+        While satellites give the frame, vision only steadies the estimate (PX4 then estimates the offset between both).
+
+        Args:
+            index, time_s, position_ned_m: which vehicle, when, where.
+            delay_s: how old PX4 takes it to be (EKF2_EV_DELAY).
+            yaw_error_rad: the sender's heading minus the true one.
         """
-        if not np.all(np.isfinite(position_ned_m)):
+        x, y, z = position_ned_m.tolist()
+        if not math.isfinite(x + y + z):
             return
-        back = min(_HISTORY - 1, max(0, round(delay_s / (ESTIMATE_EVERY_STEPS * STEP_S))))
-        believed = self._history[(self._history_index - back) % _HISTORY, index]
+        back = min(_HISTORY - 1, max(0, round(delay_s / PERIOD_S)))
+        bx, by, bz = self._history[(self._history_index - back) % _HISTORY, index].tolist()
         is_first = time_s - self._vision_time_s[index] >= _VISION_TIMEOUT_S
         self._vision_time_s[index] = time_s
-        if self.has_gps[index]:
-            frame = self._vision_frame[index]
-            if frame is None:
-                frame = self._vision_frame[index] = believed - position_ned_m
-            position_ned_m = position_ned_m + frame
-        error = position_ned_m - believed
-        gain = np.array([0.2, 0.2, 0.2])
-        if is_first or math.hypot(error[0], error[1]) > 1.0:
-            gain[:2] = 1.0
         if is_first:
-            gain[2] = 1.0
-        elif abs(error[2]) > 0.5:
-            gain[2] = 0.01
-        correction = gain * error
-        self.offset_ned_m[index] += correction
-        self._history[:, index] += correction
+            self._scalars[index, errors.VISION_YAW] = yaw_error_rad
+        else:
+            miss = math.remainder(yaw_error_rad - self._scalars[index, errors.VISION_YAW], 2.0 * math.pi)
+            self._scalars[index, errors.VISION_YAW] += _YAW_FUSE_GAIN * miss
+        if self.sees_satellites(index, time_s):
+            frame = self._vision_frame[index]
+            if frame is None or is_first:
+                frame = self._vision_frame[index] = np.array([bx - x, by - y, bz - z])
+            fx, fy, fz = frame.tolist()
+            x, y, z = x + fx, y + fy, z + fz
+            self._height_time_s[index] = time_s
+            self._correct(index, (_FUSE_GAIN * (x - bx), _FUSE_GAIN * (y - by), _FUSE_GAIN * (z - bz)))
+            return
+        ex, ey, ez = x - bx, y - by, z - bz
+        gate_m = max(_SMALLEST_GATE_M, _GATE_SIGMAS * self.vision_noise_m[index])
+        jumps = is_first or math.hypot(ex, ey) > gate_m
+        if not jumps:
+            ex, ey = _FUSE_GAIN * ex, _FUSE_GAIN * ey
+        is_refused = abs(ez) > gate_m and not is_first
+        lifts = is_first or (is_refused and time_s - self._height_time_s[index] >= _HEIGHT_REFUSED_S)
+        if not is_refused or lifts:
+            self._height_time_s[index] = time_s
+        if not lifts:
+            ez = 0.0 if is_refused else _FUSE_GAIN * ez
+        self._correct(index, (ex, ey, ez))
+        if jumps:
+            self.resets[index, XY] += 1
+            self.reset_ned_m[index] = ex, ey, ez if lifts else 0.0
+        if lifts:
+            self.resets[index, Z] += 1
+            if not jumps:
+                self.reset_ned_m[index] = 0.0, 0.0, ez
+
+    def restart(self, index: int, time_s: float, position_ned_m: Array) -> None:
+        """Begin anew, as after a reboot: a new origin where the vehicle is, no source yet, counters as at a start."""
+        local = position_ned_m - self._origin[index]
+        self._blocks[index, errors.OFFSET] = -local
+        self._blocks[index, [errors.UNIT_P, errors.DRIFT_V]] = 0.0
+        self._history[:, index] = 0.0
+        self._vision_time_s[index] = self._height_time_s[index] = self._lost_time_s[index] = -math.inf
+        self._start_time_s[index] = time_s
+        self._vision_frame[index] = None
+        self._levels[index] = None
+        self.source[index] = Source.NONE
+        self.resets[index] = _RESETS_AT_START
 
     def local(self, index: int) -> LocalEstimate:
         """The newest estimate of one vehicle."""
-        x, y, z = self._position[index].tolist()
-        vx, vy, vz = self._velocity[index].tolist()
+        x, y, z = self._blocks[index, errors.POSITION].tolist()
+        vx, vy, vz = self._blocks[index, errors.VELOCITY].tolist()
         return LocalEstimate((x, y, z), (vx, vy, vz))
+
+    @property
+    def position_ned_m(self) -> Array:
+        """Estimated positions (n, 3), each in its own frame: a window, not a copy."""
+        return self._blocks[:, errors.POSITION]
+
+    @property
+    def velocity_ned_m_s(self) -> Array:
+        """Estimated velocities (n, 3): a window, not a copy."""
+        return self._blocks[:, errors.VELOCITY]
 
     def local_from_world(self, index: int, position_ned_m: Array) -> Array:
         """A world position in the local frame that the vehicle believes in (for its own origin only)."""
         return np.asarray(position_ned_m - self._origin[index] + self.offset_ned_m[index])
 
+    def reset_counter(self, index: int) -> int:
+        """ODOMETRY.reset_counter: all jumps of the estimate so far, modulo 256."""
+        return int(self.resets[index].sum()) & 0xFF
+
+    def flags(self, index: int, time_s: float) -> int:
+        """ESTIMATOR_STATUS.flags: they fade in two stages when the last source is gone."""
+        known = _FLAGS.get(self.source[index])
+        if known is not None:
+            return known
+        return _FLAGS_RECKONING if time_s - self._lost_time_s[index] < _FLAGS_FADE_S else _FLAGS_LOST
+
+    def sees_satellites(self, index: int, time_s: float) -> bool:
+        """Whether the estimate may rest on satellites: allowed, received, and a fix since the start."""
+        has_fix = time_s - self._start_time_s[index] >= GPS_FIX_S
+        return self.has_gps[index] and has_fix and not self.gps_blocked[index]
+
+    def _choose(self, i: int, time_s: float, is_resting: bool) -> None:
+        """Follow the sources of one vehicle: what its estimate rests on, and so how it errs."""
+        if time_s - self._vision_time_s[i] < _VISION_TIMEOUT_S:
+            source, level = Source.VISION, self.vision_levels[i]
+        elif self.sees_satellites(i, time_s):
+            source, level = Source.GPS, PAD if is_resting else GPS
+        else:
+            source, level = Source.NONE, PAD if is_resting else GPS
+        before = self.source[i]
+        if source is before and level is self._levels[i] and is_resting is self._rests[i]:
+            return
+        self._rests[i] = is_resting
+        if level is not self._levels[i]:
+            self._levels[i] = level
+            errors.set_level(self._blocks, self._scalars, i, level, self._luck[i], PERIOD_S)
+            if self._scale != 1.0:
+                self._blocks[i, [errors.STD_P_GOAL, errors.STD_V_GOAL]] *= self._scale
+        self._scalars[i, errors.DRIFTS] = float(source is Source.NONE and not is_resting)
+        if source is before:
+            return
+        self.source[i] = source
+        if source is not Source.VISION:
+            self._vision_frame[i] = None
+        has_yaw = source is Source.VISION and self.uses_vision_yaw[i]
+        self._scalars[i, errors.YAW_SHARE_GOAL] = 0.0 if has_yaw else 1.0
+        if has_yaw:
+            self.resets[i, HEADING] += 1
+        if source is Source.NONE:
+            self._lost_time_s[i] = time_s
+            self._blocks[i, errors.DRIFT_A] = self._drift()
+        elif before is Source.NONE:
+            # A first position is a jump of everything; vision has counted its own of the position.
+            counted = [VXY, VZ] if source is Source.VISION else [XY, VXY, Z, VZ]
+            self.resets[i, counted] += 1
+
     def attitude_noise(self) -> tuple[float, float, float]:
         """Errors of roll, pitch and yaw of one sample [rad]."""
-        a, b, c = self._rng.standard_normal(3).tolist()
-        return _ATTITUDE_NOISE_RAD * a, _ATTITUDE_NOISE_RAD * b, _YAW_NOISE_RAD * c
+        a, b, c = self._luck_of_drift.standard_normal(3).tolist()
+        return math.radians(0.06) * a, math.radians(0.06) * b, math.radians(0.11) * c
 
     def gyro_noise(self) -> tuple[float, float, float]:
         """Errors of the three body rates of one sample [rad/s]."""
-        a, b, c = (_GYRO_NOISE_RAD_S * self._rng.standard_normal(3)).tolist()
+        a, b, c = (math.radians(0.33) * self._luck_of_drift.standard_normal(3)).tolist()
         return a, b, c
+
+    def _drift(self) -> Array:
+        heading = self._luck_of_drift.uniform(0.0, 2.0 * math.pi)
+        most_m = self._luck_of_drift.uniform(_DRIFT_LEAST_M, _DRIFT_MOST_M)
+        up = _DRIFT_UP * self._luck_of_drift.uniform(-1.0, 1.0)
+        direction = np.array([math.cos(heading), math.sin(heading), up])
+        return np.asarray(2.0 * most_m / _DRIFT_TIME_S**2 * direction)
+
+    def _correct(self, index: int, correction: tuple[float, float, float]) -> None:
+        self._blocks[index, errors.OFFSET] += correction
+        self._history[:, index] += correction
+
+    def _random(self, draw: Callable[[int], Array]) -> Array:
+        n = self._origin.shape[0]
+        return np.repeat(draw(1), n, axis=0) if self._is_common else draw(n)
