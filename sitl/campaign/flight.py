@@ -11,7 +11,7 @@ from onboard.control import fleet_step, guidance, pipeline
 from onboard.types import Array, BoolArray, Goal, IntArray, Neighbours
 from sitl.campaign.judge import Judge, Outcome
 from sitl.campaign.noise import Noise
-from sitl.campaign.physics import TICK_S, Physics
+from sitl.campaign.physics import TICK_S, Physics, Truth
 from sitl.campaign.radio import Radio
 from sitl.campaign.scenarios import Plan
 from sitl.campaign.sensing import sensing
@@ -20,6 +20,7 @@ from sitl.campaign.settings import Setup
 MakeController = Callable[[Sequence[pipeline.PipelineParams], Array], fleet_step.Controller]
 _TIMES_STRAIGHT = 5.5  # a flight that takes longer than so many times the lone one has failed
 _ALONE_SPARE_S = 20.0
+_STOP_S = 0.5  # at top speed the limits of acceleration and the lag need about so much to stop
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,10 +98,10 @@ def _fly(
         if radio is None and not is_alone:
             radio = Radio(state, np.isfinite(scripted).all(-1), setup.perturbation)
         frozen, mute = orders.lost(judge.time_s)
-        neighbours = _nobody(start.shape[:2]) if radio is None else radio.receive(luck, mute)
-        if radio is not None and frozen.any():  # its agent is dead: the autopilot holds, and avoids nobody
+        neighbours = _nobody(start.shape[:2]) if radio is None else radio.receive(luck, mute, frozen)
+        if radio is not None and frozen.any():  # the autopilot holds by itself, and avoids nobody
             neighbours = replace(neighbours, is_present=neighbours.is_present & ~frozen[..., None])
-        tick = pilots.step(state, orders.goal(frozen, state.position_enu_m), neighbours, dt_s=TICK_S)
+        tick = pilots.step(state, orders.goal(frozen, truth), neighbours, dt_s=TICK_S)
         if radio is not None:
             radio.publish(state, tick.law)
         throttle, hover = tick.attitude.thrust_frac, tick.hover_thrust_frac
@@ -126,22 +127,23 @@ class _Orders:
         self._duration = np.repeat([[plan.duration_s] for plan in plans], count, axis=1)
         self._sequence = np.zeros(self._goal.shape[:2], np.int64)
         self._lost_at = np.full(self._goal.shape[:2], np.inf)
-        self._freezes = np.zeros(self._goal.shape[:2], bool)
+        self._freezes, self._mutes = (np.zeros(self._goal.shape[:2], bool) for _ in range(2))
         for f, plan in enumerate(plans):
             if plan.lost is not None:
                 place, time_s, kind = plan.lost
-                self._lost_at[f, place], self._freezes[f, place] = time_s, kind == "frozen"
+                self._lost_at[f, place] = time_s
+                self._freezes[f, place], self._mutes[f, place] = kind != "silent", kind != "frozen"
 
     def lost(self, time_s: float) -> tuple[BoolArray, BoolArray]:
-        """Who stands still for ever, and who is never heard again, (F, N) each."""
+        """Who stands still for ever, avoiding nobody, and who is never heard again, (F, N) each."""
         is_lost = np.asarray(time_s >= self._lost_at)
-        return is_lost & self._freezes, is_lost
+        return is_lost & self._freezes, is_lost & self._mutes
 
-    def goal(self, frozen: BoolArray, position_enu_m: Array) -> Goal:
-        """The goals of this tick; who has just frozen stops where it is."""
+    def goal(self, frozen: BoolArray, truth: Truth) -> Goal:
+        """The goals of this tick; who has just frozen stops where it comes to rest, and stays."""
         fresh = frozen & (self._sequence == 0)
         if fresh.any():
-            self._goal = np.where(fresh[..., None], position_enu_m, self._goal)
+            self._goal = np.where(fresh[..., None], truth.position_enu_m + _STOP_S * truth.velocity_enu_m_s, self._goal)
             self._duration = np.where(fresh, 0.0, self._duration)
             self._sequence = np.where(fresh, 1, self._sequence)
         return Goal(self._goal, self._duration, self._sequence)
@@ -150,7 +152,7 @@ class _Orders:
         """Go on with these flights of the batch only."""
         self._goal, self._duration = self._goal[flights], self._duration[flights]
         self._sequence, self._lost_at = self._sequence[flights], self._lost_at[flights]
-        self._freezes = self._freezes[flights]
+        self._freezes, self._mutes = self._freezes[flights], self._mutes[flights]
 
 
 def _nobody(shape: tuple[int, ...]) -> Neighbours:

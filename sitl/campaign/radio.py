@@ -36,8 +36,12 @@ class Radio:
         """Everybody's message of this tick."""
         self._sent.appendleft(fleet_step.message(state, law))
 
-    def receive(self, luck: Array, is_mute: BoolArray) -> Neighbours:
-        """What everybody knows of the others now; ``luck`` (F, N, N) uniform, ``is_mute`` (F, N) never sends again."""
+    def receive(self, luck: Array, is_mute: BoolArray, is_frozen: BoolArray) -> Neighbours:
+        """What everybody knows of the others now.
+
+        Args:
+            luck: (F, N, N) uniform in [0, 1). is_mute: (F, N) sends nothing. is_frozen: (F, N) does not cooperate.
+        """
         p = self._p
         silent = is_mute
         if p.burst_s > 0.0:
@@ -47,7 +51,7 @@ class Radio:
         arrived = (luck >= p.loss_share) & ~silent[:, None, :]
         np.copyto(self._inbox, self._sent[-1][:, None], where=arrived[..., None])
         self._age_s = np.where(arrived, self._late * TICK_S, self._age_s + TICK_S)
-        is_cooperative = (self._age_s <= SILENT_S) & ~self._is_stranger[:, None, :]
+        is_cooperative = (self._age_s <= SILENT_S) & ~(self._is_stranger | is_frozen)[:, None, :]
         return fleet_step.heard(self._inbox, self._age_s, self._senders(), is_cooperative)
 
     def _senders(self) -> IntArray:

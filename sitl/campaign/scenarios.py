@@ -25,7 +25,7 @@ MIX = (
 _MAX_VEHICLES = 250
 KNOWN = (
     "form3, swapN (jittered) and swapNx (exact), randN and randNdA (A m^2 per vehicle), crossN@90, crossN@180, "
-    "squeeze, intruderN@1, intruderN@2, lostN@frozen, lostN@silent, and mix (the benchmark); "
+    "squeeze, intruderN@1, intruderN@2, lostN@frozen, lostN@silent, lostN@dead, and mix (the benchmark); "
     f"N is a number up to {_MAX_VEHICLES}"
 )
 _TRIANGLE_SIDE_M = 1.6
@@ -40,8 +40,9 @@ class Plan:
 
     start_enu_m, goal_enu_m: (N, 3). duration_s: asked of the trajectory, 0 = as fast as the limits allow. earliest_s:
     the flight is not over before. intruder_m_s: the last vehicle is somebody else's, flies straight from its start at
-    this velocity (3,) and listens to nobody. lost: place, time [s] and kind ("frozen": stops dead and says nothing any
-    more, "silent": flies on, hears the others and is not heard) of a vehicle that is lost on the way.
+    this velocity (3,) and listens to nobody. lost: place, time [s] and kind of a vehicle that is lost on the way:
+    "frozen" stops and avoids nobody, which its messages say; "silent" flies on, hears the others and is not heard;
+    "dead" stops, avoids nobody and is not heard.
     """
 
     scenario: str
@@ -204,11 +205,11 @@ def _intruder(name: str, seed: int, number: str | None, speed: str | None) -> Pl
 
 
 def _lost(name: str, seed: int, number: str | None, kind: str | None) -> Plan:
-    """A jittered swap in which one vehicle is lost after 1 to 5 s."""
+    """A jittered swap; one vehicle is lost after 1 to 5 s, frozen or silent in turn if the name does not say."""
     count = _number(name, number, 8)
     base = _swap(name, seed, str(count), "")
     rng = np.random.default_rng([seed, 9])
-    lost = (int(rng.integers(count)), float(rng.uniform(1.0, 5.0)), kind or "frozen")
+    lost = (int(rng.integers(count)), float(rng.uniform(1.0, 5.0)), kind or ("frozen", "silent")[seed % 2])
     return Plan(name, seed, base.start_enu_m, base.goal_enu_m, lost=lost)
 
 
@@ -219,5 +220,5 @@ _SCENARIOS: dict[str, Callable[..., Plan]] = {
     r"cross(\d{1,4})?(?:@(90|180))?": _cross,
     r"squeeze": _squeeze,
     r"intruder(\d{1,4})?(?:@(1|2))?": _intruder,
-    r"lost(\d{1,4})?(?:@(frozen|silent))?": _lost,
+    r"lost(\d{1,4})?(?:@(frozen|silent|dead))?": _lost,
 }
