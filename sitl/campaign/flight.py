@@ -107,7 +107,8 @@ def _fly(
         throttle, hover = tick.attitude.thrust_frac, tick.hover_thrust_frac
         world.advance(tick.attitude, normals)
         truth = world.truth()
-        going_on = judge.look(truth, tick)
+        active = tick.law.active_neighbour if radio is None else radio.vehicle(tick.law.active_neighbour)
+        going_on = judge.look(truth, tick, active)
         if len(going_on) == len(start):
             continue
         if not len(going_on):

@@ -119,8 +119,8 @@ class Judge:
         self._nearest = np.minimum(self._nearest, nearest)
         self._sums["violation"] += TICK_S * (nearest < self._limit_m)
 
-    def look(self, truth: Truth, tick: Tick) -> IntArray:
-        """One tick later; rows (of those in the air) that go on."""
+    def look(self, truth: Truth, tick: Tick, active: IntArray) -> IntArray:
+        """One tick later; ``active`` (F, N) is whom each avoids most, -1 for nobody. Rows of the flights that go on."""
         self.ticks += 1
         position, sums = truth.position_enu_m, self._sums
         self._see(position)
@@ -143,7 +143,7 @@ class Judge:
         self._recent_gain += blend * ((self._away - away) / TICK_S - self._recent_gain)
         self._away = away
         if self._trace is not None:
-            self._trace.add(self._flights, self.ticks, position, tick)
+            self._trace.add(self._flights, self.ticks, position, tick.law.status, active)
         is_there = ((away < self._errors.arrival_m) & (speed < self._errors.slow_m_s)) | ~self._counts
         all_there = np.asarray(is_there.all(-1)) & (self.time_s >= self._earliest)
         self._stay = np.where(all_there, self._stay + 1.0, 0.0)
@@ -200,15 +200,15 @@ class _TraceBuffer:
         self._active = np.full((512, flights, count), -1, np.int16)
         self._position[0] = start_enu_m
 
-    def add(self, flights: IntArray, tick: int, position_enu_m: Array, data: Tick) -> None:
+    def add(self, flights: IntArray, tick: int, position_enu_m: Array, status: IntArray, active: IntArray) -> None:
         if tick == len(self._position):
             self._position, self._status, self._active = (
                 np.concatenate([values, np.zeros_like(values)])
                 for values in (self._position, self._status, self._active)
             )
         self._position[tick, flights] = position_enu_m
-        self._status[tick, flights] = data.law.status
-        self._active[tick, flights] = data.law.active_neighbour
+        self._status[tick, flights] = status
+        self._active[tick, flights] = active
 
     def of(self, flight: int, ticks: int) -> Trace:
         last = ticks + 1

@@ -30,7 +30,7 @@ class Radio:
         self._age_s = np.full((flights, count, count), self._late * TICK_S)
         self._silence_s = np.zeros((flights, count))
         self._is_stranger = is_stranger
-        self._others = fleet_step.all_others(count)
+        self._others = self._heard = fleet_step.all_others(count)
 
     def publish(self, state: State, law: LawOutput) -> None:
         """Everybody's message of this tick."""
@@ -52,7 +52,15 @@ class Radio:
         np.copyto(self._inbox, self._sent[-1][:, None], where=arrived[..., None])
         self._age_s = np.where(arrived, self._late * TICK_S, self._age_s + TICK_S)
         is_cooperative = (self._age_s <= SILENT_S) & ~(self._is_stranger | is_frozen)[:, None, :]
-        return fleet_step.heard(self._inbox, self._age_s, self._senders(), is_cooperative)
+        self._heard = self._senders()
+        return fleet_step.heard(self._inbox, self._age_s, self._heard, is_cooperative)
+
+    def vehicle(self, neighbour: IntArray) -> IntArray:
+        """Places in the fleet (F, N) of places among the neighbours received last; -1 stays."""
+        senders = np.broadcast_to(self._heard, (*neighbour.shape, self._heard.shape[-1]))
+        is_one = (neighbour >= 0) & (neighbour < senders.shape[-1])
+        places = np.take_along_axis(senders, np.where(is_one, neighbour, 0)[..., None], axis=-1)[..., 0]
+        return np.where(is_one, places, -1)
 
     def _senders(self) -> IntArray:
         count = self._inbox.shape[1]
