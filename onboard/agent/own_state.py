@@ -14,9 +14,10 @@ import numpy as np
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import MocapPose
 from onboard.config import Vehicle
-from onboard.control import estimate
-from onboard.frames import enu_from_ned, quaternion_from_yaw, quaternion_multiply, wrap_rad, yaw_from_quaternion
-from onboard.link.autopilot import Snapshot
+from onboard.control import estimate_one as estimate
+from onboard.control.estimate import EstimateParams
+from onboard.frames import enu_from_ned
+from onboard.link.autopilot import Snapshot, Vec3, Vec4
 from onboard.types import Array, AttitudeSetpoint, State
 
 _MAX_POSITION_M = 1e4
@@ -37,9 +38,9 @@ class OwnState:
     vehicle: Vehicle
     ignored_samples: int = 0
     heading_offset_rad: float = 0.0
-    _params: estimate.EstimateParams = field(init=False)
-    _memory: estimate.EstimateMemory | None = None
-    _queue: list[tuple[Array, int, float]] = field(default_factory=list)
+    _params: EstimateParams = field(init=False)
+    _memory: estimate.OneMemory | None = None
+    _queue: list[tuple[Vec3, int, float]] = field(default_factory=list)
     _newest: tuple[int, int] = (0, -1)
     _has_heading: bool = False
     _local_ns: int = 0
@@ -49,9 +50,9 @@ class OwnState:
     def __post_init__(self) -> None:
         vehicle = self.vehicle
         if vehicle.mocap_required:
-            self._params = estimate.EstimateParams(drag_1_s=vehicle.drag_1_s)
+            self._params = EstimateParams(drag_1_s=vehicle.drag_1_s)
         else:
-            self._params = estimate.EstimateParams(
+            self._params = EstimateParams(
                 drag_1_s=vehicle.drag_1_s, position_noise_m=_PX4_POSITION_STD_M, jump_gate_m=1.0
             )
 
@@ -72,8 +73,7 @@ class OwnState:
             self.ignored_samples += 1
             return False
         self._newest = (pose.boot_id, pose.sequence)
-        yaw = float(yaw_from_quaternion(np.asarray(pose.quaternion_enu_flu_wxyz)))
-        self._queue.append((np.asarray(pose.position_enu_m, dtype=np.float64), pose.stamp_ns, yaw))
+        self._queue.append((pose.position_enu_m, pose.stamp_ns, _yaw_rad(pose.quaternion_enu_flu_wxyz)))
         del self._queue[:-_MAX_QUEUE]
         return True
 
@@ -86,7 +86,7 @@ class OwnState:
         if self._memory is not None:
             self._memory = estimate.drive(
                 self._memory,
-                self.attitude(snapshot),
+                self._attitude(snapshot),
                 thrust_frac,
                 hover_frac,
                 params=self._params,
@@ -97,9 +97,9 @@ class OwnState:
             age_s = max(0.0, (now_ns - stamp_ns) * 1e-9)
             if self._memory is None or (is_on_ground and self._memory.rejected_count >= _REJECTED_TO_RESTART):
                 self._memory = estimate.initial(position, params=self._params)
-            before = float(self._memory.rejected_count)
+            before = self._memory.rejected_count
             self._memory = estimate.correct(self._memory, position, age_s, params=self._params)
-            self.ignored_samples += int(float(self._memory.rejected_count) > before)
+            self.ignored_samples += int(self._memory.rejected_count > before)
             self._yaw_rad = yaw_rad
             if self.vehicle.mocap_required:
                 self._follow_heading(yaw_rad, snapshot, dt_s)
@@ -108,10 +108,9 @@ class OwnState:
     def _follow_heading(self, yaw_rad: float, snapshot: Snapshot, dt_s: float) -> None:
         if snapshot.attitude_ns == 0:
             return
-        px4_yaw = float(yaw_from_quaternion(np.asarray(snapshot.quaternion_enu_flu_wxyz)))
-        miss = float(wrap_rad(yaw_rad - px4_yaw - self.heading_offset_rad))
+        miss = _wrapped(yaw_rad - _yaw_rad(snapshot.quaternion_enu_flu_wxyz) - self.heading_offset_rad)
         share = 1.0 if not self._has_heading else min(1.0, dt_s / _HEADING_TIME_S)
-        self.heading_offset_rad = float(wrap_rad(self.heading_offset_rad + share * miss))
+        self.heading_offset_rad = _wrapped(self.heading_offset_rad + share * miss)
         self._has_heading = True
 
     def _take_local_position(self, snapshot: Snapshot, may_anchor: bool) -> None:
@@ -122,25 +121,46 @@ class OwnState:
         if self._local_offset_enu_m is None or may_anchor:
             # PX4's local origin is where its estimator started: on the ground we know where that is
             self._local_offset_enu_m = np.asarray(self.vehicle.start_enu_m) - local
-        yaw = float(yaw_from_quaternion(np.asarray(snapshot.quaternion_enu_flu_wxyz)))
-        self._queue.append((local + self._local_offset_enu_m, snapshot.local_position_ns, yaw))
+        x, y, z = (local + self._local_offset_enu_m).tolist()
+        self._queue.append(((x, y, z), snapshot.local_position_ns, _yaw_rad(snapshot.quaternion_enu_flu_wxyz)))
 
     def attitude(self, snapshot: Snapshot) -> Array:
         """Attitude in the fleet frame (4,) wxyz."""
-        q = np.asarray(snapshot.quaternion_enu_flu_wxyz)
-        return quaternion_multiply(quaternion_from_yaw(self.heading_offset_rad), q)
+        return np.array(self._attitude(snapshot))
+
+    def _attitude(self, snapshot: Snapshot) -> Vec4:
+        return _turned(self.heading_offset_rad, snapshot.quaternion_enu_flu_wxyz)
 
     def to_px4(self, setpoint: AttitudeSetpoint) -> AttitudeSetpoint:
         """An attitude setpoint of the fleet frame as PX4's heading has it."""
-        turned = quaternion_multiply(quaternion_from_yaw(-self.heading_offset_rad), setpoint.quaternion_wxyz)
-        return AttitudeSetpoint(turned, setpoint.thrust_frac)
+        turned = _turned(-self.heading_offset_rad, setpoint.quaternion_wxyz.tolist())
+        return AttitudeSetpoint(np.array(turned), setpoint.thrust_frac)
 
     @property
     def age_s(self) -> float:
         """Age of the newest sample that was used, as of the last update; inf before the first."""
-        return math.inf if self._memory is None else float(self._memory.last_age_s)
+        return math.inf if self._memory is None else self._memory.last_age_s
 
     @property
     def state(self) -> State | None:
         """The estimate as of the last update; None before the first sample."""
         return None if self._memory is None else estimate.state(self._memory, self._yaw_rad)
+
+
+# onboard/frames.py has these for arrays; for four numbers plain floats are ten times as fast, and a test compares them
+
+
+def _yaw_rad(quaternion_wxyz: Vec4) -> float:
+    w, x, y, z = quaternion_wxyz
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def _turned(yaw_rad: float, quaternion_wxyz: Vec4) -> Vec4:
+    """A turn about z before an attitude."""
+    c, s = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
+    w, x, y, z = quaternion_wxyz
+    return c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w
+
+
+def _wrapped(angle_rad: float) -> float:
+    return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
