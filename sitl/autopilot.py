@@ -1,108 +1,116 @@
-"""One PX4 commander and its modes: arming, mode requests, failsafes, landing. Pure: time comes in, texts go out.
+"""One PX4 commander: arming, mode requests, failsafes, landing. Pure: time comes in, texts and events go out.
 
 The mode that was asked for (`intent`) and the mode that is flown (`mode`) are two things, as in PX4: a failsafe changes
-only the second, and when its cause is gone the first is flown again without being asked for.
+only the second, and when its cause is gone the first is flown again without being asked for. What each mode needs is in
+`modes.py`, what forbids arming in `checks.py`, what takes a vehicle out of its mode in `failsafes.py`, how a mode is
+flown in `flight.py`, what is said in `events.py`.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from enum import Enum
 
-import numpy as np
-
-from sitl import modes, rotation
-from sitl.battery import Battery
-from sitl.modes import MODES, Landed, Mode, Result, SystemStatus
+from sitl import checks, modes
+from sitl.battery import Battery, BatteryStage, stage_of
+from sitl.checks import BOOT_S, Readiness
+from sitl.events import REASONS, Journal
+from sitl.failsafes import ACTION_MODE, Action, Facts, Failsafe
+from sitl.flight import TICK_S, Flight
+from sitl.landing import LandDetector
+from sitl.modes import MODES, Landed, Mode, Need, Result, SystemStatus
 from sitl.parameters import Parameters
-from sitl.position_control import Goal, PositionControl
-from sitl.rotation import Array
+from sitl.position_control import Goal
+from sitl.rotation import body_down, euler
 from sitl.signals import Actuation, Setpoint, SetpointKind, Situation, Text
 
-TICK_S = 0.02
-BOOT_S = 4.3
-_SPOOL_S = 1.0
-_TAKEOFF_REACHED_M = 0.25
-_LAND_DETECT_AUTO_S = 4.3
-_LAND_DETECT_OFFBOARD_S = 2.2
+__all__ = ["BOOT_S", "TICK_S", "Autopilot"]
+
 _FORCE_MAGIC = 21196.0
-_RTL_NEAR_M = 0.5
-_BATTERY_HOLD_S = 5.0
-_HOVER_LEARN_S = 2.0
-
-
-class BatteryStage(Enum):
-    """How empty the battery is, by PX4's parameters; what follows is in `_BATTERY_STAGES`."""
-
-    OK = 1
-    LOW = 2
-    CRITICAL = 3
-    EMERGENCY = 4
-
-
-# From the emptiest: parameter of the threshold, stage, text.
-_BATTERY_STAGES = (
-    ("BAT_EMERGEN_THR", BatteryStage.EMERGENCY, "Emergency battery level"),
-    ("BAT_CRIT_THR", BatteryStage.CRITICAL, "Critical battery"),
-    ("BAT_LOW_THR", BatteryStage.LOW, "Low battery"),
-)
+_SAID_OF_BATTERY: dict[BatteryStage, str] = {
+    BatteryStage.LOW: "battery low",
+    BatteryStage.CRITICAL: "battery critical",
+    BatteryStage.EMERGENCY: "battery emergency",
+}
 
 
 @dataclass(slots=True)
 class Autopilot:
-    """State of one PX4."""
+    """State of one PX4.
+
+    Attributes:
+        params: survive a restart.
+        boot_time_s: simulated time at which it started.
+        faults: reasons against arming from outside, as sentences; a fault of the emulator writes here.
+        ground_time_s: when a ground station's heartbeat last came, on any link.
+    """
 
     params: Parameters = field(default_factory=Parameters)
+    boot_time_s: float = 0.0
     battery: Battery = field(default_factory=Battery)
     intent: Mode = Mode.LOITER
     mode: Mode = Mode.LOITER
     is_armed: bool = False
-    is_failsafe: bool = False
-    landed: Landed = Landed.ON_GROUND
     setpoint: Setpoint | None = None
     battery_stage: BatteryStage = BatteryStage.OK
-    actuation: Actuation = field(
-        default_factory=lambda: Actuation(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), False, 0.0, False)
-    )
-    texts: list[Text] = field(default_factory=list)
-    _control: PositionControl = field(default_factory=PositionControl)
-    _intent_before: Mode = Mode.LOITER
+    faults: list[str] = field(default_factory=list)
+    ground_time_s: float = -math.inf
+    journal: Journal = field(default_factory=Journal)
+    failsafe: Failsafe = field(default_factory=Failsafe)
+    land_detector: LandDetector = field(default_factory=LandDetector)
+    flight: Flight = field(default_factory=Flight)
+    _after_disarm: Mode = Mode.LOITER
     _armed_time_s: float = 0.0
-    _has_flown: bool = False
-    _contact_time_s: float = 0.0
-    _landed_time_s: float = 0.0
-    _mode_entry: Situation | None = None
-    _home_ned_m: Array = field(default_factory=lambda: np.zeros(3))
-    _critical_time_s: float | None = None
-    _told_failure: bool = False
+    _tilted_since_s: float = math.inf
+    _has_failed: bool = False
     _last: Situation | None = None
-    _hover_thrust_frac: float = 0.0
 
-    # -- what a heartbeat shows ---------------------------------------------------------------------------------
+    # -- what the messages show ---------------------------------------------------------------------------------
+
+    @property
+    def texts(self) -> list[Text]:
+        """The newest texts, oldest first."""
+        return self.journal.texts
+
+    @property
+    def landed(self) -> Landed:
+        """EXTENDED_SYS_STATE.landed_state."""
+        return self.land_detector.state
+
+    @property
+    def actuation(self) -> Actuation:
+        """What the vehicle is to do now."""
+        return self.flight.actuation
+
+    @property
+    def goal(self) -> Goal | None:
+        """Where PX4's own control flies to."""
+        return self.flight.goal
+
+    @property
+    def is_failsafe(self) -> bool:
+        """Whether a failsafe has taken the vehicle out of its mode."""
+        return self.is_armed and (self.failsafe.is_active or self.mode is not self.intent)
 
     def has_fresh_setpoint(self, now_s: float) -> bool:
-        """Whether OFFBOARD may be flown: the newest setpoint is younger than COM_OF_LOSS_T."""
-        return self.setpoint is not None and now_s - self.setpoint.time_s <= self.params["COM_OF_LOSS_T"]
+        """Whether OFFBOARD may be flown: the newest setpoint is younger than COM_OF_LOSS_T, and can be followed."""
+        if self.setpoint is None or now_s - self.setpoint.time_s > self.params["COM_OF_LOSS_T"]:
+            return False
+        return not self.setpoint.needs_position or (self._last is not None and self._last.has_local_position)
 
     def arming_obstacles(self, now_s: float) -> list[str]:
         """Why this vehicle cannot be armed now; empty when it can."""
-        found: list[str] = []
-        situation = self._last
-        if now_s < BOOT_S or situation is None:
-            found.append("system is still starting")
-        if self.intent is Mode.OFFBOARD:
-            if not self.has_fresh_setpoint(now_s):
-                found.append("no offboard setpoints")
-            elif (
-                self.setpoint is not None
-                and self.setpoint.kind is SetpointKind.POSITION
-                and not (situation is not None and situation.has_local_position)
-            ):
-                found.append("no local position")
-        elif MODES[self.intent].needs_position and not (situation is not None and situation.has_global_position):
-            found.append("no position for this mode")
-        return found
+        needs = MODES[self.intent].needs
+        readiness = Readiness(
+            since_boot_s=now_s - self.boot_time_s if self._last is not None else 0.0,
+            needs=needs,
+            missing=needs & ~self._available(now_s),
+            battery=stage_of(self.battery.remaining_frac, self.params),
+            needs_ground=self.params.integer("NAV_DLL_ACT") > 0,
+            has_ground=now_s - self.ground_time_s <= self.params["COM_DL_LOSS_T"],
+            faults=tuple(self.faults),
+        )
+        return checks.obstacles(readiness)
 
     def system_status(self, now_s: float) -> SystemStatus:
         """HEARTBEAT.system_status."""
@@ -122,55 +130,65 @@ class Autopilot:
 
     # -- requests -----------------------------------------------------------------------------------------------
 
-    def say(self, now_s: float, severity: int, text: str) -> None:
-        """Put a text in the outbox."""
-        self.texts.append(Text(now_s, severity, text))
-
     def request_arm(self, now_s: float, arm: bool, magic: float) -> Result:
-        """MAV_CMD_COMPONENT_ARM_DISARM."""
-        is_forced = magic == _FORCE_MAGIC
+        """MAV_CMD_COMPONENT_ARM_DISARM. The magic number forces disarming; for arming from outside PX4 ignores it."""
         if arm == self.is_armed:
             return Result.ACCEPTED
         if arm:
-            if self.arming_obstacles(now_s) and not is_forced:
-                self.say(now_s, 2, "Arming denied: Resolve system health failures first\t")
+            if self.arming_obstacles(now_s):
+                self.journal.say(now_s, "arm denied")
                 return Result.TEMPORARILY_REJECTED
             self._arm(now_s)
             return Result.ACCEPTED
-        if self.landed is not Landed.ON_GROUND and not is_forced:
-            self.say(now_s, 2, "Disarming denied: not landed\t")
+        if self.landed is not Landed.ON_GROUND and magic != _FORCE_MAGIC:
+            self.journal.say(now_s, "disarm denied")
             return Result.TEMPORARILY_REJECTED
-        self._disarm(now_s, "Disarmed by external command\t")
+        self._disarm(now_s, "command")
         return Result.ACCEPTED
 
-    def request_mode(self, now_s: float, main: int, sub: int) -> Result:
-        """DO_SET_MODE or SET_MODE: the commander's own answer (the receiver's early one is the server's)."""
-        mode = modes.BY_NUMBERS.get((main, sub if main == 4 else 0))
+    def request_mode(self, now_s: float, main: int, sub: int, base_mode: int = 1) -> Result:
+        """DO_SET_MODE or SET_MODE: the commander's own answer (the receiver's early one is the link's)."""
+        mode = modes.mode_of(base_mode, main, sub)
         if mode is None:
+            if main == modes.AUTO_MAIN:
+                self.journal.say(now_s, "no such mode")
             return Result.TEMPORARILY_REJECTED
         return self.request(now_s, mode)
 
-    def request(self, now_s: float, mode: Mode) -> Result:
-        """Ask for a mode. Disarmed, everything is taken; armed, only what can be flown now."""
-        if self.is_armed:
-            if mode is Mode.OFFBOARD and not self.has_fresh_setpoint(now_s):
-                return Result.TEMPORARILY_REJECTED
-            position = self._last is not None and self._last.has_local_position
-            if mode is not Mode.LAND and MODES[mode].needs_position and not position:
-                return Result.TEMPORARILY_REJECTED
-        if mode is Mode.LAND:
-            self.say(now_s, 6, "Landing at current position\t")
-        if mode is not self.intent:
-            self._intent_before = self.intent
-        self.intent = mode
+    def request(self, now_s: float, mode: Mode, said: str | None = None) -> Result:
+        """Ask for a mode. Disarmed, everything is taken; armed, only what can be flown now.
+
+        Args:
+            now_s: present time.
+            mode: what is asked for.
+            said: what PX4 says when it accepts; by default what belongs to the mode.
+        """
+        # A landing is always begun: without a position it becomes a level descent.
+        needs = Need.NOTHING if mode is Mode.LAND else MODES[mode].needs & ~Need.ARMING
+        if self.is_armed and needs & ~self._available(now_s):
+            return Result.TEMPORARILY_REJECTED
+        said = said or ("landing" if mode is Mode.LAND else None)
+        if said is not None:
+            self.journal.say(now_s, said)
+        self._intend(mode)
+        self.failsafe.mode_asked()
         self._choose_mode(now_s)
+        return Result.ACCEPTED
+
+    def request_termination(self, now_s: float) -> Result:
+        """MAV_CMD_DO_FLIGHTTERMINATION: motors off, still armed, until somebody disarms or it lies on the ground."""
+        if not self.is_armed:
+            return Result.DENIED
+        self.intent = Mode.TERMINATION
+        self._choose_mode(now_s)
+        self.flight.terminate()
         return Result.ACCEPTED
 
     def accept_setpoint(self, setpoint: Setpoint) -> None:
         """Take the newest OFFBOARD setpoint; attitude and rates act at once."""
         self.setpoint = setpoint
         if self.is_armed and self.mode is Mode.OFFBOARD:
-            self._offboard_actuation()
+            self.flight.take_setpoint(setpoint)
 
     # -- time ---------------------------------------------------------------------------------------------------
 
@@ -184,199 +202,147 @@ class Autopilot:
             drain_s=self.params["SIM_BAT_DRAIN"],
             floor_pct=self.params["SIM_BAT_MIN_PCT"],
         )
+        if not self.is_armed:
+            self._choose_mode(now)
+            return
         self._watch_battery(now)
         self._watch_attitude(situation)
         self._choose_mode(now)
-        if self.is_armed:
-            self._detect_landing(situation)
-            self._auto_disarm(now)
-            self._learn_hover_thrust(situation)
-        self._actuate(situation)
+        if not self.is_armed:
+            return
+        said = self.land_detector.step(situation, self.mode, self.actuation.thrust_frac, self.params)
+        if said is not None:
+            self.journal.say(now, said)
+        self._auto_disarm(now)
+        if self.is_armed and self.flight.step(situation, self.mode, self.landed, self.params, self.setpoint):
+            self._intend(Mode.LOITER)
+
+    def _available(self, now_s: float) -> Need:
+        have = Need.NOTHING
+        if self._last is not None and self._last.has_local_position:
+            have |= Need.LOCAL_POSITION
+        if self._last is not None and self._last.has_global_position:
+            have |= Need.GLOBAL_POSITION
+        if self.has_fresh_setpoint(now_s):
+            have |= Need.SETPOINTS
+        return have
+
+    def _intend(self, mode: Mode) -> None:
+        self.intent = mode
+        # A mode that nobody can arm in is not what a vehicle goes back to when it is disarmed.
+        if Need.ARMING not in MODES[mode].needs:
+            self._after_disarm = mode
 
     def _arm(self, now_s: float) -> None:
         self.is_armed = True
         self._armed_time_s = now_s
-        self._has_flown = False
-        self._told_failure = False
-        self._critical_time_s = None
+        self._has_failed = False
+        self._tilted_since_s = math.inf
         self.battery_stage = BatteryStage.OK
-        self._control.reset()
-        self._hover_thrust_frac = self.params["MPC_THR_HOVER"]
-        if self._last is not None:
-            self._home_ned_m = self._last.position_ned_m.copy()
-        self._mode_entry = self._last
-        self.say(now_s, 6, "Armed by external command\t")
+        self.failsafe.reset()
+        self.land_detector.disarmed()
+        self.flight.armed(now_s, self._last, self.params)
+        why, number = REASONS["command"]
+        self.journal.say(now_s, "armed", number, why=why)
         if self.intent is Mode.TAKEOFF:
-            self.say(now_s, 6, f"Using default takeoff altitude: {self.params['MIS_TAKEOFF_ALT']:.1f} m\t")
+            self.journal.say(now_s, "takeoff height", height=self.params["MIS_TAKEOFF_ALT"])
         self._choose_mode(now_s)
-        if self.mode is Mode.OFFBOARD:
-            self._offboard_actuation()
+        if self.mode is Mode.OFFBOARD and self.setpoint is not None:
+            self.flight.take_setpoint(self.setpoint)
 
-    def _disarm(self, now_s: float, why: str) -> None:
+    def _disarm(self, now_s: float, reason: str) -> None:
         self.is_armed = False
-        self.landed = Landed.ON_GROUND  # PX4's land detector takes whatever is not armed for landed
-        self._critical_time_s = None
-        if self.intent in modes.INTENT_AFTER_DISARM:
-            was_offboard = self._intent_before is Mode.OFFBOARD
-            self.intent = Mode.OFFBOARD if was_offboard else modes.INTENT_AFTER_DISARM[self.intent]
-        self.say(now_s, 6, why)
+        self.land_detector.disarmed()
+        self.failsafe.reset()
+        self.intent = self._after_disarm
+        why, number = REASONS[reason]
+        self.journal.say(now_s, "disarmed", number, why=why)
         self._choose_mode(now_s)
-        self.actuation = Actuation(self.actuation.attitude, np.zeros(3), False, 0.0, False)
+        self.flight.disarmed()
 
     def _choose_mode(self, now_s: float) -> None:
-        mode, failsafe = self.intent, False
+        mode = self.intent
         if self.is_armed:
-            if self._critical_time_s is not None:
-                failsafe = True
-                mode = Mode.LOITER if now_s - self._critical_time_s < _BATTERY_HOLD_S else Mode.LAND
-            elif self.intent is Mode.OFFBOARD and not self.has_fresh_setpoint(now_s):
-                action = modes.OFFBOARD_LOSS_MODE.get(int(self.params["COM_OBL_RC_ACT"]), Mode.POSCTL)
-                failsafe = True
-                if action is None:
-                    self._disarm(now_s, "Disarmed by failsafe\t")
-                    return
-                mode = action
-        if failsafe and not self.is_failsafe:
-            self.say(now_s, 2, "Failsafe activated\t")
-        self.is_failsafe = failsafe
+            self._watch(now_s)
+            if self.failsafe.action is Action.DISARM:
+                self._disarm(now_s, "failsafe")
+                return
+            mode = ACTION_MODE.get(self.failsafe.action, mode)
+            if self.intent is Mode.TERMINATION:
+                mode = Mode.TERMINATION
+            flyable = self._flyable(mode)
+            if flyable is not mode and flyable is not self.mode:
+                self.journal.say(now_s, "failsafe", MODES[flyable].custom_mode, Action.LAND)
+            mode = flyable
         if mode is not self.mode:
             self.mode = mode
-            self._mode_entry = self._last
-            self._control.integral_m_s2[:2] = 0.0
+            self.flight.entered(self._last)
+            if mode is Mode.OFFBOARD and self.is_armed and self.setpoint is not None:
+                self.flight.take_setpoint(self.setpoint)
+
+    def _flyable(self, mode: Mode) -> Mode:
+        # POSCTL is left alone: without sticks it is a blind descent in any case, and PX4 shows it.
+        has_position = self._last is not None and self._last.has_local_position
+        while mode in modes.FALLBACK and mode is not Mode.POSCTL and not has_position:
+            mode = modes.FALLBACK[mode]
+        return mode
+
+    def _watch(self, now_s: float) -> None:
+        facts = Facts(
+            has_offboard_signal=self.intent is not Mode.OFFBOARD or self.has_fresh_setpoint(now_s),
+            battery=self.battery_stage,
+            attitude_failed=self._has_failed,
+            from_home_m=self._from_home_m(),
+            ground_silent_s=now_s - self.ground_time_s,
+        )
+        if not self.failsafe.step(now_s, facts, self.params):
+            return
+        shown = MODES[ACTION_MODE.get(self.failsafe.action, self.intent)].custom_mode
+        if self.failsafe.delayed is not Action.NONE:
+            seconds = self.params["COM_FAIL_ACT_T"]
+            self.journal.say(now_s, "failsafe hold", shown, self.failsafe.delayed, int(seconds), seconds=seconds)
+        else:
+            self.journal.say(now_s, "failsafe", shown, self.failsafe.action)
+
+    def _from_home_m(self) -> tuple[float, float]:
+        if self._last is None:
+            return 0.0, 0.0
+        north, east, down = (self._last.position_ned_m - self.flight.home_ned_m).tolist()
+        return math.hypot(north, east), -down
 
     def _watch_battery(self, now_s: float) -> None:
-        if not self.is_armed:
-            return
-        charge = self.battery.remaining_frac
-        for parameter, stage, text in _BATTERY_STAGES:
-            if charge <= self.params[parameter] and stage.value > self.battery_stage.value:
-                self.battery_stage = stage
-                self.say(now_s, 0, text + "\t")
-                if stage is not BatteryStage.LOW and self._critical_time_s is None:
-                    self._critical_time_s = now_s
-                return
+        stage = stage_of(self.battery.remaining_frac, self.params)
+        # While armed a battery does not recover.
+        if stage.value > self.battery_stage.value:
+            self.battery_stage = stage
+            self.journal.say(now_s, _SAID_OF_BATTERY[stage])
+            if stage is BatteryStage.EMERGENCY:
+                self.journal.say(now_s, "no shutdown")
 
     def _watch_attitude(self, situation: Situation) -> None:
-        if not self.is_armed or self._told_failure or situation.on_ground:
+        if self._has_failed or situation.on_ground:
             return
-        down = rotation.body_down(situation.attitude)
-        if down[2] < math.cos(math.radians(self.params["FD_FAIL_R"])):
-            self._told_failure = True
-            self.say(situation.time_s, 2, "Preflight Fail: Attitude failure (roll)\t")
-            self.say(situation.time_s, 2, "Failsafe activated\t")
-
-    def _detect_landing(self, situation: Situation) -> None:
-        now = situation.time_s
-        low_thrust = 0.12 + 0.3 * (self.params["MPC_THR_HOVER"] - 0.12)
-        if not situation.on_ground:
-            if self.landed is Landed.ON_GROUND:
-                self._has_flown = True
-                self.say(now, 6, "Takeoff detected\t")
-            self._contact_time_s = now
-            climbs = self.mode is Mode.TAKEOFF
-            descends = self.mode is Mode.LAND
-            self.landed = Landed.TAKEOFF if climbs else Landed.LANDING if descends else Landed.IN_AIR
+        limit_rad = math.radians(min(self.params["FD_FAIL_R"], self.params["FD_FAIL_P"]))
+        if float(body_down(situation.attitude)[2]) > math.cos(limit_rad):
+            self._tilted_since_s = math.inf
             return
-        if self.actuation.thrust_frac > low_thrust:
-            self._contact_time_s = now
+        w, x, y, z = situation.attitude.tolist()
+        roll, pitch, _ = euler((w, x, y, z))
+        is_roll = abs(roll) > math.radians(self.params["FD_FAIL_R"])
+        if not is_roll and abs(pitch) <= math.radians(self.params["FD_FAIL_P"]):
+            self._tilted_since_s = math.inf
             return
-        patience = _LAND_DETECT_OFFBOARD_S if self.mode is Mode.OFFBOARD else _LAND_DETECT_AUTO_S
-        if self.landed is not Landed.ON_GROUND and now - self._contact_time_s >= patience:
-            self.landed = Landed.ON_GROUND
-            self._landed_time_s = now
-            self.say(now, 6, "Landing detected\t")
-
-    def _learn_hover_thrust(self, situation: Situation) -> None:
-        # PX4 estimates its hover thrust in flight; without that a heavy vehicle sinks when a failsafe takes over.
-        if situation.on_ground or abs(situation.velocity_ned_m_s[2]) > 0.5:
-            return
-        lift = self.actuation.thrust_frac * rotation.body_down(situation.attitude)[2]
-        learned = self._hover_thrust_frac + TICK_S / _HOVER_LEARN_S * (lift - self._hover_thrust_frac)
-        self._hover_thrust_frac = float(min(0.9, max(0.1, learned)))
+        self._tilted_since_s = min(self._tilted_since_s, situation.time_s)
+        if situation.time_s - self._tilted_since_s >= self.params["FD_FAIL_R_TTRI"]:
+            self._has_failed = True
+            self.journal.say(situation.time_s, "roll failure" if is_roll else "pitch failure")
 
     def _auto_disarm(self, now_s: float) -> None:
         if self.landed is not Landed.ON_GROUND:
             return
         after_landing, before_flight = self.params["COM_DISARM_LAND"], self.params["COM_DISARM_PRFLT"]
-        if self._has_flown:
-            if after_landing > 0.0 and now_s - self._landed_time_s >= after_landing:
-                self._disarm(now_s, "Disarmed by landing\t")
+        if self.land_detector.has_flown:
+            if after_landing > 0.0 and now_s - self.land_detector.landed_time_s >= after_landing:
+                self._disarm(now_s, "landing")
         elif before_flight > 0.0 and now_s - self._armed_time_s >= before_flight:
-            self._disarm(now_s, "Disarmed by auto preflight disarming\t")
-
-    # -- flying -------------------------------------------------------------------------------------------------
-
-    def _actuate(self, situation: Situation) -> None:
-        if not self.is_armed:
-            return
-        if self.mode is Mode.OFFBOARD:
-            if self.setpoint is not None and self.setpoint.kind is SetpointKind.POSITION and self.setpoint.goal:
-                self._fly(situation, self.setpoint.goal)
-            return
-        entry = self._mode_entry or situation
-        yaw = entry.yaw_rad
-        hold = entry.position_ned_m
-        still = np.zeros(3)
-        nowhere = np.full(3, math.nan)
-        rests = self.landed is Landed.ON_GROUND
-        if self.mode is Mode.TAKEOFF:
-            if situation.time_s - self._armed_time_s < _SPOOL_S:
-                self._idle(yaw)
-                return
-            goal_ned_m = self._home_ned_m.copy()
-            goal_ned_m[2] -= self.params["MIS_TAKEOFF_ALT"]
-            self._fly(situation, Goal(goal_ned_m, still, yaw), max_up_m_s=self.params["MPC_TKO_SPEED"])
-            if not rests and abs(situation.position_ned_m[2] - goal_ned_m[2]) < _TAKEOFF_REACHED_M:
-                self.intent = Mode.LOITER
-        elif rests or (situation.on_ground and self.mode is not Mode.LOITER):
-            self._idle(yaw)
-        elif self.mode in modes.BLIND_DESCENT:
-            # Level, whatever the position does: there is nobody at the sticks.
-            down = np.array([0.0, 0.0, self.params["MPC_LAND_SPEED"]])
-            self._fly(situation, Goal(nowhere, down, yaw), is_level=True)
-        elif self.mode is Mode.LAND:
-            self._descend(situation, hold, yaw)
-        elif self.mode is Mode.RTL:
-            home = np.array([self._home_ned_m[0], self._home_ned_m[1], hold[2]])
-            if math.dist(home[:2], situation.position_ned_m[:2]) < _RTL_NEAR_M:
-                self._descend(situation, home, yaw)
-            else:
-                self._fly(situation, Goal(home, still, yaw))
-        else:
-            self._fly(situation, Goal(hold, still, yaw))
-
-    def _descend(self, situation: Situation, at_ned_m: Array, yaw_rad: float) -> None:
-        goal = np.array([at_ned_m[0], at_ned_m[1], math.nan])
-        speed = np.array([0.0, 0.0, self.params["MPC_LAND_SPEED"]])
-        self._fly(situation, Goal(goal, speed, yaw_rad), is_level=not situation.has_local_position)
-
-    def _fly(
-        self, situation: Situation, goal: Goal, *, max_up_m_s: float | None = None, is_level: bool = False
-    ) -> None:
-        attitude, thrust = self._control.step(
-            goal,
-            situation.position_ned_m,
-            situation.velocity_ned_m_s,
-            TICK_S,
-            hover_thrust_frac=self._hover_thrust_frac,
-            max_speed_m_s=self.params["MPC_XY_CRUISE"],
-            max_up_m_s=self.params["MPC_Z_VEL_MAX_UP"] if max_up_m_s is None else max_up_m_s,
-            max_down_m_s=self.params["MPC_Z_VEL_MAX_DN"],
-            max_tilt_rad=math.radians(self.params["MPC_TILTMAX_AIR"]),
-        )
-        if is_level:
-            attitude = rotation.yaw_quaternion(np.float64(goal.yaw_rad))  # type: ignore[arg-type]
-        self.actuation = Actuation(attitude, np.zeros(3), False, thrust, True)
-
-    def _idle(self, yaw_rad: float) -> None:
-        self._control.reset()
-        level = rotation.yaw_quaternion(np.float64(yaw_rad))  # type: ignore[arg-type]
-        self.actuation = Actuation(level, np.zeros(3), False, 0.0, True)
-
-    def _offboard_actuation(self) -> None:
-        setpoint = self.setpoint
-        if setpoint is None or setpoint.kind is SetpointKind.POSITION:
-            return
-        attitude = self.actuation.attitude if setpoint.attitude is None else setpoint.attitude
-        rate = np.zeros(3) if setpoint.rate_rad_s is None else setpoint.rate_rad_s
-        self.actuation = Actuation(attitude, rate, setpoint.kind is SetpointKind.RATE, setpoint.thrust_frac, True)
+            self._disarm(now_s, "preflight")

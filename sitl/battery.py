@@ -3,11 +3,39 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
+
+from sitl.parameters import Parameters
 
 FULL_MV = 16200
 EMPTY_MV = 14400
 _REFILL_S = 4.0
 # SIM_BAT_DRAIN seconds are for a whole charge; PX4's simulator was measured to take half of it for half a charge.
+
+
+class BatteryStage(Enum):
+    """How empty the battery is; the numbers are those of BATTERY_STATUS.charge_state."""
+
+    OK = 1
+    LOW = 2
+    CRITICAL = 3
+    EMERGENCY = 4
+
+
+# From the emptiest: parameter of the threshold, stage.
+STAGES: tuple[tuple[str, BatteryStage], ...] = (
+    ("BAT_EMERGEN_THR", BatteryStage.EMERGENCY),
+    ("BAT_CRIT_THR", BatteryStage.CRITICAL),
+    ("BAT_LOW_THR", BatteryStage.LOW),
+)
+
+
+def stage_of(charge_frac: float, params: Parameters) -> BatteryStage:
+    """The stage of a state of charge."""
+    for parameter, stage in STAGES:
+        if charge_frac <= params[parameter]:
+            return stage
+    return BatteryStage.OK
 
 
 @dataclass(slots=True)

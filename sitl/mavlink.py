@@ -1,7 +1,8 @@
 """MAVLink 2 bytes to messages and back, on pymavlink's tables. The only file of the emulator that imports pymavlink.
 
 pymavlink's message objects cost several microseconds each; here a message is a tuple in wire order, packed by the
-message's own struct, which gives the same bytes.
+message's own struct, which gives the same bytes. What pymavlink's dialects lack (events, link node status, ...) is
+declared in `layouts.py`.
 """
 
 from __future__ import annotations
@@ -13,21 +14,12 @@ from typing import Any
 from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import common
 
+from sitl.layouts import EXTRA, Layout
+
 _MAGIC_V2 = 0xFD
 _MAGIC_V1 = 0xFE
 _SIGNED = 0x01
 _SIGNATURE_BYTES = 13
-
-
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """How one message lies on the wire: its struct, checksum seed, and (name, count) of each field in wire order."""
-
-    message_id: int
-    name: str
-    packer: struct.Struct
-    crc_extra: int
-    fields: tuple[tuple[str, int], ...]
 
 
 def _layout(message_id: int, entry: Any) -> Layout:
@@ -49,11 +41,15 @@ def _layout(message_id: int, entry: Any) -> Layout:
     )
 
 
-LAYOUTS: dict[int, Layout] = {number: _layout(number, entry) for number, entry in common.mavlink_map.items()}
+LAYOUTS: dict[int, Layout] = {number: _layout(number, entry) for number, entry in common.mavlink_map.items()} | {
+    layout.message_id: layout for layout in EXTRA
+}
 
 
 def _zero(layout: Layout, field_name: str) -> int | bytes:
-    kinds = common.mavlink_map[layout.message_id]
+    kinds = common.mavlink_map.get(layout.message_id)
+    if kinds is None:
+        return 0
     return b"" if kinds.fieldtypes[kinds.fieldnames.index(field_name)] == "char" else 0
 
 
@@ -61,6 +57,13 @@ _ZEROS: dict[str, tuple[tuple[str, int, Any], ...]] = {
     layout.name: tuple((name, count, [0] * count if count else _zero(layout, name)) for name, count in layout.fields)
     for layout in LAYOUTS.values()
 }
+# What the encoder needs of each message: struct, id as two numbers, checksum seed.
+_WIRE: dict[int, tuple[struct.Struct, int, int, bytes]] = {
+    number: (layout.packer, number & 0xFFFF, number >> 16, bytes((layout.crc_extra,)))
+    for number, layout in LAYOUTS.items()
+}
+_HEAD = struct.Struct("<BHBBBHB")  # length, both flag bytes, sequence, system, component, id
+_CHECKSUM = struct.Struct("<H")
 ID_BY_NAME: dict[str, int] = {layout.name: number for number, layout in LAYOUTS.items()}
 
 
@@ -156,17 +159,14 @@ class Encoder:
 
     def encode(self, message_id: int, *values: Any) -> bytes:
         """Bytes of a message from its values in wire order (arrays flattened), trailing zeros cut as MAVLink 2 does."""
-        layout = LAYOUTS[message_id]
-        payload = layout.packer.pack(*values).rstrip(b"\0") or b"\0"
+        packer, id_low, id_high, extra = _WIRE[message_id]
+        payload = packer.pack(*values).rstrip(b"\0") or b"\0"
         sequence = self.sequence
         self.sequence = (sequence + 1) & 0xFF
-        body = (
-            bytes((len(payload), 0, 0, sequence, self.system_id, self.component_id))
-            + message_id.to_bytes(3, "little")
-            + payload
-        )
-        checksum = mcrf4xx(body + bytes((layout.crc_extra,)))
-        return b"\xfd" + body + checksum.to_bytes(2, "little")
+        head = _HEAD.pack(len(payload), 0, sequence, self.system_id, self.component_id, id_low, id_high)
+        # The magic byte is not part of the checksum; the seed of the message is, and is not sent.
+        body = head + payload
+        return b"\xfd" + body + _CHECKSUM.pack(mcrf4xx(body + extra))
 
     def encode_named(self, name: str, **fields: Any) -> bytes:
         """As :meth:`encode`, from names; fields that are left out are zero."""

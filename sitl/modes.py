@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import Enum, Flag, IntEnum, auto
 
 
 class Mode(Enum):
@@ -19,6 +19,8 @@ class Mode(Enum):
     MISSION = "AUTO.MISSION"
     RTL = "AUTO.RTL"
     LAND = "AUTO.LAND"
+    DESCEND = "DESCEND"
+    TERMINATION = "TERMINATION"
 
 
 class Landed(IntEnum):
@@ -49,17 +51,35 @@ class Result(IntEnum):
     FAILED = 4
 
 
+class Need(Flag):
+    """What has to be there for a mode: to be armed in (all of it), to be changed to in the air (without ARMING)."""
+
+    NOTHING = 0
+    LOCAL_POSITION = auto()
+    GLOBAL_POSITION = auto()
+    SETPOINTS = auto()
+    MISSION = auto()
+    ARMING = auto()  # never there: nobody arms in this mode
+
+
 @dataclass(frozen=True, slots=True)
 class ModeRow:
-    """How a mode looks on the wire, and whether it can be entered without a position.
+    """How a mode looks on the wire, and what it needs.
 
-    base_mode is without the armed bit; needs_position says whether arming in it needs a position estimate.
+    Attributes:
+        main, sub: of HEARTBEAT.custom_mode.
+        base_mode: without the armed bit.
+        standard_mode: CURRENT_MODE.standard_mode (MAV_STANDARD_MODE).
+        needs: see :class:`Need`.
+        is_selectable: whether somebody may ask for it.
     """
 
     main: int
     sub: int
     base_mode: int
-    needs_position: bool
+    standard_mode: int
+    needs: Need
+    is_selectable: bool = True
 
     @property
     def custom_mode(self) -> int:
@@ -67,38 +87,55 @@ class ModeRow:
         return self.main << 16 | self.sub << 24
 
 
+_GLOBAL = Need.LOCAL_POSITION | Need.GLOBAL_POSITION
+
 MODES: dict[Mode, ModeRow] = {
-    Mode.MANUAL: ModeRow(1, 0, 65, False),
-    Mode.ALTCTL: ModeRow(2, 0, 81, True),
-    Mode.POSCTL: ModeRow(3, 0, 81, True),
-    Mode.STABILIZED: ModeRow(7, 0, 81, False),
-    Mode.OFFBOARD: ModeRow(6, 0, 17, False),
-    Mode.TAKEOFF: ModeRow(4, 2, 29, True),
-    Mode.LOITER: ModeRow(4, 3, 29, True),
-    Mode.MISSION: ModeRow(4, 4, 29, True),
-    Mode.RTL: ModeRow(4, 5, 29, True),
-    Mode.LAND: ModeRow(4, 6, 29, True),
+    Mode.MANUAL: ModeRow(1, 0, 65, 0, Need.NOTHING),
+    Mode.ALTCTL: ModeRow(2, 0, 81, 4, Need.NOTHING),
+    Mode.POSCTL: ModeRow(3, 0, 81, 1, Need.LOCAL_POSITION),
+    Mode.STABILIZED: ModeRow(7, 0, 81, 0, Need.NOTHING),
+    Mode.OFFBOARD: ModeRow(6, 0, 17, 0, Need.SETPOINTS),
+    Mode.TAKEOFF: ModeRow(4, 2, 29, 8, _GLOBAL),
+    Mode.LOITER: ModeRow(4, 3, 29, 0, _GLOBAL),
+    Mode.MISSION: ModeRow(4, 4, 29, 6, _GLOBAL | Need.MISSION),
+    Mode.RTL: ModeRow(4, 5, 29, 5, _GLOBAL | Need.ARMING),
+    Mode.LAND: ModeRow(4, 6, 29, 7, Need.LOCAL_POSITION | Need.ARMING),
+    # PX4 shows a descent without position as AUTO.LAND, and a terminated flight as MANUAL.
+    Mode.DESCEND: ModeRow(4, 6, 29, 7, Need.ARMING, is_selectable=False),
+    Mode.TERMINATION: ModeRow(1, 0, 65, 0, Need.ARMING, is_selectable=False),
 }
 ARMED_BIT = 128
 OFFBOARD_WITHOUT_SETPOINTS_BASE_MODE = 1
 OFFBOARD_RATES_BASE_MODE = 1
 
-BY_NUMBERS: dict[tuple[int, int], Mode] = {(row.main, row.sub): mode for mode, row in MODES.items()}
+BY_NUMBERS: dict[tuple[int, int], Mode] = {
+    (row.main, row.sub): mode for mode, row in MODES.items() if row.is_selectable
+}
+AUTO_MAIN = 4
 
-# COM_OBL_RC_ACT: what a vehicle does when setpoints stop. Without a radio control POSCTL and ALTCTL are a level,
-# blind descent. The values 6 (terminate) and 7 (disarm) stop the motors.
-OFFBOARD_LOSS_MODE: dict[int, Mode | None] = {
-    0: Mode.POSCTL,
-    1: Mode.ALTCTL,
-    2: Mode.STABILIZED,
-    3: Mode.RTL,
-    4: Mode.LAND,
-    5: Mode.LOITER,
-    6: None,
-    7: None,
+# What a mode leads to when it cannot be flown (no position): LAND too becomes a level, blind descent.
+FALLBACK: dict[Mode, Mode] = {
+    Mode.TAKEOFF: Mode.LAND,
+    Mode.LOITER: Mode.LAND,
+    Mode.MISSION: Mode.LAND,
+    Mode.RTL: Mode.LAND,
+    Mode.LAND: Mode.DESCEND,
+    Mode.POSCTL: Mode.ALTCTL,
 }
 
-BLIND_DESCENT = frozenset({Mode.MANUAL, Mode.ALTCTL, Mode.POSCTL, Mode.STABILIZED})
+# Flown without sticks (there is no radio control) these are a level, blind descent.
+BLIND_DESCENT = frozenset({Mode.MANUAL, Mode.ALTCTL, Mode.POSCTL, Mode.STABILIZED, Mode.DESCEND})
 
-# Modes that a person or a program chose for good; the others lead to another mode by themselves.
-INTENT_AFTER_DISARM: dict[Mode, Mode] = dict.fromkeys((Mode.LAND, Mode.RTL, Mode.TAKEOFF), Mode.LOITER)
+
+def mode_of(base_mode: int, main: int, sub: int) -> Mode | None:
+    """The mode that a DO_SET_MODE asks for; None for what PX4 does not know or the emulator does not have.
+
+    Args:
+        base_mode: bit 1 says that the other two count.
+        main, sub: as in custom_mode; AUTO without a sub mode is a mission.
+    """
+    if not base_mode & 1:
+        return None
+    if main == AUTO_MAIN:
+        return BY_NUMBERS.get((main, sub or 4))
+    return BY_NUMBERS.get((main, 0))

@@ -7,49 +7,42 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import functools
 import gc
-import re
 import signal
 import socket
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from onboard.bus.schema import MocapPose, Truth
 from onboard.bus.session import BusError, BusSession
 from onboard.bus.topics import Topic
 from onboard.config import ConfigError, FleetConfig, Vehicle, load_fleet
 from sitl.emulator import Emulator, VehicleSpec
+from sitl.endpoints import (
+    GROUND_STATION,
+    Address,
+    Endpoint,
+    Ports,
+    StartError,
+    bind,
+    ground_port_of,
+    ground_ports,
+    onboard_ports,
+    station_of,
+)
 from sitl.link import Link
 from sitl.mocap import Mocap, MocapSettings
 from sitl.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ
 from sitl.vehicle import STEP_S, VehicleProfile
+from sitl.world import SpawnError
 
 EXIT_OK, EXIT_WRONG_INPUT = 0, 2
-# PX4's instance N binds 14580 + N for the companion that listens at 14540 + N.
-_ONBOARD_PORT_OFFSET = 40
 # A busy machine holds the process up now and then: up to this much it catches up (below PX4's shortest COM_OF_LOSS_T in
 # use), reading its sockets in between; a longer stall is a pause of simulated time.
 _LARGEST_BACKLOG_STEPS = 70
 _STEPS_BETWEEN_READS = 5
 _TRUTH_EVERY_STEPS = 5
-_ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*|\[[^\]]*\]):(\d{1,5})")
-
-Address = tuple[str, int]
-
-
-class StartError(RuntimeError):
-    """The emulator cannot start: a sentence for people."""
-
-
-@dataclass(frozen=True, slots=True)
-class Ports:
-    """Where one link is bound and, if it streams unasked, whereto."""
-
-    bind: Address
-    peer: Address | None
 
 
 def profile_of(vehicle: Vehicle) -> VehicleProfile:
@@ -69,80 +62,6 @@ def profile_of(vehicle: Vehicle) -> VehicleProfile:
     )
 
 
-def onboard_ports(vehicle: Vehicle) -> Ports:
-    """The companion link: PX4 sends at once to where the agent listens, from its own port 40 higher."""
-    scheme, host, port = _parse(vehicle.autopilot, f"vehicles.{vehicle.name}.autopilot")
-    if scheme == "udpout":
-        return Ports((host, port), None)
-    return Ports((host, port + _ONBOARD_PORT_OFFSET), ("127.0.0.1" if host == "0.0.0.0" else host, port))
-
-
-def direct_ports(vehicle: Vehicle) -> Ports | None:
-    """The ground's link, if the fleet file has one: PX4 answers whoever speaks first."""
-    if vehicle.direct is None:
-        return None
-    _, host, port = _parse(vehicle.direct, f"vehicles.{vehicle.name}.direct")
-    return Ports((host, port), None)
-
-
-def _parse(endpoint: str, key: str) -> tuple[str, str, int]:
-    match = _ENDPOINT.fullmatch(endpoint)
-    if match is None or not 0 < int(match[3]) < 65536 - _ONBOARD_PORT_OFFSET:
-        raise StartError(
-            f"'{key}' is {endpoint!r}, which cannot be emulated. Use udpin://127.0.0.1:14540 (PX4's layout) or udpout://."
-        )
-    return match[1], match[2] or "0.0.0.0", int(match[3])
-
-
-class _Endpoint(asyncio.DatagramProtocol):
-    """A socket and its link; locks onto whoever sends the first MAVLink message, for good, as PX4 does."""
-
-    def __init__(self, link: Link, peer: Address | None) -> None:
-        self.link = link
-        self._peer = peer
-        self._is_locked = False
-        self._transport: asyncio.DatagramTransport | None = None
-
-    def attach(self, transport: asyncio.DatagramTransport) -> None:
-        """Give the endpoint its socket's transport (asyncio's own class for sockets is not a DatagramTransport)."""
-        self._transport = transport
-
-    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        is_mavlink, answers = self.link.receive(data)
-        if is_mavlink and not self._is_locked:
-            self._is_locked, self._peer = True, addr
-        for answer in answers:
-            self._send(answer)
-
-    def poll(self) -> None:
-        """Send what is due; without a peer it is built all the same, and dropped."""
-        for datagram in self.link.poll():
-            self._send(datagram)
-
-    def close(self) -> None:
-        """Close the socket."""
-        if self._transport is not None:
-            self._transport.close()
-
-    def _send(self, datagram: bytes) -> None:
-        if self._peer is not None and self._transport is not None:
-            self._transport.sendto(datagram, self._peer)
-
-
-def _bind(ports: Ports, what: str) -> socket.socket:
-    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        sock.bind(ports.bind)
-    except OSError as error:
-        sock.close()
-        raise StartError(
-            f"{what} needs UDP port {ports.bind[1]} on {ports.bind[0]}, which cannot be bound ({error.strerror}). "
-            "Is another emulator or a PX4 running? Stop it, or change the port in the fleet file."
-        ) from None
-    sock.setblocking(False)
-    return sock
-
-
 class Server:
     """The emulated part of a fleet in real time.
 
@@ -153,6 +72,7 @@ class Server:
         mocap: quality of the emulated motion capture.
         bus: where poses and truth are published; None for MAVLink only.
         truth_offset_m: added to the published truth, to prove that no flight depends on it.
+        station: ground station that every vehicle streams to; None for none.
     """
 
     def __init__(
@@ -164,14 +84,16 @@ class Server:
         mocap: MocapSettings | None = None,
         bus: BusSession | None = None,
         truth_offset_m: float = 0.0,
+        station: Address | None = None,
     ) -> None:
+        self._station = station
         self._vehicles = [fleet.vehicles[name] for name in vehicles]
         specs = [VehicleSpec(v.name, v.system_id, profile_of(v), v.start_enu_m) for v in self._vehicles]
         self.emulator = Emulator(specs, body_diameter_m=fleet.fleet.body_diameter_m, seed=seed)
         self._mocap = Mocap(len(specs), mocap, seed=seed)
         self._bus = bus
         self._truth_offset_m = truth_offset_m
-        self._endpoints: list[_Endpoint] = []
+        self._endpoints: list[Endpoint] = []
         self._sequence = 0
         self._boot_id = time.time_ns() & 0x7FFFFFFF
         self._epoch_s = 0.0
@@ -182,30 +104,30 @@ class Server:
         Raises:
             StartError: a port is taken or an endpoint cannot be emulated.
         """
-        wanted: list[tuple[Vehicle, int, Ports, dict[int, float], str]] = []
+        wanted: list[tuple[int, Ports, dict[int, float], str]] = []
         for index, vehicle in enumerate(self._vehicles):
-            wanted.append((vehicle, index, onboard_ports(vehicle), ONBOARD_RATES_HZ, "companion link"))
-            direct = direct_ports(vehicle)
-            if direct is not None:
-                wanted.append((vehicle, index, direct, GCS_RATES_HZ, "ground link"))
+            key = f"vehicles.{vehicle.name}"
+            onboard = onboard_ports(vehicle.autopilot, f"{key}.autopilot")
+            wanted.append((index, onboard, ONBOARD_RATES_HZ, f"The companion link of {vehicle.name}"))
+            ground = ground_ports(vehicle.autopilot, vehicle.direct, key, self._station)
+            if ground is not None:
+                wanted.append((index, ground, GCS_RATES_HZ, f"The ground link of {vehicle.name}"))
         sockets: list[socket.socket] = []
         try:
-            for vehicle, _, ports, _, what in wanted:
-                sockets.append(_bind(ports, f"The {what} of {vehicle.name}"))
+            for _, ports, _, what in wanted:
+                sockets.append(bind(ports, what))
         except StartError:
             for sock in sockets:
                 sock.close()
             raise
         loop = asyncio.get_running_loop()
         lines: list[str] = []
-        for sock, (vehicle, index, ports, rates_hz, _) in zip(sockets, wanted, strict=True):
-            link = Link(self.emulator, index, rates_hz)
-            factory = functools.partial(_Endpoint, link, ports.peer)
-            transport, endpoint = await loop.create_datagram_endpoint(factory, sock=sock)
-            endpoint.attach(transport)
+        for sock, (index, ports, rates_hz, _) in zip(sockets, wanted, strict=True):
+            endpoint = Endpoint(Link(self.emulator, index, rates_hz), sock, ports.peer)
+            endpoint.open(loop)
             self._endpoints.append(endpoint)
             target = f" -> {ports.peer[1]}" if ports.peer else ""
-            lines.append(f"{vehicle.name} {ports.bind[1]}{target}")
+            lines.append(f"{self._vehicles[index].name} {ports.bind[1]}{target}")
         return lines
 
     async def run(self, stopped: asyncio.Event, say: Callable[[str], None]) -> None:
@@ -228,7 +150,7 @@ class Server:
     def stop(self) -> None:
         """Close all sockets; a second call does nothing."""
         for endpoint in self._endpoints:
-            endpoint.close()
+            endpoint.close(asyncio.get_running_loop())
         self._endpoints.clear()
 
     @property
@@ -293,6 +215,7 @@ def run(
     mocap: MocapSettings | None = None,
     with_bus: bool = True,
     truth_offset_m: float = 0.0,
+    station: Address | None = None,
 ) -> int:
     """Emulate `vehicles` until SIGINT or SIGTERM; prints "ready: ..." when every port is bound and streams.
 
@@ -303,10 +226,12 @@ def run(
     if with_bus:
         agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
         bus = BusSession(namespace=fleet.namespace, node="sitl", listen=[fleet.simulator_endpoint], connect=agents)
-    server = Server(fleet, vehicles, seed=seed, mocap=mocap, bus=bus, truth_offset_m=truth_offset_m)
     try:
+        server = Server(
+            fleet, vehicles, seed=seed, mocap=mocap, bus=bus, truth_offset_m=truth_offset_m, station=station
+        )
         asyncio.run(_serve(server, bus))
-    except (StartError, BusError) as error:
+    except (StartError, SpawnError, BusError) as error:
         print(f"sitl: {error}", file=sys.stderr, flush=True)
         return EXIT_WRONG_INPUT
     return EXIT_OK
@@ -348,6 +273,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--mocap-dropouts-per-s", type=float, default=0.0, help="marker losses per body and second")
     parser.add_argument("--mocap-dropout-s", type=float, default=0.1, help="length of a marker loss")
     parser.add_argument("--no-bus", action="store_true", help="MAVLink only: no motion capture, no ground truth")
+    station = parser.add_mutually_exclusive_group()
+    station.add_argument(
+        "--gcs",
+        metavar="HOST:PORT",
+        help="ground station that every vehicle streams to (default 127.0.0.1:14550 if the fleet uses PX4's ports)",
+    )
+    station.add_argument("--no-gcs", action="store_true", help="ground links answer only who speaks first")
     parser.add_argument("--truth-offset-m", type=float, default=0.0, help="falsify the published truth by this much")
     arguments = parser.parse_args(argv)
     try:
@@ -358,6 +290,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_WRONG_INPUT
     if not names or arguments.seed < 0:
         print("sitl: nothing to emulate: choose at least one vehicle, and a seed of 0 or more.", file=sys.stderr)
+        return EXIT_WRONG_INPUT
+    try:
+        ground_station = _station(fleet, names, arguments.gcs, is_wanted=not arguments.no_gcs)
+    except StartError as error:
+        print(f"sitl: {error}", file=sys.stderr, flush=True)
         return EXIT_WRONG_INPUT
     settings = MocapSettings(
         noise_m=arguments.mocap_noise_m,
@@ -372,4 +309,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         mocap=settings,
         with_bus=not arguments.no_bus,
         truth_offset_m=arguments.truth_offset_m,
+        station=ground_station,
     )
+
+
+def _station(fleet: FleetConfig, names: Sequence[str], asked: str | None, *, is_wanted: bool) -> Address | None:
+    """The ground station to stream to: the one asked for, or PX4's own where the fleet uses PX4's ports."""
+    if asked is not None:
+        return station_of(asked)
+    has_layout = any(ground_port_of(fleet.vehicles[name].autopilot) is not None for name in names)
+    return GROUND_STATION if is_wanted and has_layout else None

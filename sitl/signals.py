@@ -19,7 +19,14 @@ class SetpointKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """Newest OFFBOARD setpoint, already reduced to what PX4 makes of it."""
+    """Newest OFFBOARD setpoint, already reduced to what PX4 makes of it.
+
+    Attributes:
+        kind, time_s: what it asks for, and when it came.
+        attitude: (4,) NED <- FRD. rate_rad_s: (3,) body rates. thrust_frac: collective, in [0, 1].
+        goal: where to fly, for positions and velocities.
+        needs_position: whether PX4 needs a position estimate for it.
+    """
 
     kind: SetpointKind
     time_s: float
@@ -27,6 +34,11 @@ class Setpoint:
     rate_rad_s: Array | None = None
     thrust_frac: float = 0.0
     goal: Goal | None = None
+
+    @property
+    def needs_position(self) -> bool:
+        """Whether PX4 needs a position estimate for it."""
+        return self.kind is SetpointKind.POSITION
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,7 +83,7 @@ class Client:
 
     def send_bytes(self, datagram: bytes) -> list[Message]:
         """Send any bytes; what is answered at once."""
-        _, answers = self.link.receive(datagram)
+        answers = self.link.receive(datagram)
         return [message for answer in answers for message in self._decoder.decode(answer)]
 
     def command(self, number: int, *params: float) -> list[int]:

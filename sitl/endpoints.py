@@ -1,0 +1,158 @@
+"""Sockets of the emulator: where each link of each vehicle is bound, whom it streams to, and who has locked it.
+
+PX4 starts to stream to a fixed port before it has heard anything. The first datagram that arrives, whatever it holds,
+decides whom it talks to from then on, for good.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import socket
+from dataclasses import dataclass
+
+from sitl.link import Link
+
+Address = tuple[str, int]
+
+# PX4's instance N binds 14580 + N for the companion that listens at 14540 + N, and 18570 + N for ground stations.
+ONBOARD_PORT_OFFSET = 40
+GROUND_STATION: Address = ("127.0.0.1", 14550)
+# First companion port, first port of the ground link, and how many: PX4's own ports collide from the eleventh on.
+_LAYOUT: tuple[tuple[int, int, range], ...] = ((14540, 18570, range(10)), (15540, 19570, range(10, 1000)))
+_ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*|\[[^\]]*\]):(\d{1,5})")
+_MOST_READ_AT_ONCE = 64
+_LARGEST_DATAGRAM = 65535
+_RECEIVE_BUFFER_BYTES = 1 << 20
+
+
+class StartError(RuntimeError):
+    """The emulator cannot start: a sentence for people."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """Where one link is bound and, if it streams unasked, whereto."""
+
+    bind: Address
+    peer: Address | None
+
+
+def onboard_ports(autopilot: str, key: str) -> Ports:
+    """The companion link: PX4 sends at once to where the agent listens, from its own port 40 higher."""
+    scheme, host, port = _parse(autopilot, key)
+    if scheme == "udpout":
+        return Ports((host, port), None)
+    return Ports((host, port + ONBOARD_PORT_OFFSET), ("127.0.0.1" if host == "0.0.0.0" else host, port))
+
+
+def ground_ports(autopilot: str, direct: str | None, key: str, station: Address | None) -> Ports | None:
+    """The ground station's link: the fleet file's `direct` endpoint, or what PX4's layout of ports says.
+
+    Args:
+        autopilot, direct: endpoints of the vehicle in the fleet file.
+        key: where they stand, for messages.
+        station: whom to stream to; None answers only who speaks first.
+    """
+    if direct is not None:
+        _, host, port = _parse(direct, f"{key}.direct")
+        return Ports((host, port), station)
+    layout_port = ground_port_of(autopilot)
+    if layout_port is None or station is None:
+        return None
+    return Ports(("127.0.0.1", layout_port), station)
+
+
+def ground_port_of(autopilot: str) -> int | None:
+    """The port of PX4's ground link that belongs to a companion endpoint in PX4's layout; None outside of it."""
+    match = _ENDPOINT.fullmatch(autopilot)
+    if match is None or match[1] != "udpin":
+        return None
+    for companion, ground, instances in _LAYOUT:
+        instance = int(match[3]) - companion
+        # The second block is numbered on from where the first one ends, or from zero: both have been used.
+        if instance in instances or (ground == 19570 and 0 <= instance < 10):
+            return ground + instance
+    return None
+
+
+def station_of(text: str) -> Address:
+    """`HOST:PORT` of a ground station as an address."""
+    host, _, port = text.rpartition(":")
+    if not port.isdigit() or not 0 < int(port) < 65536:
+        raise StartError(f"'{text}' is no address of a ground station. Write it as 127.0.0.1:14550.")
+    return host or GROUND_STATION[0], int(port)
+
+
+def _parse(endpoint: str, key: str) -> tuple[str, str, int]:
+    match = _ENDPOINT.fullmatch(endpoint)
+    if match is None or not 0 < int(match[3]) < 65536 - ONBOARD_PORT_OFFSET:
+        raise StartError(
+            f"'{key}' is {endpoint!r}, which cannot be emulated. Use udpin://127.0.0.1:14540 (PX4's layout) or udpout://."
+        )
+    return match[1], match[2] or "0.0.0.0", int(match[3])
+
+
+def bind(ports: Ports, what: str) -> socket.socket:
+    """A bound socket that never blocks.
+
+    Raises:
+        StartError: the port is taken, in words.
+    """
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.bind(ports.bind)
+    except (OSError, OverflowError) as error:
+        sock.close()
+        reason = getattr(error, "strerror", None) or error
+        raise StartError(
+            f"{what} needs UDP port {ports.bind[1]} on {ports.bind[0]}, which cannot be bound ({reason}). "
+            "Is another emulator or a PX4 running? Stop it, or change the port in the fleet file."
+        ) from None
+    sock.setblocking(False)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
+    return sock
+
+
+class Endpoint:
+    """A socket and its link."""
+
+    def __init__(self, link: Link, sock: socket.socket, peer: Address | None) -> None:
+        self.link = link
+        self.peer = peer
+        self._sock = sock
+        self._is_locked = False
+
+    def open(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Read from now on, whenever the loop gets round to it."""
+        loop.add_reader(self._sock.fileno(), self._read)
+
+    def close(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Close the socket."""
+        loop.remove_reader(self._sock.fileno())
+        self._sock.close()
+
+    def poll(self) -> None:
+        """Send what is due; without a peer it is built all the same, and dropped."""
+        for datagram in self.link.poll():
+            self._send(datagram)
+
+    def _read(self) -> None:
+        # A client that floods the socket has to wait for the next round: the vehicles fly on.
+        for _ in range(_MOST_READ_AT_ONCE):
+            try:
+                data, sender = self._sock.recvfrom(_LARGEST_DATAGRAM)
+            except OSError:
+                return  # nothing left, or word that the peer is not there
+            if data and not self._is_locked:
+                self._is_locked, self.peer = True, sender
+            for answer in self.link.receive(data):
+                self._send(answer)
+
+    def _send(self, datagram: bytes) -> None:
+        if self.peer is None:
+            return
+        try:
+            self._sock.sendto(datagram, self.peer)
+        except OSError:
+            return  # nobody listens, or the buffer is full: a datagram is lost, as on any network
