@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import heapq
 import math
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
 from sitl import rotation
+from sitl.pose_faults import PoseFaults
 from sitl.rotation import Array
 
 _ATTITUDE_NOISE_RAD = math.radians(0.15)
@@ -45,24 +46,36 @@ class Pose:
 
 
 class Mocap:
-    """Measures all bodies; `measure` on the frame's time, `deliver` when the latency has passed."""
+    """Measures all bodies; `measure` on the frame's time, `deliver` when the latency has passed.
 
-    def __init__(self, count: int, settings: MocapSettings | None = None, *, seed: int = 0) -> None:
+    Args:
+        count: bodies. settings: quality. seed: of noise and losses.
+        faults: what is wrong with the poses of single bodies; those of an emulator are in its `disturbances`.
+    """
+
+    def __init__(
+        self, count: int, settings: MocapSettings | None = None, *, seed: int = 0, faults: PoseFaults | None = None
+    ) -> None:
         self.settings = settings or MocapSettings()
+        self._faults = faults or PoseFaults(count)
         self._rng = np.random.default_rng([seed, 3])
         self._lost_until_s = np.full(count, -math.inf)
         self._next_s = 0.0
-        self._on_the_way: deque[tuple[float, list[Pose]]] = deque()
+        self._on_the_way: list[tuple[float, int, Pose]] = []
+        self._sent = 0
         self._last: list[Pose | None] = [None] * count
 
     def step(self, time_s: float, position_enu_m: Array, attitude_enu_flu: Array) -> list[Pose]:
         """Expose a frame if one is due; return the poses that arrive now, oldest first."""
         if time_s + 1e-9 >= self._next_s:
             self._next_s = max(self._next_s, time_s - 0.1) + 1.0 / self.settings.rate_hz
-            self._on_the_way.append((time_s, self._measure(time_s, position_enu_m, attitude_enu_flu)))
+            for pose in self._measure(time_s, position_enu_m, attitude_enu_flu):
+                arrival_s = time_s + self.settings.latency_s + self._faults.delay_s(pose.index)
+                self._sent += 1
+                heapq.heappush(self._on_the_way, (arrival_s, self._sent, pose))
         arrived: list[Pose] = []
-        while self._on_the_way and time_s + 1e-9 >= self._on_the_way[0][0] + self.settings.latency_s:
-            arrived.extend(self._on_the_way.popleft()[1])
+        while self._on_the_way and self._on_the_way[0][0] <= time_s + 1e-9:
+            arrived.append(heapq.heappop(self._on_the_way)[2])
         return arrived
 
     def _measure(self, time_s: float, position_enu_m: Array, attitude_enu_flu: Array) -> list[Pose]:
@@ -74,16 +87,17 @@ class Mocap:
         turn = _ATTITUDE_NOISE_RAD * self._rng.standard_normal((count, 3))
         small = np.concatenate([np.ones((count, 1)), 0.5 * turn], axis=1)
         attitude = rotation.multiply(attitude_enu_flu, small / np.linalg.norm(small, axis=1, keepdims=True))
+        measured = np.hstack([position, attitude])
+        if not self._faults.is_clear:
+            measured = self._faults.apply(measured)
         poses: list[Pose] = []
-        for index in range(count):
-            if time_s < self._lost_until_s[index]:
+        for index, (x, y, z, qw, qx, qy, qz) in enumerate(measured.tolist()):
+            if time_s < self._lost_until_s[index] or self._faults.is_lost(index):
                 last = self._last[index]
                 if last is not None:
                     lost = Pose(index, time_s, False, last.position_enu_m, last.quaternion_enu_flu_wxyz)
                     poses.append(lost)
                 continue
-            x, y, z = position[index].tolist()
-            qw, qx, qy, qz = attitude[index].tolist()
             pose = Pose(index, time_s, True, (x, y, z), (qw, qx, qy, qz))
             self._last[index] = pose
             poses.append(pose)

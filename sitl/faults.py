@@ -1,0 +1,312 @@
+"""What can go wrong in the emulator, as a table, and when: names, parameters, bounds, and what contradicts what. Pure.
+
+A fault is one line, for instance ``mav1 motor_weak at=20 duration=5 motor=2 effectiveness=0.6``. What it does stands in
+`effects.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+Value = float | str
+
+
+class FaultError(ValueError):
+    """A fault that cannot be injected: a sentence for people."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter of a kind of fault: a number within bounds, or one of some words; no words: another vehicle."""
+
+    name: str
+    default: Value | None
+    low: float = -math.inf
+    high: float = math.inf
+    words: tuple[str, ...] | None = None
+    is_whole: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One kind of fault.
+
+    Attributes:
+        sentence: what it does, with {parameters}.
+        acts_on: two faults that act on the same at the same time contradict each other.
+        is_instant: it happens once and has no duration.
+    """
+
+    sentence: str
+    acts_on: str
+    parameters: tuple[Parameter, ...] = ()
+    is_instant: bool = False
+
+
+_MOTOR = Parameter("motor", None, 1, 4, is_whole=True)
+_LINK = Parameter("link", "companion", words=("companion", "ground", "both"))
+_WAY = Parameter("direction", "both", words=("in", "out", "both"))
+_OTHER = Parameter("other", None, words=())
+_JUMP = tuple(
+    Parameter(name, default, -50.0, 50.0) for name, default in (("east_m", 1.0), ("north_m", 0.0), ("up_m", 0.0))
+)
+_LATE = Parameter("delay_s", 0.3, 0.004, 10.0)
+
+
+def _share(default: float) -> Parameter:
+    return Parameter("share", default, 0.001, 1.0)
+
+
+KINDS: dict[str, Kind] = {
+    "motor_weak": Kind(
+        "motor {motor} gives only {effectiveness} of its thrust",
+        "motor {motor}",
+        (_MOTOR, Parameter("effectiveness", 0.7, 0.1, 0.99)),
+    ),
+    "motor_dead": Kind("motor {motor} stops", "motor {motor}", (_MOTOR,)),
+    "battery_cell": Kind(
+        "a cell fails: the battery loses {drop_pct} % at once",
+        "battery",
+        (Parameter("drop_pct", 25.0, 1.0, 100.0),),
+        is_instant=True,
+    ),
+    "gps_loss": Kind("no satellites", "satellites"),
+    "mocap_frozen": Kind("the motion capture repeats its last pose", "motion capture"),
+    "mocap_swapped": Kind("the motion capture takes it for {other}, and {other} for it", "motion capture", (_OTHER,)),
+    "mocap_jump": Kind("the motion capture is off by {east_m}, {north_m}, {up_m} m", "motion capture", _JUMP),
+    "mocap_late": Kind("the motion capture comes {delay_s} s late", "motion capture", (_LATE,)),
+    "mocap_lost": Kind("the motion capture does not see it", "motion capture"),
+    "vision_frozen": Kind("the external position that PX4 hears stands still", "vision"),
+    "vision_swapped": Kind("PX4 hears the external position of {other}, and {other} its", "vision", (_OTHER,)),
+    "vision_jump": Kind(
+        "the external position that PX4 hears is off by {east_m}, {north_m}, {up_m} m", "vision", _JUMP
+    ),
+    "vision_late": Kind("the external position reaches PX4 {delay_s} s late", "vision", (_LATE,)),
+    "vision_lost": Kind("PX4 hears no external position", "vision"),
+    "link_loss": Kind(
+        "{share} of the {link} link's datagrams are lost ({direction})",
+        "loss of the {link} link",
+        (_share(1.0), _LINK, _WAY),
+    ),
+    "link_delay": Kind(
+        "the {link} link is {delay_s} s late, and up to {jitter_s} s more ({direction})",
+        "delay of the {link} link",
+        (Parameter("delay_s", 0.1, 0.0, 10.0), Parameter("jitter_s", 0.0, 0.0, 10.0), _LINK, _WAY),
+    ),
+    "link_duplicate": Kind(
+        "{share} of the {link} link's datagrams come twice ({direction})",
+        "duplication of the {link} link",
+        (_share(0.2), _LINK, _WAY),
+    ),
+    "link_reorder": Kind(
+        "{share} of the {link} link's datagrams come {by_s} s too late and out of order ({direction})",
+        "order of the {link} link",
+        (_share(0.2), Parameter("by_s", 0.02, 0.001, 5.0), _LINK, _WAY),
+    ),
+    "autopilot_hang": Kind("PX4 hangs: silent, its clock stands still, the motors go on", "autopilot"),
+    "autopilot_reboot": Kind("PX4 reboots: motors off, then it starts anew", "autopilot", is_instant=True),
+    "clock_drift": Kind(
+        "PX4's clock gains {ms_per_s} ms per second", "clock", (Parameter("ms_per_s", -8.0, -200.0, 200.0),)
+    ),
+    "arming_refused": Kind("PX4 refuses to arm", "arming"),
+    "setpoints_ignored": Kind("PX4 accepts setpoints and does not follow them", "setpoints"),
+}
+_LONGEST_S = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault of one vehicle, in simulated time.
+
+    Attributes:
+        name: of `KINDS`. vehicle: whom it happens to.
+        at_s: simulated time at which it begins. duration_s: 0 for ever.
+        parameters: by name; what is left out has its default.
+    """
+
+    name: str
+    vehicle: str
+    at_s: float = 0.0
+    duration_s: float = 0.0
+    parameters: Mapping[str, Value] = field(default_factory=dict)
+
+    @property
+    def end_s(self) -> float:
+        """When it is over; at its beginning for what happens once."""
+        if KINDS[self.name].is_instant:
+            return self.at_s
+        return self.at_s + self.duration_s if self.duration_s > 0.0 else math.inf
+
+    @property
+    def sentence(self) -> str:
+        """What happens to whom."""
+        values = {key: f"{value:g}" if isinstance(value, float) else value for key, value in self.parameters.items()}
+        return f"{self.vehicle}: {KINDS[self.name].sentence.format(**values)}"
+
+    def number(self, name: str) -> float:
+        """A numeric parameter of a checked fault."""
+        return float(self.parameters[name])
+
+    def word(self, name: str) -> str:
+        """A parameter of a checked fault that is a word."""
+        return str(self.parameters[name])
+
+
+def parse(line: str) -> Fault:
+    """``VEHICLE NAME [at=S] [duration=S] [parameter=value ...]``, not yet checked.
+
+    Raises:
+        FaultError: not of that form.
+    """
+    words = line.split()
+    if len(words) < 2 or "=" in words[0] or "=" in words[1]:
+        raise FaultError(
+            f"'{line}' is no fault. Write VEHICLE NAME [at=SECONDS] [duration=SECONDS] [parameter=value ...], for "
+            "instance 'mav1 motor_dead at=20 motor=2'."
+        )
+    values: dict[str, Value] = {}
+    for word in words[2:]:
+        key, sign, text = word.partition("=")
+        if not sign or not key or not text or key in values:
+            raise FaultError(f"'{line}': '{word}' is not understood. Write each parameter once, as name=value.")
+        try:
+            values[key] = float(text)
+        except ValueError:
+            values[key] = text
+    times: list[float] = []
+    for key in ("at", "duration"):
+        value = values.pop(key, 0.0)
+        if isinstance(value, str):
+            raise FaultError(f"'{line}': {key} is '{value}'; give a number of seconds.")
+        times.append(value)
+    return Fault(words[1], words[0], times[0], times[1], values)
+
+
+def check(fault: Fault, vehicles: Sequence[str]) -> Fault:
+    """The fault with its defaults filled in.
+
+    Raises:
+        FaultError: unknown name, vehicle or parameter; a value out of its bounds.
+    """
+    kind = KINDS.get(fault.name)
+    if kind is None:
+        raise FaultError(f"there is no fault '{fault.name}'. Known: {', '.join(KINDS)}.")
+    if fault.vehicle not in vehicles:
+        raise FaultError(f"{fault.name}: '{fault.vehicle}' is not emulated here; there are {', '.join(vehicles)}.")
+    if not (0.0 <= fault.at_s <= _LONGEST_S and 0.0 <= fault.duration_s <= _LONGEST_S):
+        raise FaultError(
+            f"{fault.name}: at is {fault.at_s:g} s and duration {fault.duration_s:g} s; both are seconds, 0 or more "
+            "(a duration of 0 means until the end)."
+        )
+    if kind.is_instant and fault.duration_s > 0.0:
+        raise FaultError(f"{fault.name} happens once and has no duration. Leave it out.")
+    known = {parameter.name: parameter for parameter in kind.parameters}
+    for key in fault.parameters:
+        if key not in known:
+            raise FaultError(f"{fault.name} has no parameter '{key}'; it has {', '.join(known) or 'none'}.")
+    values: dict[str, Value] = {}
+    for key, parameter in known.items():
+        value = fault.parameters.get(key, parameter.default)
+        if value is None:
+            raise FaultError(f"{fault.name} needs the parameter '{key}'. Add {key}=...")
+        values[key] = _checked(fault, parameter, value, vehicles)
+    return Fault(fault.name, fault.vehicle, float(fault.at_s), float(fault.duration_s), values)
+
+
+def _checked(fault: Fault, parameter: Parameter, value: Value, vehicles: Sequence[str]) -> Value:
+    what = f"{fault.name}: {parameter.name} is {value!r}"
+    if parameter.words is not None:
+        words = parameter.words or tuple(name for name in vehicles if name != fault.vehicle)
+        if value not in words:
+            raise FaultError(f"{what}; it must be one of {', '.join(words) or 'other vehicles, and there is none'}.")
+        return value
+    if isinstance(value, (str, bool)) or not parameter.low <= value <= parameter.high:
+        raise FaultError(f"{what}; it must lie between {parameter.low:g} and {parameter.high:g}.")
+    if parameter.is_whole and value != int(value):
+        raise FaultError(f"{what}; it must be a whole number.")
+    return float(value)
+
+
+def refuse_contradiction(fault: Fault, others: Sequence[Fault]) -> None:
+    """FaultError when a checked fault acts on the same thing at the same time as one of the others."""
+    for other in others:
+        both = _targets(fault) & _targets(other)
+        overlaps = fault.at_s == other.at_s or (fault.at_s < other.end_s and other.at_s < fault.end_s)
+        if both and overlaps:
+            vehicle, thing = min(both)
+            raise FaultError(
+                f"{fault.name} at {fault.at_s:g} s and {other.name} at {other.at_s:g} s contradict each other: both "
+                f"act on the {thing} of {vehicle} at the same time. Let one end (duration=...) before the other begins."
+            )
+
+
+def _targets(fault: Fault) -> set[tuple[str, str]]:
+    acts_on = KINDS[fault.name].acts_on
+    values = dict(fault.parameters)
+    if "motor" in values:
+        values["motor"] = int(fault.number("motor"))
+    vehicles = {fault.vehicle} | ({fault.word("other")} if "other" in values else set())
+    if "link" not in values:
+        return {(vehicle, acts_on.format(**values)) for vehicle in vehicles}
+    links = ("companion", "ground") if values["link"] == "both" else (str(values["link"]),)
+    ways = ("in", "out") if values["direction"] == "both" else (str(values["direction"]),)
+    return {(fault.vehicle, f"{acts_on.format(link=link)} ({way})") for link in links for way in ways}
+
+
+class FaultPlan:
+    """Faults that wait, act and are over.
+
+    Args:
+        vehicles: names of those that are emulated.
+    """
+
+    def __init__(self, vehicles: Sequence[str]) -> None:
+        self._vehicles = list(vehicles)
+        self._waiting: list[Fault] = []
+        self._acting: list[Fault] = []
+        self.next_s = math.inf
+
+    @property
+    def acting(self) -> tuple[Fault, ...]:
+        """Those that have begun and not ended."""
+        return tuple(self._acting)
+
+    def add(self, fault: Fault, now_s: float) -> Fault:
+        """Take a fault; what is due in the past begins now.
+
+        Raises:
+            FaultError: see :func:`check` and :func:`refuse_contradiction`.
+        """
+        checked = check(fault, self._vehicles)
+        if checked.at_s < now_s:
+            checked = Fault(checked.name, checked.vehicle, now_s, checked.duration_s, checked.parameters)
+        refuse_contradiction(checked, [*self._waiting, *self._acting])
+        self._waiting.append(checked)
+        self._waiting.sort(key=lambda other: other.at_s)
+        self._set_next()
+        return checked
+
+    def advance(self, now_s: float) -> tuple[list[Fault], list[Fault]]:
+        """Those that begin and those that end, up to now."""
+        ending = [fault for fault in self._acting if fault.end_s <= now_s + 1e-9]
+        begins = [fault for fault in self._waiting if fault.at_s <= now_s + 1e-9]
+        self._acting = [fault for fault in self._acting if fault not in ending]
+        self._acting += [fault for fault in begins if not KINDS[fault.name].is_instant]
+        self._waiting = [fault for fault in self._waiting if fault not in begins]
+        self._set_next()
+        return begins, ending
+
+    def _set_next(self) -> None:
+        times = [fault.at_s for fault in self._waiting] + [fault.end_s for fault in self._acting]
+        self.next_s = min(times, default=math.inf)
+
+
+def listing() -> str:
+    """The table for people: one line per kind."""
+    lines = []
+    for name, kind in KINDS.items():
+        values = " ".join(f"{p.name}={'...' if p.default is None else p.default}" for p in kind.parameters)
+        lines.append(f"  {f'{name} {values}'.rstrip():<58} {kind.sentence}")
+    return "\n".join(lines)
