@@ -33,7 +33,7 @@ def size(scenario: str) -> int:
 def fly(contestant: Contestant, scenario: str, seeds: Sequence[int], *, errors: str = "mocap") -> Flights:
     """The flights of a scenario, one for each seed."""
     made: list[TimedPipeline] = []
-    flown = _flown(contestant, scenario, seeds, errors, made, has_trace=False)
+    flown = _flown(contestant, scenario, seeds, errors, made)
     outcomes = [
         Outcome(
             scenario=scenario,
@@ -53,11 +53,17 @@ def fly(contestant: Contestant, scenario: str, seeds: Sequence[int], *, errors: 
 
 
 def trace(
-    contestant: Contestant, scenario: str, seed: int, *, errors: str = "mocap", sets: Sequence[str] = ()
+    contestant: Contestant,
+    scenario: str,
+    seed: int,
+    *,
+    errors: str = "mocap",
+    sets: Sequence[str] = (),
+    types: str | None = None,
 ) -> tuple[Array, Array]:
     """One flight: time (T,), true positions (T, N, 3)."""
     chosen = dataclasses.replace(contestant, sets=(*contestant.sets, *sets))
-    (one,) = _flown(chosen, scenario, [seed], errors, [], has_trace=True)
+    (one,) = _flown(chosen, scenario, [seed], errors, [], types=types, has_trace=True)
     if one.outcome.trace is None:
         raise RuntimeError("The campaign has kept no trace although it was asked to.")
     return one.outcome.trace.t_s, one.outcome.trace.position_enu_m
@@ -70,9 +76,10 @@ def _flown(
     errors: str,
     made: list[TimedPipeline],
     *,
-    has_trace: bool,
+    types: str | None = None,
+    has_trace: bool = False,
 ) -> list[flight.Flown]:
-    setup = settings.choose(law=contestant.law, errors=errors, changes=contestant.sets)
+    setup = settings.choose(law=contestant.law, types=types, errors=errors, changes=contestant.sets)
     plans = [scenarios.plan(scenario, seed) for seed in seeds]
 
     def controller(params: Sequence[PipelineParams], start_enu_m: Array) -> TimedPipeline:

@@ -75,10 +75,10 @@ def distances(flights: Mapping[str, Sequence[Outcome]], path: Path, title: str) 
         figure.savefig(path)
 
 
-def paths(traces: Mapping[str, Array], path: Path, title: str) -> None:
+def paths(traces: Mapping[str, Array], path: Path, title: str, columns: int = 4) -> None:
     """Paths from above, a panel for each: positions (T, N, 3)."""
     with styled():
-        columns = min(4, len(traces))
+        columns = min(columns, len(traces))
         lines = math.ceil(len(traces) / columns)
         figure = new_figure(2.8 * columns, 2.95 * lines + 0.5, title)
         axes = np.atleast_1d(figure.subplots(lines, columns, sharex=True, sharey=True)).ravel()
@@ -94,19 +94,23 @@ def paths(traces: Mapping[str, Array], path: Path, title: str) -> None:
         figure.savefig(path)
 
 
-def histories(curves: Mapping[str, tuple[Array, Array]], path: Path, title: str, limits: Mapping[str, float]) -> None:
+def histories(
+    curves: Mapping[str, tuple[Array, Array]], path: Path, title: str, limits: Mapping[str, float], until_s: float
+) -> None:
     """Smallest distance over time for several variants, each (t_s, distance_m), with named limit lines."""
+    highest = max(float(distance_m.max()) for _, distance_m in curves.values())
     with styled():
         figure = new_figure(8.0, 3.4, title)
         axis = figure.subplots()
         for place, (name, (t_s, distance_m)) in enumerate(curves.items()):
             axis.plot(t_s, distance_m, label=name, color=colour(place))
         for name, value in limits.items():
-            axis.axhline(value, color=LIMIT, linewidth=1.0, linestyle="--" if value > 0.8 else "-")
+            axis.axhline(value, color=LIMIT, linewidth=1.0)
             axis.text(0.995, value, name, color=LIMIT, ha="right", va="bottom", fontsize=8.5, transform=_across(axis))
         axis.set_xlabel("time in s")
         axis.set_ylabel("smallest distance in m")
-        axis.set_ylim(0.0, 2.5)
+        axis.set_ylim(0.0, 1.25 * highest)
+        axis.set_xlim(0.0, until_s)
         axis.legend(loc="upper center", ncols=3, fontsize=8.5)
         figure.savefig(path)
 
@@ -133,7 +137,10 @@ def half_planes(
             axis.contourf(x, y, side, levels=[-100.0, 0.0], colors=[colour(k)], alpha=0.16)
             axis.contour(x, y, side, levels=[0.0], colors=[colour(k)], linewidths=1.6)
             unit = normal / size
-            spot = unit * bound / size - unit * 0.10 * radius
+            along = np.array([unit[1], -unit[0]])
+            line = unit * bound / size - unit * 0.08 * radius
+            ends = (line + along * 0.75 * radius, line - along * 0.75 * radius)
+            spot = max(ends, key=lambda end: float(np.hypot(*(end - wanted))))
             turn = math.degrees(math.atan2(unit[0], -unit[1]))
             turn = turn - 180.0 if turn > 90.0 else turn + 180.0 if turn < -90.0 else turn
             axis.text(*spot, name, color=colour(k), rotation=turn, ha="center", va="center", fontsize=9)
