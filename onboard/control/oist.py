@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from onboard.control import prediction, rows
+from onboard.control import compiled, prediction, rows
 from onboard.control.law_params import ROTATION, LawNumbers
 from onboard.control.law_params import LawParams as LawParams
 from onboard.control.paper_law import saturate_thrust
@@ -157,6 +157,8 @@ def _covey(
     p: LawParams,
 ) -> tuple[Array, IntArray, Array, Array, IntArray]:
     """Projection of ``wanted`` (shifted by the compensation) on the rows of all neighbours; lines P3, D, R, Q."""
+    if compiled.uses_kernel(radius.size):
+        return _covey_by_kernel(wanted, shift, radius, own, own_std, neighbours, p)
     n, (position, velocity) = p.numbers, own
     q, w_j, u_j, is_seen, is_bad = _received(neighbours, n)
     e, w = position[..., None, :] - q, velocity[..., None, :] - w_j
@@ -207,6 +209,45 @@ def _covey(
     result = project(wanted, Rows(normals, bounds, can_bind), Rows(soft, soft_bounds, is_soft), radius_m_s2=radius)
     status = np.where(flagged, int(LawStatus.INFEASIBLE), result.status)
     return result.point_m_s2, status, result.slack_m_s2, crowd, active
+
+
+def _covey_by_kernel(
+    wanted: Array,
+    shift: Array,
+    radius: Array,
+    own: tuple[Array, Array],
+    own_std: tuple[Array, Array],
+    neighbours: Neighbours,
+    p: LawParams,
+) -> tuple[Array, IntArray, Array, Array, IntArray]:
+    """The same by the kernel, vehicle by vehicle."""
+    batch, size, count = radius.shape, radius.size, neighbours.is_present.shape[-1]
+    lead, their_std = neighbours.lead_time_s, neighbours.velocity_std_m_s
+    scalars = (
+        neighbours.age_s,
+        np.full(neighbours.age_s.shape, np.nan) if lead is None else lead,
+        neighbours.position_std_m,
+        np.zeros(neighbours.age_s.shape) if their_std is None else their_std,
+        neighbours.crowd_count,
+    )
+    vectors = (
+        neighbours.position_enu_m,
+        neighbours.velocity_enu_m_s,
+        neighbours.predicted_position_enu_m,
+        neighbours.predicted_velocity_enu_m_s,
+        neighbours.commanded_acceleration_enu_m_s2,
+    )
+    floats = np.empty((*batch, 11))
+    floats[..., 0:2], floats[..., 2:4], floats[..., 4] = wanted, shift, radius
+    floats[..., 5:7], floats[..., 7:9], floats[..., 9], floats[..., 10] = (*own, *own_std)
+    out = compiled.covey(
+        floats.reshape(size, 11),
+        [compiled.flat(array, size, count, 3) for array in vectors],
+        [compiled.flat(array, size, count) for array in scalars],
+        [compiled.flat(array, size, count) for array in (neighbours.is_present, neighbours.is_cooperative)],
+        p,
+    ).reshape(*batch, 6)
+    return out[..., 0:2], out[..., 2].astype(np.int64), out[..., 3], out[..., 4], out[..., 5].astype(np.int64)
 
 
 def _net(bounds: Array, normals: Array, shift: Array) -> Array:

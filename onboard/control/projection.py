@@ -19,6 +19,7 @@ import numpy as np
 from onboard.types import Array, BoolArray, IntArray, LawStatus
 
 _FEASIBLE_TOLERANCE = 1e-10
+_ONE_POINT = 1e-4  # two solutions nearer than this (times the bounds) are one, seen through rounding
 _LARGEST_WORK_SET = 2_000_000  # floats of one chunk of candidates x rows; keeps big batches inside the caches
 
 
@@ -121,15 +122,16 @@ def _solve(
     # hard rows: the smallest common slack
     empty = failed[~hard_found]
     if len(empty):
-        least = least_slack(
-            normals[empty, :hard_count], bounds[empty, :hard_count], is_on[empty, :hard_count], radius[empty]
-        )
-        scale = 1.0 + np.abs(np.where(is_on[empty, :hard_count], bounds[empty, :hard_count], 0.0)).max(-1, initial=0.0)
+        rows = normals[empty, :hard_count], bounds[empty, :hard_count], is_on[empty, :hard_count]
+        least, point[empty] = least_slack(*rows, radius[empty])
+        scale = 1.0 + np.abs(np.where(rows[2], rows[1], 0.0)).max(-1, initial=0.0)
         target, rest = empty, np.arange(len(empty))
         for widen in (1e-12, 1e-10, 1e-8, 1e-6):  # rounding must not hide the one point that is left
             relaxed = bounds[target] - (least[rest] + widen * scale[rest])[:, None]
             candidate, found = nearest_feasible(u0[target], normals[target], relaxed, hard_on[target], radius[target])
-            point[target[found]] = candidate[found]
+            # where several points have the least slack, the nearest of them
+            is_other = found & (np.abs(candidate - point[target]).sum(-1) > _ONE_POINT * scale[rest])
+            point[target[is_other]] = candidate[is_other]
             target, rest = target[~found], rest[~found]
             if not len(target):
                 break
@@ -178,8 +180,8 @@ def nearest_feasible(
     return np.where(is_found[:, None], candidates[index, best], clipped), is_found
 
 
-def least_slack(normals: Array, bounds: Array, is_on: BoolArray, radius: Array) -> Array:
-    """``min t >= 0`` such that a point of the disc satisfies ``n.u >= b - t`` for all rows: (M,) [m/s^2].
+def least_slack(normals: Array, bounds: Array, is_on: BoolArray, radius: Array) -> tuple[Array, Array]:
+    """``min t >= 0`` such that a point of the disc satisfies ``n.u >= b - t`` for all rows: (M,) [m/s^2], and a point.
 
     ``max(b - n.u)`` is convex and piecewise linear: its minimum over the disc lies where three rows are equal, on the
     circle where two are, or on the circle in the direction of one row.
@@ -187,12 +189,13 @@ def least_slack(normals: Array, bounds: Array, is_on: BoolArray, radius: Array) 
     normals, bounds, is_on = _compact(normals, bounds, is_on)
     rows = normals.shape[1]
     if rows == 0:
-        return np.zeros(len(radius))
+        return np.zeros(len(radius)), np.zeros((len(radius), 2))
     work = (3 * rows + rows * rows + rows**3 // 6) * rows
     chunk = max(1, _LARGEST_WORK_SET // work)
     if len(radius) > chunk:
         cuts = [slice(k, k + chunk) for k in range(0, len(radius), chunk)]
-        return np.concatenate([least_slack(normals[c], bounds[c], is_on[c], radius[c]) for c in cuts])
+        parts = [least_slack(normals[c], bounds[c], is_on[c], radius[c]) for c in cuts]
+        return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
     n = np.where(is_on[..., None], normals, 0.0)
     length = np.sqrt(np.einsum("mhc,mhc->mh", n, n))
     single = n * (radius[:, None] / np.maximum(length, 1e-300))[..., None]
@@ -218,7 +221,9 @@ def least_slack(normals: Array, bounds: Array, is_on: BoolArray, radius: Array) 
     lack = (need[:, None, :] - np.einsum("mkc,mhc->mkh", candidates, n)).max(-1)
     squared = np.einsum("mkc,mkc->mk", candidates, candidates)
     lack = np.where(squared <= ((radius * (1.0 + 1e-12) + 1e-12) ** 2)[:, None], lack, np.inf)
-    return np.asarray(np.maximum(0.0, lack.min(-1)))
+    best = np.argmin(lack, axis=-1)
+    index = np.arange(len(radius))
+    return np.maximum(0.0, lack[index, best]), candidates[index, best]
 
 
 def _intersect(n1: Array, b1: Array, n2: Array, b2: Array) -> tuple[Array, BoolArray]:

@@ -160,7 +160,7 @@ def test_degenerate_rows_give_a_finite_point_inside_the_disc(radius):
 
 def test_opposed_rows_share_the_slack_equally():
     normals = np.array([[[1.0, 0.0], [-1.0, 0.0]]])
-    slack = least_slack(normals, np.array([[2.0, 4.0]]), np.ones((1, 2), bool), np.array([10.0]))
+    slack, _ = least_slack(normals, np.array([[2.0, 4.0]]), np.ones((1, 2), bool), np.array([10.0]))
     assert slack[0] == pytest.approx(3.0)
 
 

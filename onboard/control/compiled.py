@@ -1,0 +1,157 @@
+"""Numba, when there is any use for it: the kernels compiled for batches, and the rule who runs what.
+
+One vehicle is computed by the interpreted kernels: a drone's process never loads numba (130 MiB and a second of
+imports) and has nothing to compile in flight. Batches use the compiled kernels, or the array forms where numba is
+missing or ``COVEY_NUMBA=0``. ``COVEY_NUMBA=1`` compiles for single vehicles too.
+
+Compiled code is kept on disk by numba beside the source, or in the user's cache folder where that is read-only; where
+neither can be written, each process compiles anew. ``warm_up`` does it at a moment of the caller's choice.
+"""
+
+from __future__ import annotations
+
+import marshal
+import os
+import zlib
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+
+from onboard.control import kernel_projection, kernels
+from onboard.control.law_params import LawNumbers, LawParams
+from onboard.types import Array
+
+ENVIRONMENT = "COVEY_NUMBA"
+Kernel = Callable[..., Any]
+
+
+def is_wanted() -> bool:
+    """Whether compiled kernels may be used at all."""
+    return os.environ.get(ENVIRONMENT, "") != "0"
+
+
+def uses_kernel(size: int) -> bool:
+    """Whether a batch of ``size`` vehicles is for the kernels rather than for the array forms."""
+    return size == 1 or (size > 0 and is_wanted() and numba() is not None)
+
+
+def is_compiled(size: int) -> bool:
+    """Whether a kernel is to be run compiled for this size."""
+    return size != 1 or os.environ.get(ENVIRONMENT, "") == "1"
+
+
+@lru_cache(maxsize=1)
+def numba() -> Any:
+    """The module, or None."""
+    try:
+        import numba as module
+        from numba import extending
+    except ImportError:
+        return None
+    for source in (kernel_projection, kernels):
+        for function in _functions(source):
+            extending.register_jitable(function)
+    return module
+
+
+def _functions(module: Any) -> list[FunctionType]:
+    return [f for f in vars(module).values() if isinstance(f, FunctionType) and f.__module__ == module.__name__]
+
+
+@lru_cache(maxsize=1)
+def _digest() -> int:
+    """Changes with any kernel: numba's own check sees only the file of the function that it is told to compile."""
+    functions = [f for module in (kernel_projection, kernels) for f in _functions(module)]
+    return zlib.crc32(b"".join(marshal.dumps(f.__code__) for f in functions) + repr(LawNumbers._fields).encode())
+
+
+def _jit(function: Kernel) -> Kernel:
+    """The function compiled on first use, from numba's cache where there is one."""
+    module = numba()
+    try:
+        return module.njit(cache=True, nogil=True, fastmath=False)(function)  # type: ignore[no-any-return]
+    except RuntimeError:  # no folder to keep the code in
+        return module.njit(nogil=True, fastmath=False)(function)  # type: ignore[no-any-return]
+
+
+@lru_cache(maxsize=1)
+def law_batch() -> Kernel:
+    """``kernels.covey`` over a flat batch: arrays (M, ...) in, results (M, 6) out."""
+    version, covey = _digest(), kernels.covey
+
+    def run(
+        floats: Any,
+        vectors: Any,
+        scalars: Any,
+        masks: Any,
+        capsules: Any,
+        n: Any,
+        sizes: Any,
+        out: Any,
+    ) -> int:
+        position, velocity, predicted_position, predicted_velocity, command = vectors
+        age, lead, std_p, std_v, crowd = scalars
+        is_present, is_cooperative = masks
+        a, r = sizes
+        e_x, e_y, w_x, w_y = np.zeros(a), np.zeros(a), np.zeros(a), np.zeros(a)
+        c_x, c_y, gap, reach, full = np.zeros(a), np.zeros(a), np.zeros(a), np.zeros(a), np.zeros(a)
+        n_x, n_y, b, m_x, m_y, m_b = np.zeros(r), np.zeros(r), np.zeros(r), np.zeros(r), np.zeros(r), np.zeros(r)
+        rank, chosen = np.zeros(a, np.int64), np.zeros(r, np.int64)
+        for m in range(floats.shape[0]):
+            f = floats[m]
+            x, y, status, slack, count, active = covey(
+                (f[0], f[1]), (f[2], f[3]), f[4], (f[5], f[6], f[7], f[8], f[9], f[10]),
+                position[m], velocity[m], predicted_position[m], predicted_velocity[m], command[m],
+                (age[m], lead[m], std_p[m], std_v[m], crowd[m]), is_present[m], is_cooperative[m], capsules, n,
+                (e_x, e_y, w_x, w_y, c_x, c_y, gap, reach, full, n_x, n_y, b, m_x, m_y, m_b), (rank, chosen),
+            )  # fmt: skip
+            out[m, 0], out[m, 1], out[m, 2], out[m, 3], out[m, 4], out[m, 5] = x, y, status, slack, count, active
+        return version
+
+    return _jit(run)
+
+
+def covey(
+    floats: Array, vectors: Sequence[Array], scalars: Sequence[Array], masks: Sequence[Array], params: LawParams
+) -> Array:
+    """``kernels.covey`` for M vehicles, (M, 6); interpreted for one.
+
+    Args:
+        floats: (M, 11) wanted, shift (2 each), radius, position, velocity (2 each), two standard deviations.
+        vectors: five of (M, K, 3). scalars: five of (M, K). masks: two of (M, K). See ``kernels.covey``.
+    """
+    sizes = kernels.work_sizes(scalars[0].shape[1], len(params.capsules_enu_m))
+    out = np.empty((len(floats), 6))
+    if is_compiled(len(floats)):
+        capsules = np.array(params.capsules_enu_m, dtype=np.float64).reshape(-1, 5)
+        law_batch()(floats, tuple(vectors), tuple(scalars), tuple(masks), capsules, params.numbers, sizes, out)
+        return out
+    a, r = sizes
+    w_x, w_y, s_x, s_y, radius, *own = floats[0].tolist()
+    out[0] = kernels.covey(
+        (w_x, w_y),
+        (s_x, s_y),
+        radius,
+        own,
+        *(vector[0].tolist() for vector in vectors),
+        [scalar[0].tolist() for scalar in scalars],
+        *(mask[0].tolist() for mask in masks),
+        params.capsules_enu_m,
+        params.numbers,
+        [[0.0] * a for _ in range(9)] + [[0.0] * r for _ in range(6)],
+        ([0] * a, [0] * r),
+    )
+    return out
+
+
+def flat(array: Array, size: int, *inner: int) -> Array:
+    """An array of any leading shape as one contiguous (size, *inner) that compiled code takes."""
+    return np.require(array.reshape(size, *inner), requirements=["C", "W"])
+
+
+def warm_up(params: LawParams) -> None:
+    """Compile (or load) everything that batches use."""
+    del params

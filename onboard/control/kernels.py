@@ -1,0 +1,299 @@
+"""The law for one vehicle, in plain floats: the text that one drone runs and that numba compiles for many.
+
+The same source runs twice: Python interprets it for a single vehicle, where arrays would cost more than the arithmetic,
+and numba compiles it for batches (compiled.py). The array forms in rows.py, prediction.py, projection.py and oist.py
+say the same in vectors; they are the oracle of both, and what batches use without numba. Names and order follow them.
+
+So that both can run it: only floats, ints and indexing; no exceptions, powers or numpy; vectors are rows ``a[k][c]`` of
+lists or of arrays; scratch memory is passed in (``work_sizes``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from onboard.control.kernel_projection import INACTIVE, INFEASIBLE, project
+from onboard.control.law_params import LawNumbers
+
+# lists of lists when interpreted, arrays when compiled
+Vectors = Any
+Scalars = Any
+Point = tuple[float, float]
+
+_HUGE = 1e5
+_COINCIDENT_M = 1e-6
+_MAX_AGE_S = 0.30
+_MAX_COMMAND_AGE_S = 0.25
+_LONGEST_LEAD_S = 1.0
+_LARGEST_MARGIN_M = 5.0
+_MAX_OBSTACLES = 6
+_SPEED_GAIN_1_S = 4.0
+_TOLERANCE = 1e-10
+
+
+def work_sizes(neighbours: int, capsules: int) -> tuple[int, int]:
+    """Lengths of the scratch memory: per neighbour or capsule, and per row."""
+    return max(1, neighbours, capsules), 2 * neighbours + 2 * _MAX_OBSTACLES + 5
+
+
+def bounded(value: float) -> float:
+    """Clipped so that squares stay finite; 0 for what is no number."""
+    if value != value:
+        return 0.0
+    return min(max(value, -_HUGE), _HUGE)
+
+
+def is_finite_3(v: Scalars) -> bool:
+    """Whether all three components are finite."""
+    return math.isfinite(v[0]) and math.isfinite(v[1]) and math.isfinite(v[2])
+
+
+def received(
+    position: Scalars,
+    velocity: Scalars,
+    predicted_position: Scalars,
+    predicted_velocity: Scalars,
+    command: Scalars,
+    age_s: float,
+    lead_s: float,
+    is_cooperative: bool,
+    own_lead_s: float,
+) -> tuple[bool, float, float, float, float, float, float]:
+    """A neighbour at our own time: whether it is usable, position, velocity, command; see oist._received."""
+    age = min(max(age_s, 0.0), _MAX_AGE_S) if math.isfinite(age_s) else _MAX_AGE_S
+    own_word = is_cooperative and is_finite_3(predicted_position) and is_finite_3(predicted_velocity)
+    if own_word and is_finite_3(command):
+        x, y = bounded(predicted_position[0]), bounded(predicted_position[1])
+        v_x, v_y = bounded(predicted_velocity[0]), bounded(predicted_velocity[1])
+        u_x, u_y = bounded(command[0]), bounded(command[1])
+        lead = min(max(lead_s, 0.0), _LONGEST_LEAD_S) if math.isfinite(lead_s) else own_lead_s
+        ahead = age + (own_lead_s - lead)
+        held = min(max(ahead, 0.0), _MAX_COMMAND_AGE_S)
+        back = min(ahead, 0.0)
+        m_x, m_y = 0.0, 0.0
+        if lead > 1e-3:
+            m_x, m_y = (v_x - bounded(velocity[0])) / lead, (v_y - bounded(velocity[1])) / lead
+        share = held * (ahead - 0.5 * held)
+        x = x + ahead * v_x + share * u_x + 0.5 * back * back * m_x
+        y = y + ahead * v_y + share * u_y + 0.5 * back * back * m_y
+        return True, x, y, v_x + held * u_x + back * m_x, v_y + held * u_y + back * m_y, u_x, u_y
+    usable = is_finite_3(position) and is_finite_3(velocity)
+    v_x, v_y = bounded(velocity[0]), bounded(velocity[1])
+    ahead = age + own_lead_s
+    return usable, bounded(position[0]) + ahead * v_x, bounded(position[1]) + ahead * v_y, v_x, v_y, 0.0, 0.0
+
+
+def known(std: float) -> float:
+    """A standard deviation, 0 if unknown."""
+    return min(abs(std), 1e3) if math.isfinite(std) else 0.0
+
+
+def turn_sign(e_x: float, e_y: float, w_x: float, w_y: float, d: float, is_crowded: bool, direction: int) -> float:
+    """+1 counter-clockwise or -1; see rows.turn_direction."""
+    if direction == 0 or (is_crowded and direction == 2):
+        return 1.0
+    speed = math.sqrt(w_x * w_x + w_y * w_y)
+    return -1.0 if e_x * w_y - e_y * w_x < -0.25 * d * max(speed, 0.1) else 1.0
+
+
+def way_out(w_x: float, w_y: float) -> Point:
+    """A tiny separation where there is none: onwards along the relative velocity."""
+    speed = math.sqrt(w_x * w_x + w_y * w_y)
+    if speed > 1e-6:
+        return _COINCIDENT_M * (w_x / speed), _COINCIDENT_M * (w_y / speed)
+    return _COINCIDENT_M, 0.0
+
+
+def ranked(rank: Scalars, count: int, key: Scalars, place: int) -> None:
+    """Insert ``place`` into the ``count`` places of ``rank`` that are sorted by ``key``, behind its equals."""
+    k = count
+    while k > 0 and key[rank[k - 1]] > key[place]:
+        rank[k] = rank[k - 1]
+        k -= 1
+    rank[k] = place
+
+
+def covey(
+    wanted: Point,
+    shift: Point,
+    radius: float,
+    own: tuple[float, float, float, float, float, float],
+    position: Vectors,
+    velocity: Vectors,
+    predicted_position: Vectors,
+    predicted_velocity: Vectors,
+    command: Vectors,
+    scalars: tuple[Scalars, Scalars, Scalars, Scalars, Scalars],
+    is_present: Scalars,
+    is_cooperative: Scalars,
+    capsules: Vectors,
+    n: LawNumbers,
+    work: tuple[Scalars, ...],
+    places: tuple[Scalars, Scalars],
+) -> tuple[float, float, int, float, float, int]:
+    """Safe thrust with its status, slack, crowd count and active neighbour; see oist._covey.
+
+    Args:
+        own: position, velocity (2 each) predicted, and standard deviations of position and velocity.
+        scalars: age, lead time, standard deviations of position and velocity, crowd count of each neighbour.
+        work: 9 of the first of ``work_sizes`` and 6 of the second; places: one of each, integers.
+    """
+    u_x, u_y = wanted
+    s_x, s_y = shift
+    p_x, p_y, v_x, v_y, std_p, std_v = own
+    age, lead, their_std_p, their_std_v, their_crowd = scalars
+    e_x, e_y, w_x, w_y, c_x, c_y, gap, reach, full, n_x, n_y, b, m_x, m_y, m_b = work
+    rank, chosen = places
+    seen = 0
+    is_flagged = False
+    crowd = 0.0
+    own_variance = (n.sigma_position * known(std_p)) * (n.sigma_position * known(std_p)) + (
+        n.sigma_velocity_s * known(std_v)
+    ) * (n.sigma_velocity_s * known(std_v))
+    for k in range(len(age)):
+        if not is_present[k]:
+            continue
+        usable, q_x, q_y, r_x, r_y, a_x, a_y = received(
+            position[k], velocity[k], predicted_position[k], predicted_velocity[k], command[k],
+            age[k], lead[k], is_cooperative[k], n.lead_time_s,
+        )  # fmt: skip
+        if not usable:
+            is_flagged = True
+            continue
+        d_x, d_y, z_x, z_y = p_x - q_x, p_y - q_y, v_x - r_x, v_y - r_y
+        distance_2 = d_x * d_x + d_y * d_y
+        if not distance_2 <= n.range_m * n.range_m:
+            continue
+        if distance_2 < _COINCIDENT_M * _COINCIDENT_M:
+            is_flagged = True
+            d_x, d_y = way_out(z_x, z_y)
+        margin = n.margin_m
+        if n.sigma_position > 0.0:
+            part_p, part_v = n.sigma_position * known(their_std_p[k]), n.sigma_velocity_s * known(their_std_v[k])
+            spread = math.sqrt(own_variance + part_p * part_p + part_v * part_v)
+            margin = min(max(margin, n.margin_floor_m + spread), _LARGEST_MARGIN_M)
+        d = n.safety_distance_m + margin + (0.0 if is_cooperative[k] else n.uncooperative_margin_m)
+        if distance_2 < 4.0 * d * d:
+            crowd += 1.0
+        e_x[k], e_y[k], w_x[k], w_y[k], c_x[k], c_y[k] = d_x, d_y, z_x, z_y, a_x, a_y
+        gap[k], reach[k] = distance_2, d
+        full[k] = 1.0 if n.is_full or not is_cooperative[k] else 0.0
+        ranked(rank, seen, gap, k)
+        seen += 1
+    seen = min(seen, n.max_neighbours)
+
+    # hard rows: neighbours, what stands still, walls; turning rows wait in m_x, m_y, m_b
+    hard, turns = 0, 0
+    most, active = -math.inf, -1
+    is_avoiding = False
+    k_3, k_4 = n.kappa_3_1_s, n.kappa_4_1_s
+    for place in range(seen):
+        k = rank[place]
+        d = reach[k]
+        closing = e_x[k] * w_x[k] + e_y[k] * w_y[k]
+        outside = e_x[k] * e_x[k] + e_y[k] * e_y[k] - d * d
+        need = -(w_x[k] * w_x[k] + w_y[k] * w_y[k]) - (n.kappa_1_1_s + n.kappa_2_1_s) * closing
+        need -= 0.5 * n.kappa_1_1_s * n.kappa_2_1_s * outside
+        pulled = e_x[k] * c_x[k] + e_y[k] * c_y[k]
+        bound = need + pulled if full[k] > 0.0 else 0.5 * need + n.shortfall_gain * max(0.0, 0.5 * need + pulled)
+        f_x, f_y = e_x[k] / d, e_y[k] / d
+        bound = bound / d + f_x * s_x + f_y * s_y
+        lack = bound - f_x * u_x - f_y * u_y
+        if lack > most:
+            most, active = lack, k
+        if bound > -radius * math.sqrt(f_x * f_x + f_y * f_y):
+            n_x[hard], n_y[hard], b[hard] = f_x, f_y, bound
+            hard += 1
+        is_violated = lack > _TOLERANCE
+        is_avoiding = is_avoiding or is_violated
+        if n.rotation == 2 or (n.rotation == 1 and is_violated):
+            is_crowded = max(crowd, their_crowd[k] if math.isfinite(their_crowd[k]) else 0.0) >= n.crowd_count
+            sign = turn_sign(e_x[k], e_y[k], w_x[k], w_y[k], d, is_crowded, n.direction)
+            g_x, g_y = (v_x, v_y) if n.is_full else (w_x[k], w_y[k])
+            spin = sign * (e_x[k] * g_y - e_y[k] * g_x)
+            v_perp = n.v_perp_crowd_m_s if is_crowded and n.direction == 2 else n.v_perp_m_s
+            braking = -2.0 * k_3 * closing
+            if full[k] > 0.0:
+                bound = braking - k_4 * (spin - d * v_perp + k_3 * outside) - sign * (w_x[k] * g_y - w_y[k] * g_x)
+            else:
+                bound = 0.5 * (braking - k_4 * (spin - 2.0 * d * v_perp + k_3 * outside))
+            f_x, f_y = -e_y[k] * sign / d, e_x[k] * sign / d
+            m_x[turns], m_y[turns], m_b[turns] = f_x, f_y, bound / d + f_x * s_x + f_y * s_y
+            turns += 1
+    for c in range(len(capsules)):
+        t_x, t_y = capsules[c][2] - capsules[c][0], capsules[c][3] - capsules[c][1]
+        o_x, o_y = p_x - capsules[c][0], p_y - capsules[c][1]
+        length_2 = t_x * t_x + t_y * t_y
+        along = (o_x * t_x + o_y * t_y) / (length_2 if length_2 > 0.0 else 1.0)
+        share = min(max(along, 0.0), 1.0)
+        e_x[c], e_y[c] = o_x - share * t_x, o_y - share * t_y
+        full[c] = 1.0 if 0.0 < along < 1.0 else 0.0
+        gap[c] = math.sqrt(e_x[c] * e_x[c] + e_y[c] * e_y[c]) - capsules[c][4]
+        ranked(rank, c, gap, c)
+    for place in range(min(len(capsules), _MAX_OBSTACLES)):
+        c = rank[place]
+        d_x, d_y = e_x[c], e_y[c]
+        if d_x * d_x + d_y * d_y < _COINCIDENT_M * _COINCIDENT_M:
+            d_x, d_y = way_out(v_x, v_y)
+        d = capsules[c][4] + n.clearance_m
+        closing, distance_2 = d_x * v_x + d_y * v_y, d_x * d_x + d_y * d_y
+        towards = closing * closing / distance_2 if full[c] > 0.0 else v_x * v_x + v_y * v_y
+        need = -towards - (n.static_kappa_1_1_s + n.kappa_2_1_s) * closing
+        need -= 0.5 * n.static_kappa_1_1_s * n.kappa_2_1_s * (distance_2 - d * d)
+        f_x, f_y = d_x / d, d_y / d
+        bound = need / d + f_x * s_x + f_y * s_y
+        lack = bound - f_x * u_x - f_y * u_y
+        if lack > most:
+            most, active = lack, -2
+        if bound > -radius * math.sqrt(f_x * f_x + f_y * f_y):
+            n_x[hard], n_y[hard], b[hard] = f_x, f_y, bound
+            hard += 1
+        is_violated = lack > _TOLERANCE
+        is_avoiding = is_avoiding or is_violated
+        if n.rotation == 2 or (n.rotation == 1 and is_violated):
+            sign = turn_sign(d_x, d_y, v_x, v_y, d, False, n.direction)
+            spin = sign * (d_x * v_y - d_y * v_x)
+            bound = -2.0 * k_3 * closing - k_4 * (spin - d * n.v_perp_m_s + k_3 * (distance_2 - d * d))
+            if full[c] > 0.0:
+                bound -= closing * spin / distance_2
+            f_x, f_y = -d_y * sign / d, d_x * sign / d
+            m_x[turns], m_y[turns], m_b[turns] = f_x, f_y, bound / d + f_x * s_x + f_y * s_y
+            turns += 1
+    for wall in range(4):
+        f_x, f_y, distance = 0.0, 1.0, p_y - n.fence_low_y_m
+        if wall == 0:
+            f_x, f_y, distance = 1.0, 0.0, p_x - n.fence_low_x_m
+        elif wall == 2:
+            f_x, f_y, distance = -1.0, 0.0, n.fence_high_x_m - p_x
+        elif wall == 3:
+            f_x, f_y, distance = 0.0, -1.0, n.fence_high_y_m - p_y
+        if not math.isfinite(distance):
+            continue
+        bound = -(n.static_kappa_1_1_s + n.kappa_2_1_s) * (f_x * v_x + f_y * v_y)
+        bound = bound - n.static_kappa_1_1_s * n.kappa_2_1_s * distance + f_x * s_x + f_y * s_y
+        lack = bound - f_x * u_x - f_y * u_y
+        if lack > most:
+            most, active = lack, -2
+        if bound > -radius:
+            n_x[hard], n_y[hard], b[hard] = f_x, f_y, bound
+            hard += 1
+        is_avoiding = is_avoiding or lack > _TOLERANCE
+    if not is_avoiding:
+        active = -1
+        if n.rotation != 2:
+            return u_x, u_y, INFEASIBLE if is_flagged else INACTIVE, 0.0, crowd, active
+
+    # soft rows behind the hard ones, the last one dropped first: speed, then turning
+    soft = 0
+    speed = math.sqrt(v_x * v_x + v_y * v_y)
+    if is_avoiding and speed > 1e-6:
+        f_x, f_y = -v_x / speed, -v_y / speed
+        n_x[hard], n_y[hard] = f_x, f_y
+        b[hard] = -_SPEED_GAIN_1_S * (n.top_speed_m_s - speed) + f_x * s_x + f_y * s_y
+        soft = 1
+    for k in range(turns):
+        n_x[hard + soft], n_y[hard + soft], b[hard + soft] = m_x[k], m_y[k], m_b[k]
+        soft += 1
+    x, y, status, slack = project(u_x, u_y, n_x, n_y, b, hard, soft, radius, (m_x, m_y, m_b), chosen)
+    return x, y, INFEASIBLE if is_flagged else status, slack, crowd, active
