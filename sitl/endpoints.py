@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import re
 import socket
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from sitl.link import Link
@@ -115,27 +116,52 @@ def bind(ports: Ports, what: str) -> socket.socket:
 
 
 class Endpoint:
-    """A socket and its link."""
+    """One link and whom it talks to. Pure: datagrams come in with their sender and leave through `send`.
 
-    def __init__(self, link: Link, sock: socket.socket, peer: Address | None) -> None:
+    Args:
+        link: what is said.
+        peer: to whom, until somebody has spoken.
+        send: puts a datagram on its way to an address.
+    """
+
+    def __init__(self, link: Link, peer: Address | None, send: Callable[[bytes, Address], object]) -> None:
         self.link = link
         self.peer = peer
-        self._sock = sock
+        self._send = send
         self._is_locked = False
 
+    def receive(self, datagram: bytes, sender: Address) -> None:
+        """Take a datagram, and answer the peer."""
+        if datagram and not self._is_locked:
+            self._is_locked, self.peer = True, sender
+        for answer in self.link.receive(datagram):
+            self._tell(answer)
+
+    def poll(self) -> None:
+        """Send what is due; without a peer it is built all the same, and dropped."""
+        for datagram in self.link.poll():
+            self._tell(datagram)
+
+    def _tell(self, datagram: bytes) -> None:
+        if self.peer is not None:
+            self._send(datagram, self.peer)
+
+
+class Socket:
+    """A bound socket that reads for an endpoint whenever the loop gets round to it, and sends for it."""
+
+    def __init__(self, sock: socket.socket, link: Link, peer: Address | None) -> None:
+        self._sock = sock
+        self.endpoint = Endpoint(link, peer, self._send)
+
     def open(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Read from now on, whenever the loop gets round to it."""
+        """Read from now on."""
         loop.add_reader(self._sock.fileno(), self._read)
 
     def close(self, loop: asyncio.AbstractEventLoop) -> None:
         """Close the socket."""
         loop.remove_reader(self._sock.fileno())
         self._sock.close()
-
-    def poll(self) -> None:
-        """Send what is due; without a peer it is built all the same, and dropped."""
-        for datagram in self.link.poll():
-            self._send(datagram)
 
     def _read(self) -> None:
         # A client that floods the socket has to wait for the next round: the vehicles fly on.
@@ -144,15 +170,10 @@ class Endpoint:
                 data, sender = self._sock.recvfrom(_LARGEST_DATAGRAM)
             except OSError:
                 return  # nothing left, or word that the peer is not there
-            if data and not self._is_locked:
-                self._is_locked, self.peer = True, sender
-            for answer in self.link.receive(data):
-                self._send(answer)
+            self.endpoint.receive(data, sender)
 
-    def _send(self, datagram: bytes) -> None:
-        if self.peer is None:
-            return
+    def _send(self, datagram: bytes, peer: Address) -> None:
         try:
-            self._sock.sendto(datagram, self.peer)
+            self._sock.sendto(datagram, peer)
         except OSError:
             return  # nobody listens, or the buffer is full: a datagram is lost, as on any network

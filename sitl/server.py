@@ -22,8 +22,8 @@ from sitl.emulator import Emulator, VehicleSpec
 from sitl.endpoints import (
     GROUND_STATION,
     Address,
-    Endpoint,
     Ports,
+    Socket,
     StartError,
     bind,
     ground_port_of,
@@ -93,7 +93,7 @@ class Server:
         self._mocap = Mocap(len(specs), mocap, seed=seed)
         self._bus = bus
         self._truth_offset_m = truth_offset_m
-        self._endpoints: list[Endpoint] = []
+        self._sockets: list[Socket] = []
         self._sequence = 0
         self._boot_id = time.time_ns() & 0x7FFFFFFF
         self._epoch_s = 0.0
@@ -123,9 +123,9 @@ class Server:
         loop = asyncio.get_running_loop()
         lines: list[str] = []
         for sock, (index, ports, rates_hz, _) in zip(sockets, wanted, strict=True):
-            endpoint = Endpoint(Link(self.emulator, index, rates_hz), sock, ports.peer)
-            endpoint.open(loop)
-            self._endpoints.append(endpoint)
+            opened = Socket(sock, Link(self.emulator, index, rates_hz), ports.peer)
+            opened.open(loop)
+            self._sockets.append(opened)
             target = f" -> {ports.peer[1]}" if ports.peer else ""
             lines.append(f"{self._vehicles[index].name} {ports.bind[1]}{target}")
         return lines
@@ -149,14 +149,14 @@ class Server:
 
     def stop(self) -> None:
         """Close all sockets; a second call does nothing."""
-        for endpoint in self._endpoints:
-            endpoint.close(asyncio.get_running_loop())
-        self._endpoints.clear()
+        for each in self._sockets:
+            each.close(asyncio.get_running_loop())
+        self._sockets.clear()
 
     @property
     def malformed(self) -> int:
         """Datagrams that were no MAVLink, over all links."""
-        return sum(endpoint.link.malformed for endpoint in self._endpoints)
+        return sum(each.endpoint.link.malformed for each in self._sockets)
 
     def _step(self, say: Callable[[str], None]) -> None:
         for collision in self.emulator.step():
@@ -165,8 +165,8 @@ class Server:
                 f"collision: {first} and {second} touched at {collision.time_s:.2f} s "
                 f"({collision.distance_m:.2f} m between centres); both fall"
             )
-        for endpoint in self._endpoints:
-            endpoint.poll()
+        for each in self._sockets:
+            each.endpoint.poll()
         if self._bus is not None and self.emulator.world.vehicles.steps % _TRUTH_EVERY_STEPS == 0:
             self._publish(self._bus)
 
