@@ -16,14 +16,13 @@ from pathlib import Path
 from typing import IO, TextIO
 
 import msgspec
-from mcap.writer import CompressionType, Writer
 
 from groundstation.recording.channels import json_schema, rows
+from groundstation.recording.mcap_file import McapFile
 from onboard.bus.schema import Event, Message, Order, OrderReply
 from onboard.bus.topics import Topic
 
 FLUSH_PERIOD_S = 1.0
-CHUNK_BYTES = 128 * 1024
 MAX_QUEUED = 20_000
 RECORD_NAME = "flight.mcap"
 
@@ -121,8 +120,7 @@ class RecordFiles:
 
     def __init__(self, folder: Path, stream: IO[bytes], *, begin_ns: int, begin: str) -> None:
         self._stream = stream
-        self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._writer.start(profile="", library="covey")
+        self._file = McapFile(stream, "covey")
         self._schemas: dict[type[Message], int] = {}
         self._channels: dict[str, tuple[int, int]] = {}
         self._begin_ns = begin_ns
@@ -136,9 +134,7 @@ class RecordFiles:
         """Take one message of the bus."""
         for row in rows(topic, name, message, received_ns):
             channel, sequence = self._channel(row.channel, row.kind)
-            self._writer.add_message(
-                channel, log_time=row.stamp_ns, publish_time=row.stamp_ns, sequence=sequence, data=row.data
-            )
+            self._file.add_message(channel, row.stamp_ns, sequence, row.data)
         if isinstance(message, Event):
             self._line("events.txt", received_ns, event_line(message))
             if message.order_id:
@@ -152,17 +148,14 @@ class RecordFiles:
 
     def flush(self) -> None:
         """Bring what was written so far to the disk."""
-        # mcap has no public call that ends a chunk; without it a quiet flight would stay in memory for a minute.
-        finish_chunk = getattr(self._writer, "_Writer__finalize_chunk", None)
-        if finish_chunk is not None:
-            finish_chunk()
+        self._file.end_chunk()  # without it a quiet flight would stay in memory for a minute
         self._stream.flush()
         for text in self._texts.values():
             text.flush()
 
     def finish(self) -> None:
         """Write the end of the files."""
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._file.finish()
         self._stream.flush()
         for text in self._texts.values():
             text.flush()
@@ -178,10 +171,10 @@ class RecordFiles:
         if found is None:
             schema = self._schemas.get(kind)
             if schema is None:
-                schema = self._schemas[kind] = self._writer.register_schema(
-                    name=f"covey.{kind.__name__}", encoding="jsonschema", data=json_schema(kind)
+                schema = self._schemas[kind] = self._file.register_schema(
+                    f"covey.{kind.__name__}", "jsonschema", json_schema(kind)
                 )
-            found = (self._writer.register_channel(topic=name, message_encoding="json", schema_id=schema), 0)
+            found = (self._file.register_channel(name, "json", schema), 0)
         self._channels[name] = (found[0], found[1] + 1)
         return found
 
