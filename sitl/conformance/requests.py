@@ -46,7 +46,7 @@ RATES = (
     word("rate.acknowledged", "4", "SET_MESSAGE_INTERVAL of a known message", "ACCEPTED"),
     word("rate.heartbeat-fixed", "4", "SET_MESSAGE_INTERVAL of HEARTBEAT", "FAILED"),
     word("rate.unknown-message", "4", "SET_MESSAGE_INTERVAL of an unknown message", "FAILED"),
-    word("rate.get", "4", "GET_MESSAGE_INTERVAL of ATTITUDE after asking for 4 ms", "4000 us"),
+    number("rate.get", "4", "GET_MESSAGE_INTERVAL of ATTITUDE after asking for 4 ms", 3600.0, 5000.0, "us"),
     word("truth.time", "1", "time_usec of HIL_STATE_QUATERNION", "0"),
 )
 ANSWERS = (
@@ -96,13 +96,13 @@ def _rates(pilot: Pilot, report: Report) -> None:
     report.add("rate.unknown-message", pilot.interval(_UNKNOWN_MESSAGE, 5.0))
 
 
-def _get_interval(pilot: Pilot) -> str:
+def _get_interval(pilot: Pilot) -> float:
     since_s = pilot.now_s
     pilot.command(_GET_INTERVAL, float(common_id("ATTITUDE")))
     for packet in pilot.seen.of("MESSAGE_INTERVAL", since_s):
         if packet.message.message_id == common_id("ATTITUDE"):
-            return f"{packet.message.interval_us} us"
-    return "no MESSAGE_INTERVAL"
+            return float(packet.message.interval_us)
+    return math.nan
 
 
 def _requested(pilot: Pilot, name: str) -> str:

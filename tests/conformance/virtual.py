@@ -3,47 +3,53 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from sitl.emulator import Emulator, VehicleSpec
+from sitl.endpoints import Endpoint
 from sitl.link import Link
-from sitl.server import _Endpoint
 from sitl.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ
 from sitl.vehicle import VehicleProfile
 
 Address = tuple[str, int]
+Change = Callable[[bytes], Sequence[bytes]]
 LISTENER: Address = ("127.0.0.1", 14540)
 GROUND: Address = ("127.0.0.1", 14550)
 
 
+def _unchanged(frame: bytes) -> Sequence[bytes]:
+    return (frame,)
+
+
 class Wires:
-    """One emulated vehicle with its companion link and its ground link; time passes when somebody waits."""
+    """One emulated vehicle with its companion link and its ground link; time passes when somebody waits.
+
+    Attributes:
+        incoming, outgoing: what becomes of each frame that a client or the emulator sends; nothing is done unless a
+            mutant says otherwise.
+        follows_newest: stream to whoever spoke last, as PX4 does not.
+    """
 
     def __init__(self, seed: int = 1, profile: VehicleProfile | None = None) -> None:
         spec = VehicleSpec("v0", 1, profile or VehicleProfile(), (0.0, 0.0, 0.0))
         self.emulator = Emulator([spec], seed=seed)
         self.inboxes: dict[Address, deque[bytes]] = {}
-        self.onboard = self._endpoint(ONBOARD_RATES_HZ, LISTENER)
-        self.ground = self._endpoint(GCS_RATES_HZ, GROUND)
+        self.incoming: Change = _unchanged
+        self.outgoing: Change = _unchanged
+        self.follows_newest = False
+        self.newest = LISTENER
+        self.onboard = _Socket(self, ONBOARD_RATES_HZ, LISTENER)
+        self.ground = _Socket(self, GCS_RATES_HZ, GROUND)
         self._next_port = 40000
 
-    def _endpoint(self, rates_hz: dict[int, float], peer: Address) -> _Endpoint:
-        endpoint = _Endpoint(Link(self.emulator, 0, rates_hz), peer)
-        endpoint.attach(self)  # type: ignore[arg-type]
-        return endpoint
-
-    def sendto(self, datagram: bytes, address: Address) -> None:
-        """As asyncio's transport."""
-        if address in self.inboxes:
-            self.inboxes[address].append(datagram)
-
-    def port(self, endpoint: Any = None, address: Address | None = None) -> VirtualPort:
+    def port(self, socket: _Socket | None = None, address: Address | None = None) -> VirtualPort:
         """A client's way to one of the links; from a new address unless one is given."""
         if address is None:
             self._next_port += 1
             address = ("127.0.0.1", self._next_port)
         self.inboxes[address] = deque()
-        return VirtualPort(self, endpoint or self.onboard, address)
+        return VirtualPort(self, socket or self.onboard, address)
 
     def companion(self) -> VirtualPort:
         """The way of who listens where the vehicle streams unasked."""
@@ -56,15 +62,53 @@ class Wires:
     def step(self) -> None:
         """One step of the emulator, and what it sends."""
         self.emulator.step()
-        self.onboard.poll()
-        self.ground.poll()
+        self.onboard.endpoint.poll()
+        self.ground.endpoint.poll()
+
+
+class _Socket:
+    """What an endpoint takes for its socket and its event loop."""
+
+    def __init__(self, wires: Wires, rates_hz: dict[int, float], peer: Address) -> None:
+        self._wires = wires
+        self._arrived: deque[tuple[bytes, Address]] = deque()
+        self._read: Callable[[], None] = lambda: None
+        self.endpoint = Endpoint(Link(wires.emulator, 0, rates_hz), self, peer)  # type: ignore[arg-type]
+        self.endpoint.open(self)  # type: ignore[arg-type]
+
+    def deliver(self, datagram: bytes, sender: Address) -> None:
+        """A client's datagram arrives."""
+        self._wires.newest = sender
+        self._arrived.extend((each, sender) for each in self._wires.incoming(datagram))
+        self._read()
+
+    def add_reader(self, number: int, read: Callable[[], None], *args: Any) -> None:
+        """As an event loop."""
+        self._read = read
+
+    def fileno(self) -> int:
+        """As a socket."""
+        return -1
+
+    def recvfrom(self, size: int) -> tuple[bytes, Address]:
+        """As a socket that does not block."""
+        if not self._arrived:
+            raise BlockingIOError
+        return self._arrived.popleft()
+
+    def sendto(self, datagram: bytes, address: Address) -> None:
+        """As a socket."""
+        if self._wires.follows_newest and address != GROUND:
+            address = self._wires.newest
+        if address in self._wires.inboxes:
+            self._wires.inboxes[address].extend(self._wires.outgoing(datagram))
 
 
 class VirtualPort:
     """The suite's port into `Wires`."""
 
-    def __init__(self, wires: Wires, endpoint: _Endpoint, address: Address) -> None:
-        self._wires, self._endpoint, self._address = wires, endpoint, address
+    def __init__(self, wires: Wires, socket: _Socket, address: Address) -> None:
+        self._wires, self._socket, self._address = wires, socket, address
 
     def now_s(self) -> float:
         return self._wires.emulator.time_s
@@ -79,10 +123,10 @@ class VirtualPort:
         return datagrams
 
     def send(self, datagram: bytes) -> None:
-        self._endpoint.datagram_received(datagram, self._address)
+        self._socket.deliver(datagram, self._address)
 
     def stranger(self) -> VirtualPort:
-        return self._wires.port(self._endpoint)
+        return self._wires.port(self._socket)
 
     def close(self) -> None:
         self._wires.inboxes.pop(self._address, None)
