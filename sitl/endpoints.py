@@ -11,8 +11,7 @@ import re
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass
-
-from sitl.link import Link
+from typing import Protocol
 
 Address = tuple[str, int]
 
@@ -115,6 +114,17 @@ def bind(ports: Ports, what: str) -> socket.socket:
     return sock
 
 
+class Channel(Protocol):
+    """What an endpoint needs of a link; `boot` counts the restarts of its autopilot."""
+
+    @property
+    def boot(self) -> int: ...
+    @property
+    def malformed(self) -> int: ...
+    def receive(self, datagram: bytes) -> list[bytes]: ...
+    def poll(self) -> list[bytes]: ...
+
+
 class Endpoint:
     """One link and whom it talks to. Pure: datagrams come in with their sender and leave through `send`.
 
@@ -124,9 +134,10 @@ class Endpoint:
         send: puts a datagram on its way to an address.
     """
 
-    def __init__(self, link: Link, peer: Address | None, send: Callable[[bytes, Address], object]) -> None:
+    def __init__(self, link: Channel, peer: Address | None, send: Callable[[bytes, Address], object]) -> None:
         self.link = link
-        self.peer = peer
+        self.peer = self._first_peer = peer
+        self._boot = link.boot
         self._send = send
         self._is_locked = False
 
@@ -141,6 +152,9 @@ class Endpoint:
         """Send what is due; without a peer it is built all the same, and dropped."""
         for datagram in self.link.poll():
             self._tell(datagram)
+        if self.link.boot != self._boot:
+            # Only a restart of PX4 lets go of whom it talks to.
+            self._boot, self.peer, self._is_locked = self.link.boot, self._first_peer, False
 
     def _tell(self, datagram: bytes) -> None:
         if self.peer is not None:
@@ -150,7 +164,7 @@ class Endpoint:
 class Socket:
     """A bound socket that reads for an endpoint whenever the loop gets round to it, and sends for it."""
 
-    def __init__(self, sock: socket.socket, link: Link, peer: Address | None) -> None:
+    def __init__(self, sock: socket.socket, link: Channel, peer: Address | None) -> None:
         self._sock = sock
         self.endpoint = Endpoint(link, peer, self._send)
 

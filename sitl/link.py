@@ -74,6 +74,11 @@ class Link:
         return self.emulator.autopilots[self.index]
 
     @property
+    def boot(self) -> int:
+        """How often the autopilot has started anew."""
+        return self.emulator.disturbances.boots[self.index]
+
+    @property
     def malformed(self) -> int:
         """Datagrams that were no MAVLink."""
         return self._decoder.malformed
@@ -254,16 +259,24 @@ class Link:
         return message.fields["target_component"] in (0, _AUTOPILOT_COMPONENT)
 
     def _odometry(self, message: Message) -> list[bytes]:
-        if message.fields["frame_id"] in (_LOCAL_NED, _LOCAL_FRD):
-            self._vision(message)
+        f = message.fields
+        if f["frame_id"] in (_LOCAL_NED, _LOCAL_FRD):
+            w, x, y, z = f["q"]
+            yaw_rad = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+            has_velocity = math.isfinite(f["vx"] + f["vy"] + f["vz"])
+            self._told(message, yaw_rad if abs(w) + abs(x) + abs(y) + abs(z) > 0.0 else math.nan, has_velocity)
         return []
 
     def _vision(self, message: Message) -> list[bytes]:
-        f = message.fields
-        position = np.array([f["x"], f["y"], f["z"]], dtype=np.float64)
-        if bool(np.all(np.isfinite(position))) and float(np.abs(position).max()) < _MAX_POSITION_M:
-            self.emulator.vision(self.index, position)
+        self._told(message, message.fields["yaw"], False)
         return []
+
+    def _told(self, message: Message, yaw_rad: float, has_velocity: bool) -> None:
+        f = message.fields
+        place = (f["x"], f["y"], f["z"])
+        if all(abs(c) < _MAX_POSITION_M for c in place):
+            yaw_rad = yaw_rad if abs(yaw_rad) < _MAX_POSITION_M else math.nan
+            self.emulator.vision(self.index, np.array(place), yaw_rad=yaw_rad, has_velocity=has_velocity)
 
     def _set_origin(self, message: Message) -> list[bytes]:
         self.emulator.has_global_origin[self.index] = True
@@ -272,9 +285,7 @@ class Link:
     def _set_mode(self, message: Message) -> list[bytes]:
         f = message.fields
         custom = f["custom_mode"]
-        result = self.autopilot.request_mode(
-            self.view.now_s, custom >> 16 & 0xFF, custom >> 24 & 0xFF, f["base_mode"]
-        )
+        result = self.autopilot.request_mode(self.view.now_s, custom >> 16 & 0xFF, custom >> 24 & 0xFF, f["base_mode"])
         return [self.ack(message, _DO_SET_MODE, result)]
 
     def _command(self, message: Message) -> list[bytes]:

@@ -13,7 +13,6 @@ from sitl import rotation
 from sitl.battery import EMPTY_MV
 from sitl.mavlink import Encoder
 from sitl.modes import MODES, Mode
-from sitl.sensors import Source
 from sitl.signals import SetpointKind
 from sitl.view import HOME_ALTITUDE_M, View
 
@@ -66,7 +65,9 @@ def current_mode(v: View) -> Values:
 
 def sys_status(v: View) -> Values:
     autopilot = v.autopilot
-    health = _SENSOR_BITS if v.emulator.estimator.has_gps[v.index] else _SENSOR_BITS & ~_GPS_BIT
+    estimator, i = v.emulator.estimator, v.index
+    hears_satellites = estimator.has_gps[i] and not estimator.gps_blocked[i]
+    health = _SENSOR_BITS if hears_satellites else _SENSOR_BITS & ~_GPS_BIT
     if autopilot.is_armed or not autopilot.arming_obstacles(v.now_s):
         health |= _PREARM_BIT
     present = _SENSOR_BITS | _PREARM_BIT
@@ -95,8 +96,7 @@ def extended_sys_state(v: View) -> Values:
 
 
 def estimator_status(v: View) -> Values:
-    has_position = v.emulator.estimator.source[v.index] is not Source.NONE
-    flags = 0x1EF if has_position else 0xE5
+    flags = v.emulator.estimator.flags(v.index, v.emulator.time_s)
     return (v.boot_us, *((0.1,) * 6), 0.3, 0.3, flags)
 
 

@@ -31,10 +31,10 @@ from sitl.endpoints import (
     onboard_ports,
     station_of,
 )
-from sitl.link import Link
 from sitl.mocap import Mocap, MocapSettings
 from sitl.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ
 from sitl.vehicle import STEP_S, VehicleProfile
+from sitl.wired_link import WiredLink
 from sitl.world import SpawnError
 
 EXIT_OK, EXIT_WRONG_INPUT = 0, 2
@@ -90,7 +90,7 @@ class Server:
         self._vehicles = [fleet.vehicles[name] for name in vehicles]
         specs = [VehicleSpec(v.name, v.system_id, profile_of(v), v.start_enu_m) for v in self._vehicles]
         self.emulator = Emulator(specs, body_diameter_m=fleet.fleet.body_diameter_m, seed=seed)
-        self._mocap = Mocap(len(specs), mocap, seed=seed)
+        self._mocap = Mocap(len(specs), mocap, seed=seed, faults=self.emulator.disturbances.mocap)
         self._bus = bus
         self._truth_offset_m = truth_offset_m
         self._sockets: list[Socket] = []
@@ -104,17 +104,17 @@ class Server:
         Raises:
             StartError: a port is taken or an endpoint cannot be emulated.
         """
-        wanted: list[tuple[int, Ports, dict[int, float], str]] = []
+        wanted: list[tuple[int, Ports, dict[int, float], str, str]] = []
         for index, vehicle in enumerate(self._vehicles):
             key = f"vehicles.{vehicle.name}"
             onboard = onboard_ports(vehicle.autopilot, f"{key}.autopilot")
-            wanted.append((index, onboard, ONBOARD_RATES_HZ, f"The companion link of {vehicle.name}"))
+            wanted.append((index, onboard, ONBOARD_RATES_HZ, "companion", f"The companion link of {vehicle.name}"))
             ground = ground_ports(vehicle.autopilot, vehicle.direct, key, self._station)
             if ground is not None:
-                wanted.append((index, ground, GCS_RATES_HZ, f"The ground link of {vehicle.name}"))
+                wanted.append((index, ground, GCS_RATES_HZ, "ground", f"The ground link of {vehicle.name}"))
         sockets: list[socket.socket] = []
         try:
-            for _, ports, _, what in wanted:
+            for _, ports, _, _, what in wanted:
                 sockets.append(bind(ports, what))
         except StartError:
             for sock in sockets:
@@ -122,8 +122,8 @@ class Server:
             raise
         loop = asyncio.get_running_loop()
         lines: list[str] = []
-        for sock, (index, ports, rates_hz, _) in zip(sockets, wanted, strict=True):
-            opened = Socket(sock, Link(self.emulator, index, rates_hz), ports.peer)
+        for sock, (index, ports, rates_hz, name, _) in zip(sockets, wanted, strict=True):
+            opened = Socket(sock, WiredLink(self.emulator, index, rates_hz, name), ports.peer)
             opened.open(loop)
             self._sockets.append(opened)
             target = f" -> {ports.peer[1]}" if ports.peer else ""
@@ -165,6 +165,8 @@ class Server:
                 f"collision: {first} and {second} touched at {collision.time_s:.2f} s "
                 f"({collision.distance_m:.2f} m between centres); both fall"
             )
+        for news in self.emulator.disturbances.take_news():
+            say(f"{news} ({self.emulator.time_s:.2f} s)")
         for each in self._sockets:
             each.endpoint.poll()
         if self._bus is not None and self.emulator.world.vehicles.steps % _TRUTH_EVERY_STEPS == 0:

@@ -19,7 +19,6 @@ _GYRO_NOISE_RAD_S = math.radians(0.33)
 _ACCEL_NOISE_M_S2 = (0.5, 1.7, 1.4)
 _ACCEL_NOISE_RESTING_M_S2 = 0.05
 _NOISE_BLOCK = 4096
-_RESETS_AT_START = 13
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -134,7 +133,7 @@ class View:
     @property
     def has_fix(self) -> bool:
         """Whether satellites are seen."""
-        return bool(self.emulator.estimator.has_gps[self.index]) and self.time_s > 2.3
+        return self.emulator.estimator.sees_satellites(self.index, self.emulator.time_s)
 
     @property
     def has_origin(self) -> bool:
@@ -144,7 +143,7 @@ class View:
     @property
     def reset_counter(self) -> int:
         """How often the estimate jumped, modulo 256; PX4's filter has jumped a dozen times before it rests."""
-        return _RESETS_AT_START
+        return self.emulator.estimator.reset_counter(self.index)
 
     def accelerometer(self) -> Vector:
         """One sample of the specific force in the body frame [m/s^2]."""

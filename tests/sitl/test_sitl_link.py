@@ -206,7 +206,7 @@ def test_vision_moves_the_local_frame_when_satellites_are_off() -> None:
 
     def send() -> None:
         if emu.world.vehicles.steps % 5 == 0:
-            client.send("VISION_POSITION_ESTIMATE", x=3.0, y=-4.0, z=-0.1)
+            client.send("VISION_POSITION_ESTIMATE", x=3.0, y=-4.0, z=-0.1, yaw=math.pi / 2)
 
     run_for(emu, 4.0, send)
     local = emu.estimator.local(0)
