@@ -24,7 +24,9 @@ from groundstation.recording.report import FlightReport, report
 from groundstation.recording.writer import write_json
 from onboard.bus.schema import Event
 from onboard.config import ConfigError, FleetConfig, load_fleet
-from sitl.lockstep.bus import BusSettings
+from sitl.faults import Fault
+from sitl.lockstep.agents import AgentShell
+from sitl.lockstep.bus import BusSettings, SimBus
 from sitl.lockstep.loop import VirtualLoop
 from sitl.lockstep.record import LockstepRecord
 from sitl.lockstep.simulation import EPOCH_NS, Simulation
@@ -109,6 +111,20 @@ class Lockstep:
     def at(self, time_s: float, function: Callable[[], object]) -> None:
         """Do something at a time since the start: break something, or mend it."""
         self.simulation.at(time_s, function)
+
+    def inject(self, fault: Fault) -> Fault:
+        """Plan a fault of the emulator, of a MAVLink link or of the motion capture."""
+        return self.simulation.inject(fault)
+
+    @property
+    def agents(self) -> dict[str, AgentShell]:
+        """The agents' processes, which can be killed, stopped, continued and started again."""
+        return self.simulation.agents
+
+    @property
+    def bus(self) -> SimBus:
+        """The bus, which can be cut and healed."""
+        return self.simulation.bus
 
     @property
     def time_s(self) -> float:

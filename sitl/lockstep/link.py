@@ -8,21 +8,15 @@ flight; packing and unpacking them is tested by the emulator's and the real link
 
 from __future__ import annotations
 
-import heapq
-import itertools
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from onboard.config import Vehicle
-from onboard.frames import (
-    ned_from_enu,
-    quaternion_enu_flu_from_ned_frd,
-    quaternion_multiply,
-    quaternion_ned_frd_from_enu_flu,
-)
+from onboard.frames import quaternion_enu_flu_from_ned_frd, quaternion_multiply
 from onboard.link import modes
 from onboard.link.autopilot import Landed, Snapshot, Vec3, Vec4
 from onboard.link.params import differences, required_params
@@ -35,13 +29,17 @@ _ATTITUDE_EVERY_STEPS, _ATTITUDE_PHASE_STEPS = 5, 3  # sampled 8 ms before the t
 _LANDED_EVERY_STEPS = 25
 _BATTERY_EVERY_STEPS = 125
 _HEARTBEAT_EVERY_STEPS = 250
-_ATTITUDE_NOISE_RAD = np.radians([0.06, 0.06, 0.11])  # as the emulator has it on the wire
+_HALF_NOISE_RAD = 0.5 * np.radians([0.06, 0.06, 0.11])  # of roll, pitch and yaw on the wire
 _TYPE_MASK_ATTITUDE_AND_THRUST = 7
+_SQRT_HALF = math.sqrt(0.5)
 _NO_RATES = [0.0, 0.0, 0.0]
+
+Fields = dict[str, Any]
+Call = Callable[[], object]
 
 
 class LinkBank:
-    """The links of all vehicles.
+    """The links of all vehicles; the emulator's faults of the companion link act on them.
 
     Args:
         emulator: the PX4s; vehicles: in the same order.
@@ -62,9 +60,8 @@ class LinkBank:
         self.links = [EmulatedLink(self, index, vehicle) for index, vehicle in enumerate(vehicles)]
         self._delay_steps = max(1, int(np.ceil(delay_s / STEP_S - 1e-9)))
         self._rng = np.random.default_rng([seed, 12])
-        self._up: list[tuple[int, int, Callable[..., object], tuple[Any, ...]]] = []
-        self._down: deque[tuple[int, list[dict[str, Any]]]] = deque()
-        self._count = itertools.count()
+        self._up: deque[tuple[int, int, Call]] = deque()
+        self._down: deque[tuple[int, list[Fields | None]]] = deque()
 
     @property
     def _steps(self) -> int:
@@ -72,42 +69,66 @@ class LinkBank:
 
     def step(self) -> None:
         """Everything that arrives at this physics step, then what the PX4s send."""
-        steps = self._steps
+        steps, wires = self._steps, self.emulator.disturbances.wires
         while self._up and self._up[0][0] <= steps:
-            _, _, function, args = heapq.heappop(self._up)
-            function(*args)
+            _, index, call = self._up.popleft()
+            wire = wires[index]["companion", "in"]
+            if wire.is_clear:
+                call()
+            else:
+                wire.push(self.emulator.time_s, cast(Any, call))
         while self._down and self._down[0][0] <= steps:
             _, rows = self._down.popleft()
-            for link, fields in zip(self.links, rows, strict=True):
-                link.receive(fields)
-        self._sample(steps)
+            for index, fields in enumerate(rows):
+                if fields is not None:
+                    wire = wires[index]["companion", "out"]
+                    if wire.is_clear:
+                        self.links[index].receive(fields)
+                    else:
+                        wire.push(self.emulator.time_s, cast(Any, fields))
+        self._disturbed()
+        if steps % _ATTITUDE_EVERY_STEPS == _ATTITUDE_PHASE_STEPS:
+            self._sample(steps)
 
-    def send(self, index: int, function: Callable[..., object], *args: Any) -> None:
+    def send(self, index: int, call: Call) -> None:
         """Call something at PX4's end when it gets there."""
-        if not self.links[index].is_up_cut:
-            heapq.heappush(self._up, (self._steps + self._delay_steps, next(self._count), function, args))
+        self._up.append((self._steps + self._delay_steps, index, call))
+
+    def _disturbed(self) -> None:
+        """What arrives from wires that hold something back."""
+        now_s = self.emulator.time_s
+        for link, wires in zip(self.links, self.emulator.disturbances.wires, strict=True):
+            up, down = wires["companion", "in"], wires["companion", "out"]
+            if not up.is_clear:
+                for call in up.pop(now_s):
+                    cast(Call, call)()
+            if not down.is_clear:
+                for fields in down.pop(now_s):
+                    link.receive(cast(Fields, fields))
 
     def _sample(self, steps: int) -> None:
-        if steps % _ATTITUDE_EVERY_STEPS != _ATTITUDE_PHASE_STEPS:
-            return
+        emulator, count = self.emulator, len(self.links)
         frame = steps - _ATTITUDE_PHASE_STEPS
-        believed = np.array([self.emulator.believed_attitude(index) for index in range(len(self.links))])
-        turn = _ATTITUDE_NOISE_RAD * self._rng.standard_normal((len(self.links), 3))
-        small = np.concatenate([np.ones((len(turn), 1)), 0.5 * turn], axis=1)
-        attitude = quaternion_multiply(believed, small / np.linalg.norm(small, axis=1, keepdims=True))
+        half = 0.5 * emulator.estimator.yaw_error_rad
+        wrong = np.zeros((count, 4))
+        wrong[:, 0], wrong[:, 3] = np.cos(half), np.sin(half)
+        small = np.ones((count, 4))
+        small[:, 1:] = _HALF_NOISE_RAD * self._rng.standard_normal((count, 3))  # its square is far below the noise
+        attitude = quaternion_multiply(quaternion_multiply(wrong, emulator.world.vehicles.states.attitude), small)
         quaternions = quaternion_enu_flu_from_ned_frd(attitude).tolist()
-        boot_ms = round(self.emulator.time_s * 1e3)
-        rows: list[dict[str, Any]] = []
-        for index, quaternion in enumerate(quaternions):
-            local = self.emulator.estimator.local(index)
-            rows.append(
-                {
-                    "quaternion_enu_flu_wxyz": tuple(quaternion),
-                    "px4_boot_ms": boot_ms,
-                    "position_local_ned_m": local.position_ned_m,
-                    "velocity_local_ned_m_s": local.velocity_ned_m_s,
-                }
-            )
+        positions = emulator.estimator.position_ned_m.tolist()
+        velocities = emulator.estimator.velocity_ned_m_s.tolist()
+        rows: list[Fields | None] = [
+            None
+            if emulator.disturbances.is_hung[index]
+            else {
+                "quaternion_enu_flu_wxyz": tuple(quaternions[index]),
+                "px4_boot_ms": round(emulator.clock_s(index) * 1e3),
+                "position_local_ned_m": tuple(positions[index]),
+                "velocity_local_ned_m_s": tuple(velocities[index]),
+            }
+            for index in range(count)
+        ]
         for every, sample in (
             (_LANDED_EVERY_STEPS, self._landed),
             (_BATTERY_EVERY_STEPS, self._battery),
@@ -115,22 +136,23 @@ class LinkBank:
         ):
             if frame % every == 0:
                 for index, row in enumerate(rows):
-                    row.update(sample(index))
+                    if row is not None:
+                        row.update(sample(index))
         self._down.append((steps + self._delay_steps, rows))
 
-    def _landed(self, index: int) -> dict[str, Any]:
+    def _landed(self, index: int) -> Fields:
         return {"landed": Landed(int(self.emulator.autopilots[index].landed))}
 
-    def _battery(self, index: int) -> dict[str, Any]:
+    def _battery(self, index: int) -> Fields:
         battery = self.emulator.autopilots[index].battery
         return {"battery_frac": battery.remaining_pct / 100.0, "battery_voltage_v": battery.voltage_mv / 1000.0}
 
-    def _heartbeat(self, index: int) -> dict[str, Any]:
+    def _heartbeat(self, index: int) -> Fields:
         autopilot = self.emulator.autopilots[index]
         return {
             "is_armed": autopilot.is_armed,
             "mode": modes.mode_name(MODES[autopilot.mode].custom_mode),
-            "is_failsafe": int(autopilot.system_status(self.emulator.time_s)) == modes.STATUS_CRITICAL,
+            "is_failsafe": int(autopilot.system_status(self.emulator.clock_s(index))) == modes.STATUS_CRITICAL,
         }
 
 
@@ -138,17 +160,14 @@ class EmulatedLink:
     """One agent's link; an :class:`onboard.link.autopilot.Autopilot`."""
 
     def __init__(self, bank: LinkBank, index: int, vehicle: Vehicle) -> None:
-        self.is_up_cut = self.is_down_cut = False
         self._bank, self._index, self._vehicle = bank, index, vehicle
-        self._fields: dict[str, Any] = {"system_id": vehicle.system_id}
+        self._fields: Fields = {"system_id": vehicle.system_id}
         self._snapshot: Snapshot | None = Snapshot()
 
     # -- in ----------------------------------------------------------------------------------------------------------
 
-    def receive(self, fields: dict[str, Any]) -> None:
+    def receive(self, fields: Fields) -> None:
         """What PX4 sent has arrived."""
-        if self.is_down_cut:
-            return
         now_ns = self._bank.now_ns()
         known = self._fields
         known.update(fields)
@@ -169,15 +188,9 @@ class EmulatedLink:
 
     def send_attitude(self, setpoint: AttitudeSetpoint) -> None:
         """SET_ATTITUDE_TARGET with attitude and thrust."""
-        q = quaternion_ned_frd_from_enu_flu(np.asarray(setpoint.quaternion_wxyz, dtype=np.float64)).tolist()
-        self._send(
-            self._bank.emulator.attitude_setpoint,
-            self._index,
-            q,
-            _NO_RATES,
-            float(setpoint.thrust_frac),
-            _TYPE_MASK_ATTITUDE_AND_THRUST,
-        )
+        q = _px4_attitude(*setpoint.quaternion_wxyz.tolist())
+        thrust, take, index = float(setpoint.thrust_frac), self._bank.emulator.attitude_setpoint, self._index
+        self._bank.send(index, lambda: take(index, q, _NO_RATES, thrust, _TYPE_MASK_ATTITUDE_AND_THRUST))
 
     def set_offboard(self) -> None:
         """DO_SET_MODE to OFFBOARD."""
@@ -201,8 +214,11 @@ class EmulatedLink:
 
     def send_odometry(self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float) -> None:
         """ODOMETRY with the mocap's position."""
-        position = ned_from_enu(np.asarray(position_enu_m, dtype=np.float64))
-        self._send(self._bank.emulator.vision, self._index, position)
+        east, north, up = position_enu_m
+        w, x, y, z = _px4_attitude(*quaternion_enu_flu_wxyz)
+        yaw_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        take, index = self._bank.emulator.vision, self._index
+        self._bank.send(index, lambda: take(index, np.array([north, east, -up]), yaw_rad=yaw_rad))
 
     def connect(self) -> tuple[str, ...]:
         """What the shell does when PX4 answers: origin and parameters; returns what is still wrong with these."""
@@ -218,7 +234,14 @@ class EmulatedLink:
 
     def _ask(self, command: Callable[[Any, float], object]) -> None:
         emulator, index = self._bank.emulator, self._index
-        self._send(lambda: command(emulator.autopilots[index], emulator.time_s))
 
-    def _send(self, function: Callable[..., object], *args: Any) -> None:
-        self._bank.send(self._index, function, *args)
+        def ask() -> None:
+            if not emulator.disturbances.is_hung[index]:
+                command(emulator.autopilots[index], emulator.clock_s(index))
+
+        self._bank.send(index, ask)
+
+
+def _px4_attitude(w: float, x: float, y: float, z: float) -> list[float]:
+    """FLU to ENU as FRD to NED, wxyz: ``onboard.frames`` in plain floats."""
+    return [_SQRT_HALF * (w + z), _SQRT_HALF * (x + y), _SQRT_HALF * (x - y), _SQRT_HALF * (w - z)]

@@ -15,6 +15,7 @@ from onboard.bus.schema import MocapPose, Truth
 from onboard.bus.topics import Topic
 from onboard.config import FleetConfig
 from sitl.emulator import Emulator, VehicleSpec
+from sitl.faults import Fault
 from sitl.lockstep.agents import AgentShell
 from sitl.lockstep.batch import Batch
 from sitl.lockstep.bus import BusSettings, SimBus
@@ -56,7 +57,7 @@ class Simulation:
         self.emulator = Emulator(specs, body_diameter_m=fleet.fleet.body_diameter_m, seed=seed)
         self.collisions: list[Collision] = []
         self._bodies = [v.mocap_body or v.name for v in vehicles]
-        self._mocap = Mocap(len(specs), mocap, seed=seed)
+        self._mocap = Mocap(len(specs), mocap, seed=seed, faults=self.emulator.disturbances.mocap)
         self.bus = SimBus(bus or BusSettings(), lambda: self.now_ns, seed=seed)
         self._node = self.bus.node(_SIMULATOR)
         self._node.start()
@@ -83,6 +84,10 @@ class Simulation:
     def at(self, time_s: float, function: Callable[[], object]) -> None:
         """Call ``function`` before the first step at or after ``time_s``; at once when that has passed already."""
         heapq.heappush(self._asked, (round(time_s * 1e9), next(self._count), function))
+
+    def inject(self, fault: Fault) -> Fault:
+        """Plan a fault of the emulator or of the motion capture; FaultError when that is impossible."""
+        return self.emulator.inject(fault)
 
     def step(self) -> None:
         """Advance by 4 ms."""
