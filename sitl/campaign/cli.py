@@ -13,6 +13,7 @@ from onboard.config import ConfigError
 from sitl.campaign import batch, results, scenarios, settings
 
 EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT, EXIT_INTERRUPTED = 0, 1, 2, 130
+_PICTURES = (".png", ".svg", ".pdf")
 _DESCRIPTION = (
     "Fly a scenario once per seed: the very control of the drone on the emulator's vehicles, with errors of the "
     "estimate, late and lost messages, gusts and vehicles that differ from their type. Same seed, same digits."
@@ -71,6 +72,10 @@ def _run(options: argparse.Namespace) -> int:
     picture = Path(options.plot) if options.plot else None
     if picture is not None and picture.suffix and len(names) * len(seeds) > 1:
         raise ConfigError(f"--plot {picture}: one file takes one flight; name a folder for {len(names) * len(seeds)}.")
+    if picture is not None and picture.suffix not in ("", *_PICTURES):
+        raise ConfigError(
+            f"--plot {picture}: this kind of picture is not drawn. Use {', '.join(_PICTURES)} or a folder."
+        )
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(options.trace or scratch) if options.trace or picture else None
         if folder is not None:

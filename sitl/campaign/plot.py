@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.collections import LineCollection
-from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.patches import Circle, Patch
 from numpy.typing import NDArray
 
@@ -48,7 +48,7 @@ def draw(trace: Path, picture: Path) -> None:
     """Draw the picture of a trace file; the suffix of ``picture`` says in which format.
 
     Raises:
-        ConfigError: matplotlib does not write this format, or the file cannot be written.
+        ConfigError: the file cannot be written.
     """
     from matplotlib.figure import Figure
 
@@ -63,8 +63,6 @@ def draw(trace: Path, picture: Path) -> None:
         _activity(figure.add_subplot(grid[1, 1], sharex=distances), data)
         try:
             figure.savefig(picture, metadata={"Date": None} if picture.suffix == ".svg" else None)
-        except ValueError as error:
-            raise ConfigError(f"--plot {picture}: {error}. Use .png, .svg or .pdf.") from None
         except OSError as error:
             raise ConfigError(f"--plot {picture}: cannot be written ({error.strerror}). Name another place.") from None
 
@@ -100,7 +98,7 @@ def _read(trace: Path) -> _Data:
 def _paths(figure: Any, axes: Any, data: _Data) -> None:
     """Plan view: paths coloured by time, and everybody with half the safety distance about it at the closest moment."""
     axes.set_title("Paths, and the moment of closest approach")
-    norm = BoundaryNorm(np.linspace(0.0, data.t_s[-1], 65), 256)
+    norm = Normalize(0.0, data.t_s[-1])
     lines = None
     for i in range(data.count):
         points = data.position_enu_m[:, i, :2]
@@ -145,9 +143,10 @@ def _paths(figure: Any, axes: Any, data: _Data) -> None:
             bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.8},
         )
     reach = np.concatenate([data.position_enu_m.reshape(-1, 3), goal])[:, :2]
-    low, high = reach.min(0) - 0.6, reach.max(0) + 0.6
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="east x [m]", ylabel="north y [m]")
-    axes.set_aspect("equal", adjustable="datalim")
+    middle = 0.5 * (reach.min(0) + reach.max(0))
+    half = 0.5 * float((reach.max(0) - reach.min(0)).max()) + 1.2 * data.limit_m
+    axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
+    axes.set(xlabel="east x [m]", ylabel="north y [m]", aspect="equal")
     handles, labels = axes.get_legend_handles_labels()
     handles.append(Circle((0, 0), fc=SOFT, alpha=0.4))
     labels.append(f"radius {0.5 * data.limit_m:.2f} m: touching means {data.limit_m:.2f} m")
@@ -168,11 +167,9 @@ def _distances(axes: Any, data: _Data) -> None:
     top = min(float(np.max(data.distance_m, initial=data.limit_m)), 4.0 * data.limit_m)
     axes.axhspan(0.0, data.limit_m, color=LIMIT, alpha=0.07, lw=0)
     axes.axhline(data.limit_m, color=LIMIT, lw=1.4, ls="--")
-    axes.text(
-        data.t_s[-1], data.limit_m, f"safety distance {data.limit_m:.2f} m ", color=LIMIT, ha="right", va="bottom"
-    )
+    axes.text(data.t_s[-1], data.limit_m, f"safety distance {data.limit_m:.2f} m ", color=LIMIT, ha="right", va="top")
     axes.axhline(data.body_m, color=LIMIT, lw=1.0, ls=":")
-    axes.text(data.t_s[-1], data.body_m, f"they touch {data.body_m:.2f} m ", color=LIMIT, ha="right", va="bottom")
+    axes.text(data.t_s[-1], data.body_m, f"they touch {data.body_m:.2f} m ", color=LIMIT, ha="right", va="top")
     if data.distance_m.shape[1]:
         is_few = data.distance_m.shape[1] <= _FEW
         for k in range(data.distance_m.shape[1]):

@@ -57,6 +57,8 @@ class Radio:
 
     def vehicle(self, neighbour: IntArray) -> IntArray:
         """Places in the fleet (F, N) of places among the neighbours received last; -1 stays."""
+        if not self._heard.shape[-1]:
+            return np.full_like(neighbour, -1)
         senders = np.broadcast_to(self._heard, (*neighbour.shape, self._heard.shape[-1]))
         is_one = (neighbour >= 0) & (neighbour < senders.shape[-1])
         places = np.take_along_axis(senders, np.where(is_one, neighbour, 0)[..., None], axis=-1)[..., 0]
