@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from onboard.control import kernel_motion
 from onboard.frames import vector
 from onboard.types import GRAVITY_M_S2, Array, AttitudeSetpoint, BoolArray, Thrust
 
@@ -51,6 +52,8 @@ def limit(thrust: Thrust, hover_thrust_frac: Array, *, params: AllocationParams)
     Properties: idempotent; yaw-rotation-equivariant; keeps height before tracking.
     """
     f = thrust.thrust_enu_m_s2
+    if f.ndim == 1:
+        return Thrust(np.array(_limited_one(f, hover_thrust_frac, params)))
     x, y, z = f[..., 0], f[..., 1], f[..., 2]
     unit_m_s2 = GRAVITY_M_S2 / hover_thrust_frac
     largest_m_s2 = params.max_thrust_frac * unit_m_s2
@@ -85,6 +88,10 @@ def allocate(
         np.asarray(yaw_rad, dtype=np.float64),
         np.asarray(hover_thrust_frac),
     )
+    if f.ndim == 1 and all(map(math.isfinite, (*f.tolist(), float(yaw), float(hover)))) and float(hover) > 0.0:
+        wanted = _limited_one(f, hover, params)
+        *quaternion, throttle = kernel_motion.attitude(wanted, float(yaw), float(hover))
+        return AttitudeSetpoint(np.array(quaternion), np.array(throttle))
     usable = is_usable(thrust, yaw, hover)
     if not np.all(usable):
         fallback = np.asarray(params.fallback_hover_thrust_frac, dtype=np.float64)
@@ -111,6 +118,13 @@ def allocate(
     q[..., 3] = sy * cp * cr - cy * sp * sr
     q *= np.where(q[..., 0] < 0.0, -1.0, 1.0)[..., None]
     return AttitudeSetpoint(q, np.asarray(length / GRAVITY_M_S2 * hover, dtype=np.float64))
+
+
+def _limited_one(f: Array, hover_thrust_frac: Array, params: AllocationParams) -> tuple[float, float, float]:
+    """:func:`limit` for one vehicle, in floats."""
+    tan_tilt = math.tan(float(params.max_tilt_rad))
+    bounds = float(params.min_thrust_frac), float(params.max_thrust_frac)
+    return kernel_motion.limited(f.tolist(), float(hover_thrust_frac), tan_tilt, *bounds)
 
 
 def _half(cosine: Array, sine: Array) -> tuple[Array, Array]:

@@ -16,8 +16,8 @@ The term k1 s'(v_s - v) is the derivative of the first step's reference and c s(
 The clamp makes the answer to a far setpoint a bounded velocity k1 r instead of full tilt towards and away.
 
 Integral action: none here. A free integrator winds up whenever the avoidance law holds the vehicle back. Static errors
-(tilt bias, weak attitude gain, wind) are seen by the disturbance observer instead (``estimate.observe``), which knows
-what was really commanded, so that holding back does not charge it. The state given here is the one predicted over the
+(tilt bias, weak attitude gain, wind) are seen by the disturbance observer instead (disturbance.py), which knows what
+was really commanded, so that holding back does not charge it. The state given here is the one predicted over the
 attitude lag, which is why gains of 1.5 and 4 1/s are stable with 0.15 s of lag as well as with 0.27 s.
 """
 
@@ -27,6 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from onboard.control import kernel_motion
 from onboard.frames import vector
 from onboard.types import GRAVITY_M_S2, Array, Thrust, TrajectorySetpoint
 
@@ -65,6 +66,8 @@ def step(
         F/m (..., 3) [m/s^2] ENU with gravity included: hover is (0, 0, g). Bounded as the params say.
     Properties: yaw-rotation- and translation-equivariant; homogeneous in length; zero error gives a_s + g.
     """
+    if position_enu_m.ndim == 1:
+        return _step_one(position_enu_m, velocity_enu_m_s, setpoint, params)
     k1, k2, c = params.position_gain_1_s, params.velocity_gain_1_s, params.coupling_1_s2
     error = setpoint.position_enu_m - position_enu_m
     slip = setpoint.velocity_enu_m_s - velocity_enu_m_s
@@ -96,3 +99,22 @@ def step(
             np.minimum(np.maximum(az, -az_bound), az_bound) + GRAVITY_M_S2,
         )
     )
+
+
+def _step_one(
+    position_enu_m: Array, velocity_enu_m_s: Array, setpoint: TrajectorySetpoint, params: BacksteppingParams
+) -> Thrust:
+    """:func:`step` for one vehicle, in floats."""
+    p_x, p_y, p_z = position_enu_m.tolist()
+    v_x, v_y, v_z = velocity_enu_m_s.tolist()
+    s_x, s_y, s_z = setpoint.position_enu_m.tolist()
+    r_x, r_y, r_z = setpoint.velocity_enu_m_s.tolist()
+    x, y, z = kernel_motion.baseline(
+        (s_x - p_x, s_y - p_y, s_z - p_z),
+        (r_x - v_x, r_y - v_y, r_z - v_z),
+        setpoint.acceleration_enu_m_s2.tolist(),
+        (float(params.position_gain_1_s), float(params.velocity_gain_1_s), float(params.coupling_1_s2)),
+        float(params.max_position_error_m),
+        (float(params.max_acceleration_m_s2), float(params.max_vertical_acceleration_m_s2)),
+    )
+    return Thrust(np.array((x, y, z + GRAVITY_M_S2)))

@@ -16,14 +16,16 @@ import zlib
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from types import FunctionType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from onboard.control import kernel_projection, kernels
 from onboard.control.law_params import LawNumbers, LawParams
-from onboard.types import Array
+from onboard.types import Array, BoolArray
 
+_T = TypeVar("_T", bound=np.generic)
 ENVIRONMENT = "COVEY_NUMBA"
 Kernel = Callable[..., Any]
 
@@ -115,7 +117,7 @@ def law_batch() -> Kernel:
 
 
 def covey(
-    floats: Array, vectors: Sequence[Array], scalars: Sequence[Array], masks: Sequence[Array], params: LawParams
+    floats: Array, vectors: Sequence[Array], scalars: Sequence[Array], masks: Sequence[BoolArray], params: LawParams
 ) -> Array:
     """``kernels.covey`` for M vehicles, (M, 6); interpreted for one.
 
@@ -130,24 +132,21 @@ def covey(
         law_batch()(floats, tuple(vectors), tuple(scalars), tuple(masks), capsules, params.numbers, sizes, out)
         return out
     a, r = sizes
-    w_x, w_y, s_x, s_y, radius, *own = floats[0].tolist()
+    w_x, w_y, s_x, s_y, radius, p_x, p_y, v_x, v_y, std_p, std_v = floats[0].tolist()
+    position, velocity, predicted_position, predicted_velocity, command = (vector[0].tolist() for vector in vectors)
+    is_present, is_cooperative = (mask[0].tolist() for mask in masks)
+    age, lead, their_std_p, their_std_v, crowd = (scalar[0].tolist() for scalar in scalars)
+    work = tuple([0.0] * a for _ in range(9)) + tuple([0.0] * r for _ in range(6))
     out[0] = kernels.covey(
-        (w_x, w_y),
-        (s_x, s_y),
-        radius,
-        own,
-        *(vector[0].tolist() for vector in vectors),
-        [scalar[0].tolist() for scalar in scalars],
-        *(mask[0].tolist() for mask in masks),
-        params.capsules_enu_m,
-        params.numbers,
-        [[0.0] * a for _ in range(9)] + [[0.0] * r for _ in range(6)],
-        ([0] * a, [0] * r),
-    )
+        (w_x, w_y), (s_x, s_y), radius, (p_x, p_y, v_x, v_y, std_p, std_v),
+        position, velocity, predicted_position, predicted_velocity, command,
+        (age, lead, their_std_p, their_std_v, crowd), is_present, is_cooperative, params.capsules_enu_m,
+        params.numbers, work, ([0] * a, [0] * r),
+    )  # fmt: skip
     return out
 
 
-def flat(array: Array, size: int, *inner: int) -> Array:
+def flat(array: NDArray[_T], size: int, *inner: int) -> NDArray[_T]:
     """An array of any leading shape as one contiguous (size, *inner) that compiled code takes."""
     return np.require(array.reshape(size, *inner), requirements=["C", "W"])
 

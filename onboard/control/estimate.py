@@ -1,24 +1,22 @@
-"""Own motion from the mocap itself, and the disturbance that the own commands do not explain.
+"""Own motion from the mocap itself.
 
-Filter. Per axis [p, v, b] with p' = v, v' = a_in + b - c v: a_in is what attitude and throttle say (thrust behind the
+Per axis [p, v, b] with p' = v, v' = a_in + b - c v: a_in is what attitude and throttle say (thrust behind the
 motor lag, less gravity), c the linear drag, b a slowly wandering bias (thrust scale, tilt bias, wind). All axes share
 one covariance, since their noise is alike. A mocap sample belongs to a time ``age`` ago. It is applied at that time
 and re-propagated to now; the system being linear, that is one step: the innovation is taken against the position
 remembered for that time, the row is H = [1 0 0] Phi(-age), and the remembered positions are corrected by the same
 error. Samples may therefore come late, out of order or not at all.
-
-Observer. A model of the own commands through the attitude lag predicts velocity; what is missing is the disturbance
-s_b. Because the model starts from the commands (not from the measured attitude), a static error of the attitude loop
-and a tilt bias are part of it. Command ``u - s_b + c V``. The command really sent enters, after all limits, so that
-neither saturation nor the avoidance law charges it: that is the baseline's integral action.
 """
 
 from __future__ import annotations
 
+import bisect
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from onboard.control import kernel_motion
 from onboard.frames import body_up
 from onboard.types import GRAVITY_M_S2, Array, BoolArray, State
 
@@ -94,6 +92,8 @@ def drive(
     The throttle passes the motor lag, the attitude does not: it is measured. On the ground the contact force carries
     what thrust does not: horizontal acceleration is zero and the vertical one not negative.
     """
+    if memory.position_enu_m.ndim == 1:
+        return _drive_one(memory, quaternion_wxyz, thrust_frac, hover_thrust_frac, params, dt_s, bool(is_on_ground))
     asked = np.asarray(thrust_frac, dtype=np.float64) / hover_thrust_frac * GRAVITY_M_S2
     blend = 1.0 - np.exp(-dt_s / np.maximum(params.motor_lag_s, 1e-6))
     thrust = memory.thrust_m_s2 + blend * (np.where(np.isfinite(asked), asked, memory.thrust_m_s2) - memory.thrust_m_s2)
@@ -108,6 +108,73 @@ def drive(
     return predict(memory, acceleration, params=params, dt_s=dt_s)
 
 
+def _drive_one(
+    memory: EstimateMemory,
+    quaternion_wxyz: Array,
+    thrust_frac: Array | float,
+    hover_thrust_frac: Array | float,
+    params: EstimateParams,
+    dt_s: float,
+    is_on_ground: bool,
+) -> EstimateMemory:
+    """:func:`drive` for one vehicle, in floats."""
+    w, x, y, z = quaternion_wxyz.tolist()
+    thrust = float(memory.thrust_m_s2)
+    asked = float(thrust_frac) / float(hover_thrust_frac) * GRAVITY_M_S2
+    if math.isfinite(asked):
+        thrust += (1.0 - math.exp(-dt_s / max(float(params.motor_lag_s), 1e-6))) * (asked - thrust)
+    a_x, a_y = thrust * 2.0 * (x * z + w * y), thrust * 2.0 * (y * z - w * x)
+    a_z = thrust * (1.0 - 2.0 * (x * x + y * y)) - GRAVITY_M_S2
+    if is_on_ground:
+        a_x, a_y, a_z = 0.0, 0.0, max(a_z, 0.0)
+    return _predict_one(memory, (a_x, a_y, a_z), thrust, params, dt_s)
+
+
+def _predict_one(
+    memory: EstimateMemory, driven: tuple[float, float, float], thrust: float, params: EstimateParams, dt_s: float
+) -> EstimateMemory:
+    """:func:`predict` for one vehicle, in floats."""
+    drag = float(params.drag_1_s)
+    moved = []
+    for p, v, b, a in zip(
+        memory.position_enu_m.tolist(), memory.velocity_enu_m_s.tolist(), memory.bias_enu_m_s2.tolist(), driven,
+        strict=True,
+    ):  # fmt: skip
+        a = a if math.isfinite(a) else 0.0
+        middle = v + 0.5 * dt_s * (a + b - drag * v)
+        acceleration = a + b - drag * middle
+        moved.append((p + dt_s * middle, v + dt_s * acceleration, acceleration))
+    position, velocity, acceleration = np.array(moved).T
+    ring, ages = _shifted(memory, position, dt_s)
+    noise_a, noise_b = float(params.acceleration_noise), float(params.bias_noise)
+    covariance = kernel_motion.grown(
+        memory.covariance.tolist(), 1.0 - drag * dt_s, dt_s, noise_a * noise_a, noise_b * noise_b
+    )
+    return EstimateMemory(
+        position,
+        velocity,
+        memory.bias_enu_m_s2,
+        acceleration,
+        np.array(covariance),
+        ring,
+        ages,
+        np.array(thrust),
+        memory.rejected_count,
+        np.array(float(memory.last_age_s) + dt_s),
+    )
+
+
+def _shifted(memory: EstimateMemory, position_enu_m: Array, dt_s: float) -> tuple[Array, Array]:
+    """Remembered positions with a new one in front, and their ages."""
+    ring, ages = np.empty_like(memory.ring_position_enu_m), np.empty_like(memory.ring_age_s)
+    ring[..., 0, :] = position_enu_m
+    ring[..., 1:, :] = memory.ring_position_enu_m[..., :-1, :]
+    ages[0] = 0.0
+    ages[1:] = memory.ring_age_s[:-1]
+    ages[1:] += dt_s
+    return ring, ages
+
+
 def predict(
     memory: EstimateMemory,
     acceleration_input_enu_m_s2: Array,
@@ -117,6 +184,9 @@ def predict(
 ) -> EstimateMemory:
     """The filter's motion over ``dt_s`` under an acceleration (..., 3) without drag and gravity; NaN counts as zero."""
     driven = acceleration_input_enu_m_s2
+    if driven.ndim == 1:
+        x, y, z = driven.tolist()
+        return _predict_one(memory, (x, y, z), float(memory.thrust_m_s2), params, dt_s)
     if not np.isfinite(driven).all():
         driven = np.where(np.isfinite(driven), driven, 0.0)
     drag = np.asarray(params.drag_1_s, dtype=np.float64)[..., None]
@@ -124,12 +194,7 @@ def predict(
     acceleration = driven + memory.bias_enu_m_s2 - drag * middle
     velocity = memory.velocity_enu_m_s + dt_s * acceleration
     position = memory.position_enu_m + dt_s * middle
-    ring = np.empty_like(memory.ring_position_enu_m)
-    ring[..., 0, :] = position
-    ring[..., 1:, :] = memory.ring_position_enu_m[..., :-1, :]
-    ages = np.empty_like(memory.ring_age_s)
-    ages[0] = 0.0
-    ages[1:] = memory.ring_age_s[:-1] + dt_s
+    ring, ages = _shifted(memory, position, dt_s)
     return replace(
         memory,
         position_enu_m=position,
@@ -178,6 +243,8 @@ def correct(
     Args:
         is_present: (...) rows of the batch that have a sample at all.
     """
+    if memory.position_enu_m.ndim == 1:
+        return _correct_one(memory, position_enu_m, max(float(age_s), 0.0), params) if bool(is_present) else memory
     age = np.maximum(np.asarray(age_s, dtype=np.float64), 0.0)
     remembered, is_known = _remembered(memory, age)
     innovation = position_enu_m - remembered
@@ -230,6 +297,53 @@ def correct(
     )
 
 
+def _correct_one(memory: EstimateMemory, position_enu_m: Array, age_s: float, params: EstimateParams) -> EstimateMemory:
+    """:func:`correct` for one vehicle, in floats."""
+    ages = memory.ring_age_s.tolist()
+    last = sum(map(math.isfinite, ages)) - 1
+    if not age_s <= ages[last] + 1e-9:
+        return memory
+    older = min(max(bisect.bisect_left(ages, age_s, 0, last + 1), 1), last)
+    at = memory.ring_position_enu_m[0].tolist()
+    if last > 0:
+        share = min(max((age_s - ages[older - 1]) / max(ages[older] - ages[older - 1], 1e-9), 0.0), 1.0)
+        newer_old = zip(*memory.ring_position_enu_m[older - 1 : older + 1].tolist(), strict=True)
+        at = [new + share * (old - new) for new, old in newer_old]
+    innovation = [seen - there for seen, there in zip(position_enu_m.tolist(), at, strict=True)]
+    if not all(map(math.isfinite, innovation)):
+        return memory
+    used, k_p, k_v, k_b, covariance = kernel_motion.corrected(
+        memory.covariance.tolist(),
+        innovation,
+        age_s,
+        float(params.drag_1_s),
+        float(params.position_noise_m),
+        float(params.jump_gate_m),
+        float(params.jump_gate_sigma),
+    )
+    if not used:
+        return replace(memory, rejected_count=np.asarray(memory.rejected_count + 1.0))
+    change = np.array([k_p, k_v, k_b])[:, None] * np.array(innovation)
+    since = np.where(np.isfinite(memory.ring_age_s), memory.ring_age_s, 0.0)
+    weights = np.array([np.ones_like(since), -since, 0.5 * since * since])
+    bound = float(params.max_bias_m_s2)
+    bias = [
+        min(max(b + d, -bound), bound) for b, d in zip(memory.bias_enu_m_s2.tolist(), change[2].tolist(), strict=True)
+    ]
+    return EstimateMemory(
+        memory.position_enu_m + change[0],
+        memory.velocity_enu_m_s + change[1],
+        np.array(bias),
+        memory.acceleration_enu_m_s2 + change[2],
+        np.array(covariance),
+        memory.ring_position_enu_m + weights.T @ change,
+        memory.ring_age_s,
+        memory.thrust_m_s2,
+        np.zeros(()),
+        np.array(min(float(memory.last_age_s), age_s)),
+    )
+
+
 def _remembered(memory: EstimateMemory, age_s: Array) -> tuple[Array, BoolArray]:
     """The position (..., 3) estimated for ``age_s`` (...) ago, linear between ticks, and whether it is remembered."""
     ages, ring = memory.ring_age_s, memory.ring_position_enu_m
@@ -251,6 +365,17 @@ def _remembered(memory: EstimateMemory, age_s: Array) -> tuple[Array, BoolArray]
 def state(memory: EstimateMemory, yaw_rad: Array | float = 0.0) -> State:
     """The estimate as the pipeline takes it: propagated to now (age 0), yaw (...) from the mocap, accuracy per axis."""
     shape = memory.position_enu_m.shape[:-1]
+    if not shape:
+        pp, _, _, vv, _, _ = memory.covariance.tolist()
+        return State(
+            memory.position_enu_m,
+            memory.velocity_enu_m_s,
+            memory.acceleration_enu_m_s2,
+            np.array(float(yaw_rad)),
+            np.zeros(()),
+            np.array(math.sqrt(pp)),
+            np.array(math.sqrt(vv)),
+        )
     return State(
         memory.position_enu_m,
         memory.velocity_enu_m_s,
@@ -260,101 +385,3 @@ def state(memory: EstimateMemory, yaw_rad: Array | float = 0.0) -> State:
         np.sqrt(memory.covariance[..., 0]),
         np.sqrt(memory.covariance[..., 3]),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class ObserverParams:
-    """Disturbance observer; each a float or (...).
-
-    bandwidth_rad_s: both poles. delay_s, wn_rad_s, zeta: horizontal response to commands. vertical_lag_s: first order.
-    drag_1_s. max_disturbance_m_s2: bound per axis. history: ticks of commands kept, longer than the delay.
-    """
-
-    bandwidth_rad_s: Array | float = 4.0
-    delay_s: float = 0.04
-    wn_rad_s: Array | float = 11.0
-    zeta: Array | float = 0.6
-    vertical_lag_s: Array | float = 0.06
-    drag_1_s: Array | float = 0.0
-    max_disturbance_m_s2: Array | float = 1.5
-    history: int = 8
-
-
-@dataclass(frozen=True, slots=True)
-class ObserverMemory:
-    """velocity and disturbance of the observer, response and its rate of the lag model (..., 3).
-
-    commands_enu_m_s2 (..., N, 3): newest first, without gravity.
-    """
-
-    velocity_enu_m_s: Array
-    disturbance_enu_m_s2: Array
-    response_enu_m_s2: Array
-    response_rate_enu_m_s3: Array
-    commands_enu_m_s2: Array
-
-
-def observer_initial(velocity_enu_m_s: Array, *, params: ObserverParams) -> ObserverMemory:
-    """No disturbance known, moving at (..., 3), commands so far zero."""
-    velocity = np.array(velocity_enu_m_s, dtype=np.float64)
-    still = np.zeros_like(velocity)
-    commands = np.zeros((*velocity.shape[:-1], params.history, 3))
-    return ObserverMemory(velocity, still, still, still, commands)
-
-
-def observe(
-    memory: ObserverMemory,
-    velocity_enu_m_s: Array,
-    command_enu_m_s2: Array,
-    *,
-    params: ObserverParams,
-    dt_s: float,
-    is_frozen: BoolArray | bool = False,
-) -> ObserverMemory:
-    """One tick of x' = a_model - c v + s_b + 2 w (v - x), s_b' = w^2 (v - x).
-
-    Args:
-        velocity_enu_m_s: (..., 3) estimated now.
-        command_enu_m_s2: (..., 3) acceleration commanded since the last tick, after every limit, without gravity
-            (horizontal: what the attitude asks for; vertical: throttle less gravity).
-        is_frozen: (...) keeps s_b (on the ground, at lift-off) while the model follows.
-    Returns:
-        memory; ``disturbance_enu_m_s2`` is s_b: what acts beside the commands and the drag.
-    """
-    command = command_enu_m_s2
-    if not (np.isfinite(command).all() and np.isfinite(velocity_enu_m_s).all()):
-        command = np.where(np.isfinite(command), command, memory.commands_enu_m_s2[..., 0, :])
-        velocity_enu_m_s = np.where(np.isfinite(velocity_enu_m_s), velocity_enu_m_s, memory.velocity_enu_m_s)
-    commands = np.empty_like(memory.commands_enu_m_s2)
-    commands[..., 0, :] = command
-    commands[..., 1:, :] = memory.commands_enu_m_s2[..., :-1, :]
-    ticks = min(params.delay_s / dt_s, commands.shape[-2] - 1.000001)
-    whole = int(ticks)
-    delayed = commands[..., whole, :] + (ticks - whole) * (commands[..., whole + 1, :] - commands[..., whole, :])
-    # second order by the implicit midpoint rule: stable for every tick length
-    wn = np.asarray(params.wn_rad_s, dtype=np.float64)[..., None]
-    zeta = np.asarray(params.zeta, dtype=np.float64)[..., None]
-    half = 0.5 * dt_s
-    push = wn * wn * (delayed - memory.response_enu_m_s2)
-    rate = (memory.response_rate_enu_m_s3 + half * push) / (1.0 + 2.0 * half * zeta * wn + half * half * wn * wn)
-    response = memory.response_enu_m_s2 + dt_s * rate
-    rate = 2.0 * rate - memory.response_rate_enu_m_s3
-    blend = 1.0 - np.exp(-dt_s / np.asarray(params.vertical_lag_s, dtype=np.float64))
-    response[..., 2] = memory.response_enu_m_s2[..., 2] + blend * (command[..., 2] - memory.response_enu_m_s2[..., 2])
-    rate[..., 2] = 0.0
-    acting = 0.5 * (response + memory.response_enu_m_s2)
-    width = np.asarray(params.bandwidth_rad_s, dtype=np.float64)[..., None]
-    drag = np.asarray(params.drag_1_s, dtype=np.float64)[..., None]
-    forecast = memory.velocity_enu_m_s + dt_s * (acting - drag * velocity_enu_m_s + memory.disturbance_enu_m_s2)
-    miss = velocity_enu_m_s - forecast
-    decay = np.exp(-width * dt_s)
-    # gains that put both discrete poles on exp(-w T)
-    velocity = forecast + (1.0 - decay * decay) * miss
-    disturbance = memory.disturbance_enu_m_s2 + ((1.0 - decay) ** 2 / dt_s) * miss
-    bound = np.asarray(params.max_disturbance_m_s2, dtype=np.float64)[..., None]
-    disturbance = np.minimum(np.maximum(disturbance, -bound), bound)
-    if np.any(is_frozen):
-        frozen = np.asarray(is_frozen)[..., None]
-        disturbance = np.where(frozen, memory.disturbance_enu_m_s2, disturbance)
-        velocity = np.where(frozen, velocity_enu_m_s, velocity)
-    return ObserverMemory(velocity, disturbance, response, rate, commands)

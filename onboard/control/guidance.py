@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from onboard.control import kernel_motion
 from onboard.types import Array, Goal, IntArray, TrajectorySetpoint
 
 _NO_SEQUENCE = np.iinfo(np.int64).min
@@ -108,10 +109,17 @@ def step(
         exactly; rotation- and translation-equivariant; homogeneous in length and time; ends at rest on the goal.
     """
     fresh = np.asarray(goal.sequence != memory.sequence)
-    if fresh.any():
+    if fresh.any() if fresh.ndim else fresh:
         usable = fresh & np.isfinite(goal.position_enu_m).all(axis=-1) & np.isfinite(goal.duration_s)
         if usable.any():
             memory = _replan(memory, goal, np.asarray(usable), params)
+    if memory.elapsed_s.ndim == 0:
+        pace = float(clock_rate)
+        pace = min(max(pace, 0.0), 1.0) if math.isfinite(pace) else 1.0
+        whole = float(memory.first_duration_s) + float(memory.second_duration_s)
+        elapsed = np.array(min(float(memory.elapsed_s) + pace * dt_s, whole))
+        memory = replace(memory, elapsed_s=elapsed, clock_rate=np.array(pace))
+        return memory, setpoint(memory)
     rate = np.minimum(np.maximum(np.asarray(clock_rate, dtype=np.float64), 0.0), 1.0)
     rate = np.broadcast_to(np.where(np.isfinite(rate), rate, 1.0), memory.elapsed_s.shape)
     total = memory.first_duration_s + memory.second_duration_s
@@ -125,6 +133,8 @@ def step(
 
 def setpoint(memory: GuidanceMemory) -> TrajectorySetpoint:
     """The setpoint at the leg's present time, (..., 3) each."""
+    if memory.elapsed_s.ndim == 0:
+        return _setpoint_one(memory)
     second = memory.elapsed_s >= memory.first_duration_s
     second3 = second[..., None]
     begin = np.where(second3, memory.via_position_enu_m, memory.start_position_enu_m)
@@ -138,6 +148,23 @@ def setpoint(memory: GuidanceMemory) -> TrajectorySetpoint:
     position, velocity, acceleration = _quintic(begin, speed, push, end, duration[..., None], tau[..., None])
     rate = memory.clock_rate[..., None]
     return TrajectorySetpoint(position, rate * velocity, rate * rate * acceleration)
+
+
+def _setpoint_one(memory: GuidanceMemory) -> TrajectorySetpoint:
+    """:func:`setpoint` for one vehicle, in floats."""
+    elapsed, first = float(memory.elapsed_s), float(memory.first_duration_s)
+    if elapsed >= first:
+        begin, end = memory.via_position_enu_m.tolist(), memory.goal_position_enu_m.tolist()
+        speed, push = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        duration, elapsed = float(memory.second_duration_s), elapsed - first
+    else:
+        begin, end = memory.start_position_enu_m.tolist(), memory.via_position_enu_m.tolist()
+        speed, push = memory.start_velocity_enu_m_s.tolist(), memory.start_acceleration_enu_m_s2.tolist()
+        duration = first
+    duration = duration if duration > 0.0 else 1.0
+    tau, rate = min(elapsed / duration, 1.0), float(memory.clock_rate)
+    position, velocity, acceleration = np.array(kernel_motion.quintic(begin, speed, push, end, duration, tau, rate))
+    return TrajectorySetpoint(position, velocity, acceleration)
 
 
 def is_finished(memory: GuidanceMemory) -> Array:

@@ -47,6 +47,8 @@ def predict(memory: LawMemory, state: State, *, params: LawParams) -> tuple[Arra
     """
     if params.name == "paper" or params.config.prediction == "none":
         return state.position_enu_m, state.velocity_enu_m_s
+    if state.position_enu_m.ndim == 1:
+        return prediction.predict_one(memory.history, state, params.lag_s, min(params.vertical_lag_s, params.lag_s))
     age = np.clip(np.nan_to_num(state.age_s, nan=0.0), 0.0, prediction.MAX_MESSAGE_AGE_S)
     p, v = state.position_enu_m, state.velocity_enu_m_s
     position, velocity = prediction.predict_own(memory.history, p, v, params.lag_s + age)

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from onboard.config import FleetConfig, LawName
-from onboard.control import allocation, backstepping, estimate, guidance, hover_thrust, oist
+from onboard.control import allocation, backstepping, disturbance, guidance, hover_thrust, oist
 from onboard.types import (
     GRAVITY_M_S2,
     Array,
@@ -53,7 +53,7 @@ class PipelineParams:
     guidance: guidance.GuidanceParams
     backstepping: backstepping.BacksteppingParams
     law: oist.LawParams
-    observer: estimate.ObserverParams
+    observer: disturbance.ObserverParams
     hover_thrust: hover_thrust.HoverThrustParams
     allocation: allocation.AllocationParams
     drag_1_s: float
@@ -73,7 +73,7 @@ class PipelineMemory:
 
     guidance: guidance.GuidanceMemory
     law: oist.LawMemory
-    observer: estimate.ObserverMemory
+    observer: disturbance.ObserverMemory
     hover_thrust: hover_thrust.HoverThrustMemory
     sent_enu_m_s2: Array
     clock_rate: Array
@@ -111,7 +111,7 @@ def pipeline_params(fleet: FleetConfig, vehicle_name: str, *, law: str | None = 
             fence_enu_m=(*fleet.fleet.geofence_m.x, *fleet.fleet.geofence_m.y),
             capsules_enu_m=tuple(capsule for obstacle in fleet.obstacles for capsule in obstacle.capsules_enu_m),
         ),
-        observer=estimate.ObserverParams(
+        observer=disturbance.ObserverParams(
             delay_s=vehicle.attitude_delay_s,
             wn_rad_s=vehicle.attitude_wn_rad_s,
             zeta=vehicle.attitude_zeta,
@@ -131,7 +131,7 @@ def initial(params: PipelineParams, position_enu_m: Array) -> PipelineMemory:
     return PipelineMemory(
         guidance=guidance.initial(position),
         law=oist.initial(batch),
-        observer=estimate.observer_initial(np.zeros_like(position), params=params.observer),
+        observer=disturbance.initial(np.zeros_like(position), params=params.observer),
         hover_thrust=hover_thrust.initial(batch, params=params.hover_thrust),
         sent_enu_m_s2=np.zeros_like(position),
         clock_rate=np.ones(batch),
@@ -167,7 +167,7 @@ def step(
     is_usable = np.asarray(oist.is_plausible(state.position_enu_m) & oist.is_plausible(state.velocity_enu_m_s))
     given, state = state, _mended(state, is_usable, memory)
     is_frozen = phase == Phase.LIFTOFF
-    observer = estimate.observe(
+    observer = disturbance.observe(
         memory.observer,
         state.velocity_enu_m_s,
         memory.sent_enu_m_s2,
@@ -252,6 +252,8 @@ def clock_rate(
     DEVIATION D7.
     """
     ahead = guidance.setpoint(memory.guidance).position_enu_m
+    if ahead.ndim == 1:
+        return _clock_rate_one(memory, ahead, position_enu_m, goal, params, dt_s)
     way = (goal.position_enu_m - ahead)[..., :2]
     rest = np.sqrt(np.einsum("...c,...c->...", way, way))
     lag = np.einsum("...c,...c->...", (ahead - position_enu_m)[..., :2], way) / np.maximum(rest, 1e-6)
@@ -259,6 +261,21 @@ def clock_rate(
     target = 1.0 - np.clip(2.0 * memory.activity, 0.0, 1.0) * np.where(np.isfinite(share), share, 0.0)
     blend = 1.0 - math.exp(-dt_s / params.clock_time_s)
     return np.asarray(memory.clock_rate + blend * (target - memory.clock_rate))
+
+
+def _clock_rate_one(
+    memory: PipelineMemory, ahead_enu_m: Array, position_enu_m: Array, goal: Goal, params: PipelineParams, dt_s: float
+) -> Array:
+    """:func:`clock_rate` for one vehicle, in floats."""
+    a_x, a_y, _ = ahead_enu_m.tolist()
+    p_x, p_y, _ = position_enu_m.tolist()
+    g_x, g_y, _ = goal.position_enu_m.tolist()
+    lag = ((a_x - p_x) * (g_x - a_x) + (a_y - p_y) * (g_y - a_y)) / max(math.hypot(g_x - a_x, g_y - a_y), 1e-6)
+    share = (lag - params.clock_slack_m) / (params.clock_stop_m - params.clock_slack_m)
+    share = min(max(share, 0.0), 1.0) if math.isfinite(share) else 0.0
+    rate = float(memory.clock_rate)
+    target = 1.0 - min(max(2.0 * float(memory.activity), 0.0), 1.0) * share
+    return np.array(rate + (1.0 - math.exp(-dt_s / params.clock_time_s)) * (target - rate))
 
 
 def _slowed(setpoint: TrajectorySetpoint, share: Array) -> TrajectorySetpoint:

@@ -7,11 +7,13 @@ and the neighbours publish the same about themselves. Lines P1 to P3 of the desi
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from onboard.types import Array
+from onboard.control import kernel_motion
+from onboard.types import Array, State
 
 SLOTS = 40
 MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour further than this gains nothing
@@ -65,6 +67,27 @@ def predict_own(
     velocity = velocity_enu_m_s + np.einsum("...b,...bc->...c", inside, commands)
     position = position_enu_m + window_s[..., None] * velocity_enu_m_s + np.einsum("...b,...bc->...c", weight, commands)
     return position, velocity
+
+
+def predict_one(history: CommandHistory, state: State, lag_s: float, vertical_lag_s: float) -> tuple[Array, Array]:
+    """Own state over the lag, the vertical axis over its own and then straight on, for one vehicle, in floats."""
+    age = float(state.age_s)
+    age = min(max(age, 0.0), MAX_MESSAGE_AGE_S) if math.isfinite(age) else 0.0
+    durations = history.duration_s.tolist()
+    count, covered = 0, 0.0
+    while count < len(durations) and covered < lag_s + age:
+        covered += durations[count]
+        count += 1
+    position, velocity = kernel_motion.predicted(
+        history.acceleration_enu_m_s2[:count].tolist(),
+        durations[:count],
+        state.position_enu_m.tolist(),
+        state.velocity_enu_m_s.tolist(),
+        lag_s + age,
+        vertical_lag_s + age,
+        lag_s - vertical_lag_s,
+    )
+    return np.array(position), np.array(velocity)
 
 
 def predict_neighbour(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from onboard import frames
-from onboard.control import allocation, backstepping, estimate, guidance, hover_thrust
+from onboard.control import allocation, backstepping, disturbance, estimate, guidance, hover_thrust
 from onboard.types import GRAVITY_M_S2, Array, Goal, Thrust
 
 G = GRAVITY_M_S2
@@ -37,10 +37,10 @@ def fly(*, seconds: float = 16.0, n: int = 20, observes: bool = True, seed: int 
     p[:, 2] = 1.2
     motor = np.full(n, G)
     filter_params = estimate.EstimateParams(drag_1_s=0.3)
-    observer_params = estimate.ObserverParams(wn_rad_s=6.0, zeta=0.7, drag_1_s=0.3)
+    observer_params = disturbance.ObserverParams(wn_rad_s=6.0, zeta=0.7, drag_1_s=0.3)
     hover_params = hover_thrust.HoverThrustParams(0.75)
     limits = allocation.params_from_degrees(25.0, 0.75)
-    own, observer = estimate.initial(p, params=filter_params), estimate.observer_initial(v, params=observer_params)
+    own, observer = estimate.initial(p, params=filter_params), disturbance.initial(v, params=observer_params)
     hover_memory, leg = hover_thrust.initial((n,), params=hover_params), guidance.initial(p)
     attitude = allocation.allocate(Thrust(np.tile(UP, (n, 1))), np.zeros(n), np.full(n, 0.75), params=limits)
     sent, net = np.zeros((n, 3)), [np.zeros((n, 3))] * 14
@@ -59,7 +59,7 @@ def fly(*, seconds: float = 16.0, n: int = 20, observes: bool = True, seed: int 
             own = estimate.correct(own, sample, np.full(n, DT), params=filter_params)
         old = p.copy()
         state = estimate.state(own)
-        observer = estimate.observe(observer, state.velocity_enu_m_s, sent, params=observer_params, dt_s=DT)
+        observer = disturbance.observe(observer, state.velocity_enu_m_s, sent, params=observer_params, dt_s=DT)
         hover_memory, hover = hover_thrust.step(
             hover_memory, attitude.thrust_frac, frames.body_up(flown)[:, 2], state.acceleration_enu_m_s2[:, 2],
             state.position_enu_m[:, 2], params=hover_params, dt_s=DT,

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from onboard import frames
-from onboard.control import estimate
-from onboard.control.estimate import EstimateMemory, EstimateParams, ObserverParams
+from onboard.control import disturbance, estimate
+from onboard.control.disturbance import ObserverParams
+from onboard.control.estimate import EstimateMemory, EstimateParams
 from onboard.types import GRAVITY_M_S2, Array
 
 DT = 0.02
@@ -307,7 +308,7 @@ def test_batch_equals_loop_also_with_unequal_ages_and_missing_samples() -> None:
 def obeying(gain: float, bias: float, drag: float, command: float, seconds: float = 6.0) -> tuple[float, Array]:
     """s_b after ``seconds`` of a constant command to a vehicle with a static gain, a bias and drag; the way it took."""
     params = ObserverParams(wn_rad_s=6.0, zeta=0.7, drag_1_s=drag)
-    memory = estimate.observer_initial(np.zeros(3), params=params)
+    memory = disturbance.initial(np.zeros(3), params=params)
     sub, h = 10, DT / 10
     v = a = rate = 0.0
     queue = [0.0] * 20
@@ -318,7 +319,7 @@ def obeying(gain: float, bias: float, drag: float, command: float, seconds: floa
             rate += h * (36.0 * (gain * queue[-21] - a) - 2 * 0.7 * 6.0 * rate)
             a += h * rate
             v += h * (a + bias - drag * v)
-        memory = estimate.observe(memory, np.array([v, 0, 0]), np.array([command, 0, 0]), params=params, dt_s=DT)
+        memory = disturbance.observe(memory, np.array([v, 0, 0]), np.array([command, 0, 0]), params=params, dt_s=DT)
         seen.append(memory.disturbance_enu_m_s2[0])
     return float(seen[-1]), np.array(seen)
 
@@ -340,11 +341,11 @@ def test_the_observer_settles_within_two_seconds() -> None:
 
 def test_a_frozen_observer_keeps_what_it_knew_and_a_bounded_one_its_bound() -> None:
     params = ObserverParams(max_disturbance_m_s2=0.5)
-    memory = estimate.observer_initial(np.zeros((2, 3)), params=params)
+    memory = disturbance.initial(np.zeros((2, 3)), params=params)
     v = np.zeros((2, 3))
     for _ in range(300):
         v = v + DT * np.array([2.0, 0.0, 0.0])
-        memory = estimate.observe(
+        memory = disturbance.observe(
             memory, v, np.zeros((2, 3)), params=params, dt_s=DT, is_frozen=np.array([True, False])
         )
     assert memory.disturbance_enu_m_s2[0].tolist() == [0.0, 0.0, 0.0]
@@ -353,8 +354,8 @@ def test_a_frozen_observer_keeps_what_it_knew_and_a_bounded_one_its_bound() -> N
 
 def test_the_observer_ignores_values_that_are_not_finite() -> None:
     params = ObserverParams()
-    memory = estimate.observer_initial(np.zeros(3), params=params)
-    memory = estimate.observe(memory, np.array([np.nan, 0, 0]), np.array([np.inf, 0, 0]), params=params, dt_s=DT)
+    memory = disturbance.initial(np.zeros(3), params=params)
+    memory = disturbance.observe(memory, np.array([np.nan, 0, 0]), np.array([np.inf, 0, 0]), params=params, dt_s=DT)
     for field in (memory.velocity_enu_m_s, memory.disturbance_enu_m_s2, memory.response_enu_m_s2):
         assert np.array_equal(field, np.zeros(3))
 
@@ -362,15 +363,15 @@ def test_the_observer_ignores_values_that_are_not_finite() -> None:
 def test_observer_batch_equals_loop_and_turns_with_the_world() -> None:
     params, q = ObserverParams(drag_1_s=0.3, delay_s=0.047), frames.quaternion_from_yaw(0.6)
     rng = np.random.default_rng(10)
-    together = estimate.observer_initial(np.zeros((4, 3)), params=params)
-    turned = estimate.observer_initial(np.zeros((4, 3)), params=params)
-    alone = [estimate.observer_initial(np.zeros(3), params=params) for _ in range(4)]
+    together = disturbance.initial(np.zeros((4, 3)), params=params)
+    turned = disturbance.initial(np.zeros((4, 3)), params=params)
+    alone = [disturbance.initial(np.zeros(3), params=params) for _ in range(4)]
     for _ in range(40):
         v, u = 0.1 * rng.normal(size=(2, 4, 3))
-        together = estimate.observe(together, v, u, params=params, dt_s=DT)
-        turned = estimate.observe(turned, frames.rotate(q, v), frames.rotate(q, u), params=params, dt_s=DT)
+        together = disturbance.observe(together, v, u, params=params, dt_s=DT)
+        turned = disturbance.observe(turned, frames.rotate(q, v), frames.rotate(q, u), params=params, dt_s=DT)
         for i in range(4):
-            alone[i] = estimate.observe(alone[i], v[i], u[i], params=params, dt_s=DT)
+            alone[i] = disturbance.observe(alone[i], v[i], u[i], params=params, dt_s=DT)
             assert np.allclose(alone[i].disturbance_enu_m_s2, together.disturbance_enu_m_s2[i], atol=1e-13)
     assert np.allclose(turned.disturbance_enu_m_s2, frames.rotate(q, together.disturbance_enu_m_s2), atol=1e-9)
 
@@ -379,10 +380,10 @@ def test_a_dead_time_between_two_ticks_delays_by_just_that() -> None:
     """The response to a ramp of commands lags by the dead time plus 2 zeta/wn, also when that is no whole tick."""
     for delay_s in (0.03, 0.04, 0.047):
         params = ObserverParams(delay_s=delay_s, wn_rad_s=11.0, zeta=0.6)
-        memory = estimate.observer_initial(np.zeros(3), params=params)
+        memory = disturbance.initial(np.zeros(3), params=params)
         for tick in range(200):
             command = np.array([tick * DT, 0.0, 0.0])
-            memory = estimate.observe(memory, np.zeros(3), command, params=params, dt_s=DT)
+            memory = disturbance.observe(memory, np.zeros(3), command, params=params, dt_s=DT)
         lag_s = 199 * DT - float(memory.response_enu_m_s2[0])
         # a command held over the last tick counts from the tick's middle
         assert lag_s == pytest.approx(delay_s + 2 * 0.6 / 11.0 - DT / 2, abs=1e-3)
