@@ -15,7 +15,7 @@ from onboard.config import FleetConfig, Vec3, parking_distance_m
 from onboard.control import bounds
 from onboard.control.bounds import ACCURACIES, Accuracy
 from onboard.control.findings import Finding, least, worst, worst_first
-from onboard.control.pair_findings import crowding, least_margin_m, pair_findings, parking_m
+from onboard.control.pair_findings import crowding, effective_margin_m, least_margin_m, pair_findings, parking_m
 from onboard.control.vehicle_findings import (
     available_m_s2,
     battery,
@@ -57,6 +57,8 @@ def spot_findings(
 ) -> tuple[Finding, ...]:
     """Spacing and room of one constellation: vehicle -> position in fleet ENU; ``where`` names it in the sentences."""
     found = [fence_finding(fleet, spots, where)] if spots else []
+    if spots and fleet.obstacles:
+        found.append(obstacle_finding(fleet, spots, where))
     if len(spots) > 1:
         found.append(spacing_finding(fleet, spots, where, ACCURACIES[errors or error_class(fleet)]))
     return worst_first(found)
@@ -80,7 +82,9 @@ def start_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], accuracy: Accur
     if fleet.law.name == "paper":
         bound_m, why = parking_distance_m(fleet), "(8) of the paper at rest"
     elif fleet.law.name == "covey":
-        bound_m = fleet.fleet.safety_distance_m + max(fleet.law.design_margin_m, least_margin_m(fleet, accuracy))
+        bound_m = fleet.fleet.safety_distance_m + max(
+            effective_margin_m(fleet, accuracy), least_margin_m(fleet, accuracy)
+        )
         why = f"the design distance for '{accuracy.name}', where rows ask nothing of vehicles at rest"
     else:
         bound_m, why = fleet.fleet.safety_distance_m, "the safety distance"
@@ -132,6 +136,22 @@ def fence_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], where: str) -> 
         )
 
     return worst(judge(name) for name in spots)
+
+
+def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], where: str) -> Finding:
+    """Room between the places and the nearest of the fleet's obstacles, which its rows will not let a vehicle leave."""
+    gap_m, name, obstacle = min(
+        (obstacle.distance_m(spot), name, obstacle.name) for name, spot in spots.items() for obstacle in fleet.obstacles
+    )
+    return least(
+        f"obstacles, {where}",
+        gap_m,
+        0.5 * fleet.fleet.body_diameter_m + fleet.law.obstacle_margin_m,
+        "m",
+        f"{where[0].upper()}{where[1:]}: {name} is {{value}} from obstacle '{obstacle}'; half a body and "
+        "law.obstacle_margin_m take {bound}",
+        "Move the place away by {lack}.",
+    )
 
 
 def _closest(spots: Mapping[str, Vec3]) -> tuple[float, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from onboard.config import FleetConfig, Vehicle, parking_distance_m
 from onboard.control import bounds
@@ -11,7 +12,6 @@ from onboard.control.findings import Finding, least, most, worst
 from onboard.control.vehicle_findings import GUST_M_S2, available_m_s2
 
 _MESSAGE_AGE_S = 0.08  # 20 ms period, 40 ms of delay, one message lost
-_AVOIDING_SPEED = 1.25  # what the pursuit may add to the setpoint's speed
 _BODY_GAP_M = 0.10
 _SLOW_GROWTH_1_S, _FAST_GROWTH_1_S = 0.0, 1.5
 _USEFUL_NEIGHBOURS = 6  # fewer rows than this cost separation in a crowd, more gain nothing
@@ -34,8 +34,10 @@ def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accurac
     found.append(_margin(fleet, accuracy))
     if fleet.law.name == "covey":
         found.append(_shortfall(fleet))
-    for judge in (_range, _message_age, _kappas, _braking):
-        found.append(worst(judge(fleet, vehicle) for vehicle in vehicles))
+    margin_m = effective_margin_m(fleet, accuracy)
+    for judge in (_range, _message_age, _braking):
+        found.append(worst(judge(fleet, vehicle, margin_m) for vehicle in vehicles))
+    found.append(worst(_kappas(fleet, vehicle) for vehicle in vehicles))
     return found
 
 
@@ -43,11 +45,14 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
     kappa_1, kappa_2 = _kappa_values(fleet)
     needed_m = bounds.needed_margin_m(accuracy, kappa_1, kappa_2)
     is_covey = fleet.law.name == "covey"
-    what = "law.design_margin_m is {value}" if is_covey else "The paper's law has no margin ({value})"
+    what = {"fixed": "law.design_margin_m is {value}", "accuracy": "The margin will be {value} in flight"}[
+        fleet.law.margin
+    ]
+    what = what if is_covey else "The paper's law has no margin ({value})"
     apart_m = fleet.fleet.safety_distance_m + needed_m + 0.10
     return least(
         "margin",
-        fleet.law.design_margin_m if is_covey else 0.0,
+        effective_margin_m(fleet, accuracy),
         needed_m,
         "m",
         f"{what}; estimates as accurate as '{accuracy.name}' (position {accuracy.position_std_m:g} m, velocity "
@@ -55,6 +60,7 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
         f"Set law.design_margin_m = {math.ceil(100.0 * needed_m) / 100.0:.2f}{'' if is_covey else ' of law covey'} and "
         f"park vehicles {apart_m:.2f} m apart or more, or fly on a better position.",
         # the paper's law can only be flown to see what it does, and with a mocap at least its sensors are not to blame
+        warn_below=0.95 * needed_m,
         refuse_below=_MARGIN_SHARE * needed_m if is_covey or accuracy.name != "mocap" else 0.0,
     )
 
@@ -84,10 +90,10 @@ def _body_gap(fleet: FleetConfig) -> Finding:
     )
 
 
-def _range(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
+def _range(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
     kappa_1, kappa_2 = _kappa_values(fleet)
-    closing = 2.0 * _AVOIDING_SPEED * vehicle.max_speed_m_s
-    range_m = bounds.row_range_m(closing, _design_m(fleet), kappa_1, kappa_2)
+    closing = 2.0 * fleet.law.avoid_speed_frac * vehicle.max_speed_m_s
+    range_m = bounds.row_range_m(closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2)
     range_m += closing * (_MESSAGE_AGE_S + (vehicle.lag_s if fleet.law.name == "covey" else 0.0))
     return least(
         "sensing range",
@@ -100,8 +106,8 @@ def _range(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     )
 
 
-def _message_age(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
-    margin_m = fleet.law.design_margin_m if fleet.law.name == "covey" else 0.05
+def _message_age(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
+    margin_m = max(margin_m, 0.01)
     tolerated_s = math.sqrt(2.0 * margin_m / available_m_s2(vehicle))
     return most(
         "bus delay",
@@ -111,6 +117,8 @@ def _message_age(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         "A neighbour's word is {value} old at 50 Hz, 40 ms of delay and one message lost; a manoeuvre at "
         f"{vehicle.name}'s full tilt uses up the margin of {margin_m:.2f} m in {{bound}}",
         "Lower max_tilt_deg, or raise law.design_margin_m.",
+        # the paper's law has no margin at all: said under that name
+        refuse_above=math.inf if fleet.law.name == "paper" else tolerated_s,
     )
 
 
@@ -122,7 +130,13 @@ def _kappas(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
 
     def growth(scale: float) -> float:
         return max(
-            bounds.loop_growth_1_s(response, scale * kappa_1, scale * kappa_2, lag_error_s=error_s)
+            bounds.loop_growth_1_s(
+                response,
+                scale * kappa_1,
+                scale * kappa_2,
+                lag_error_s=error_s,
+                is_predicted=fleet.law.prediction == "lag",
+            )
             for error_s in (-LAG_ERROR_S, 0.0, LAG_ERROR_S)
         )
 
@@ -155,10 +169,10 @@ def _paper_kappas(vehicle: Vehicle, response: Response, kappa: float) -> Finding
     )
 
 
-def _braking(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
+def _braking(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
     kappa_1, kappa_2 = _kappa_values(fleet)
     closing = 2.0 * vehicle.max_speed_m_s
-    asked = bounds.braking_m_s2(closing, _design_m(fleet), kappa_1, kappa_2)
+    asked = bounds.braking_m_s2(closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2)
     left = max(0.0, available_m_s2(vehicle) - vehicle.drag_1_s * vehicle.max_speed_m_s - GUST_M_S2)
     return most(
         "braking",
@@ -199,9 +213,16 @@ def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
     )
 
 
-def _design_m(fleet: FleetConfig) -> float:
-    margin_m = fleet.law.design_margin_m if fleet.law.name == "covey" else 0.0
-    return fleet.fleet.safety_distance_m + margin_m
+def effective_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
+    """What the law keeps on top of the safety distance in flight: the configured margin, or more by its own policy."""
+    law = fleet.law
+    if law.name != "covey":
+        return 0.0
+    if law.margin == "fixed":
+        return law.design_margin_m
+    time_s = law.accuracy_time_s  # the law does not know an error's own correlation time
+    told = replace(accuracy, position_time_s=time_s, velocity_time_s=time_s, acceleration_std_m_s2=0.0)
+    return max(law.design_margin_m, bounds.needed_margin_m(told, *_kappa_values(fleet)))
 
 
 def least_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
@@ -210,11 +231,12 @@ def least_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
 
 
 def parking_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
-    """Parking distance of the configuration, or what the accuracy needs where the configured margin is too small."""
+    """Parking distance of the configuration, with the margin that the accuracy asks for where it asks for more."""
     configured_m = parking_distance_m(fleet)
     if fleet.law.name != "covey":
         return configured_m
-    return configured_m + max(0.0, least_margin_m(fleet, accuracy) - fleet.law.design_margin_m)
+    margin_m = max(effective_margin_m(fleet, accuracy), least_margin_m(fleet, accuracy))
+    return configured_m + margin_m - fleet.law.design_margin_m
 
 
 def _kappa_values(fleet: FleetConfig) -> tuple[float, float]:

@@ -44,9 +44,36 @@ def test_the_shipped_fleets_can_be_flown_on_a_mocap(base: str) -> None:
 @pytest.mark.parametrize("base", ["paper", "sih"])
 def test_gps_with_the_papers_spacing_is_refused_in_words(base: str) -> None:
     refused = {f.name: f for f in fleet_findings(fleet_with(base=base), errors="gps") if f.status == "refused"}
-    assert {"margin", "initial conditions", "spacing, formation 'triangle'"} <= set(refused)
-    assert "gps" in refused["margin"].sentence
-    assert refused["margin"].remedy in refused["margin"].sentence
+    assert {"initial conditions", "spacing, formation 'triangle'"} <= set(refused)
+    assert all("gps" in finding.sentence and finding.remedy in finding.sentence for finding in refused.values())
+
+
+def test_a_fixed_margin_made_for_a_mocap_is_refused_for_a_worse_position() -> None:
+    fixed = fleet_with({"law.margin": "fixed"})
+    assert [named(fixed, "margin", errors=errors).status for errors in ("mocap", "vision", "gps")] == [
+        "ok",
+        "refused",
+        "refused",
+    ]
+
+
+def test_the_margin_that_the_law_sets_itself_makes_vehicles_park_farther_apart() -> None:
+    fleet = fleet_with()
+    near, far = (named(fleet, "spacing, formation 'triangle'", errors=errors) for errors in ("mocap", "vision"))
+    assert near.bound < far.bound < near.bound + 0.35
+    assert far.status == "ok"
+
+
+def test_a_row_without_prediction_is_refused() -> None:
+    assert named(fleet_with({"law.prediction": "none"}, base="paper"), "kappas").status == "refused"
+
+
+def test_a_goal_inside_an_obstacles_clearance_is_refused() -> None:
+    pillar = [{"name": "pillar", "circle": {"center_enu_m": [0.0, 1.0], "radius_m": 0.3}}]
+    fleet = fleet_with({"obstacles": pillar})
+    assert spot_findings(fleet, {"mav0": (0.6, 1.0, 1.0)}, "goals")[0].name == "obstacles, goals"
+    assert spot_findings(fleet, {"mav0": (0.6, 1.0, 1.0)}, "goals")[0].status == "refused"
+    assert all(finding.status == "ok" for finding in spot_findings(fleet, {"mav0": (0.8, 1.0, 1.0)}, "goals"))
 
 
 def test_gps_is_accepted_with_spacings_and_margin_two_and_a_half_times_as_large() -> None:
@@ -66,11 +93,11 @@ def test_without_a_mocap_the_accuracy_is_that_of_gps() -> None:
 @pytest.mark.parametrize(
     ("name", "changes", "status"),
     [
-        ("margin", {"law.design_margin_m": 0.02}, "refused"),
+        ("margin", {"law.margin": "fixed", "law.design_margin_m": 0.02}, "refused"),
         ("shortfall gain", {"law.shortfall_gain": 1.1}, "refused"),
         ("body", {"fleet.body_diameter_m": 0.75}, "refused"),
         ("sensing range", {"law.range_m": 1.5}, "refused"),
-        ("bus delay", {"law.design_margin_m": 0.01}, "refused"),
+        ("bus delay", {"law.margin": "fixed", "law.design_margin_m": 0.01}, "refused"),
         ("kappas", {"law.kappa_1_1_s": 10.0, "law.kappa_2_1_s": 20.0}, "refused"),
         ("kappas", {"types.sih.attitude_wn_rad_s": 6.0}, "warning"),
         ("braking", {"types.sih.max_speed_m_s": 4.0}, "refused"),

@@ -46,12 +46,12 @@ def test_gps_with_the_papers_spacing_is_refused_with_status_one(
 
 
 def test_json_has_value_bound_and_remedy_of_every_finding(capsys: pytest.CaptureFixture[str]) -> None:
-    status, found = rows(capsys, str(SIH), "--errors", "vision")
+    status, found = rows(capsys, str(SIH), "--errors", "gps")
     assert status == 1
     for row in found:
         assert {"file", "name", "status", "value", "bound", "unit", "relation", "sentence", "remedy"} <= set(row)
         assert row["file"] == str(SIH)
-    assert any(row["status"] == "refused" and row["name"] == "margin" for row in found)
+    assert any(row["status"] == "refused" and row["name"] == "initial conditions" for row in found)
 
 
 def test_a_wrong_file_is_status_two_and_the_other_is_still_checked(
