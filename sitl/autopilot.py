@@ -21,7 +21,7 @@ from sitl.landing import LandDetector
 from sitl.modes import MODES, Landed, Mode, Need, Result, SystemStatus
 from sitl.parameters import Parameters
 from sitl.position_control import Goal
-from sitl.rotation import body_down, euler
+from sitl.rotation import euler, uprightness
 from sitl.signals import Actuation, Setpoint, SetpointKind, Situation, Text
 
 __all__ = ["BOOT_S", "TICK_S", "Autopilot"]
@@ -323,7 +323,7 @@ class Autopilot:
         if self._has_failed or situation.on_ground:
             return
         limit_rad = math.radians(min(self.params["FD_FAIL_R"], self.params["FD_FAIL_P"]))
-        if float(body_down(situation.attitude)[2]) > math.cos(limit_rad):
+        if uprightness(situation.attitude) > math.cos(limit_rad):
             self._tilted_since_s = math.inf
             return
         w, x, y, z = situation.attitude.tolist()

@@ -17,7 +17,8 @@ from sitl.signals import Actuation, Setpoint, SetpointKind, Situation
 
 TICK_S = 0.02
 _SPOOL_S = 1.0
-_TAKEOFF_REACHED_M = 0.25
+_FIRST_SHARE = 0.1
+_TAKEOFF_REACHED_M = 0.1
 _RTL_NEAR_M = 0.5
 _HOVER_LEARN_S = 2.0
 _NOWHERE = np.full(3, math.nan)
@@ -114,11 +115,14 @@ class Flight:
 
     def _take_off(self, situation: Situation, params: Parameters) -> None:
         yaw = self._start(situation).yaw_rad
-        if situation.time_s - self._armed_time_s < _SPOOL_S:
+        since_s = situation.time_s - self._armed_time_s - _SPOOL_S
+        if since_s < 0.0:
             self._idle(yaw)
             return
         place = np.array([self.home_ned_m[0], self.home_ned_m[1], self._takeoff_down_m(params)])
-        self._fly(situation, Goal(place, _STILL, yaw), params, up_m_s=params["MPC_TKO_SPEED"])
+        # The climb begins gently, and from the ground at once.
+        share = min(1.0, _FIRST_SHARE + since_s / max(params["MPC_TKO_RAMP_T"], 0.1))
+        self._fly(situation, Goal(place, _STILL, yaw), params, up_m_s=share * params["MPC_TKO_SPEED"])
 
     def _hold(self, situation: Situation, params: Parameters) -> None:
         start = self._start(situation)
@@ -204,7 +208,7 @@ class Flight:
         # PX4 estimates its hover thrust in flight; without that a heavy vehicle sinks when a failsafe takes over.
         if situation.on_ground or abs(situation.velocity_ned_m_s[2]) > 0.5:
             return
-        lift = self.actuation.thrust_frac * float(rotation.body_down(situation.attitude)[2])
+        lift = self.actuation.thrust_frac * rotation.uprightness(situation.attitude)
         learned = self._hover_thrust_frac + TICK_S / _HOVER_LEARN_S * (lift - self._hover_thrust_frac)
         self._hover_thrust_frac = min(0.9, max(0.1, learned))
 

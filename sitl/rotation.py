@@ -57,6 +57,12 @@ def body_down(q: Array) -> Array:
     return np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
 
 
+def uprightness(q: Array) -> float:
+    """Cosine of the tilt of one attitude (4,): 1 level, 0 on the side, -1 upside down."""
+    _, x, y, _ = q.tolist()
+    return 1.0 - 2.0 * float(x * x + y * y)
+
+
 def tilt_from_down(down: Array) -> Array:
     """Shortest rotation, as (..., 2) rotation vector [rad], that takes (0, 0, 1) to `down` (..., 3)."""
     x, y = down[..., 0], down[..., 1]

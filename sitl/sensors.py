@@ -32,6 +32,7 @@ ESTIMATE_EVERY_STEPS = 2  # 125 Hz, the rate of PX4's estimator
 GPS_FIX_S = 2.3
 PERIOD_S = ESTIMATE_EVERY_STEPS * STEP_S
 _BLOCK = 64  # random numbers are drawn for so many periods at once
+_CHOOSE_EVERY = 4  # periods between looks at the sources: 31 Hz
 _HISTORY = 64
 _VISION_TIMEOUT_S = 1.0
 _HEIGHT_REFUSED_S = 5.0
@@ -132,8 +133,9 @@ class Estimator:
 
     def step(self, time_s: float, position_ned_m: Array, velocity_ned_m_s: Array, on_ground: NDArray[np.bool_]) -> None:
         """Advance the errors by one estimator period and form the estimates from the true motion."""
-        for i, is_resting in enumerate(on_ground.tolist()):
-            self._choose(i, time_s, is_resting)
+        if self._place % _CHOOSE_EVERY == 0:
+            for i, is_resting in enumerate(on_ground.tolist()):
+                self._choose(i, time_s, is_resting)
         place = self._place % _BLOCK
         if place == 0:
             self._draws[:] = self._random(lambda size: self._rng.standard_normal((size, _BLOCK, 4))).swapaxes(0, 1)

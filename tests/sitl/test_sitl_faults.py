@@ -128,7 +128,7 @@ def test_a_fault_begins_and_ends_on_the_step_of_its_time() -> None:
     emu.inject(parse("v0 gps_loss at=4 duration=1"))
     run_for(emu, 4.0)
     assert emu.estimator.source[0] is Source.GPS
-    run_for(emu, 0.02)
+    run_for(emu, 0.05)
     assert emu.estimator.source[0] is Source.NONE
     run_for(emu, 1.0)
     assert emu.estimator.source[0] is Source.GPS
