@@ -134,7 +134,7 @@ def test_takeoff_hold_land_and_disarm(profile: VehicleProfile) -> None:
     assert pilot.request(emu.time_s, Mode.TAKEOFF) is Result.ACCEPTED
     assert pilot.request_arm(emu.time_s, True, 0.0) is Result.ACCEPTED
     detected_s = until(emu, lambda: pilot.landed is Landed.TAKEOFF, 4.0)
-    assert 1.0 < detected_s < 2.2
+    assert 1.0 < detected_s < (2.2 if profile is SIH else 3.0)  # the weak one hovers far above what PX4 begins with
     until(emu, lambda: pilot.mode is Mode.LOITER, 10.0)
     run_for(emu, 4.0)
     assert height_m(emu) == pytest.approx(2.5, abs=0.7)
