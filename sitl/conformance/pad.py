@@ -117,7 +117,6 @@ QUIRKS = (
     word("quirk.servo-disarmed", "4", "SERVO_OUTPUT_RAW while disarmed", "900"),
     word("quirk.attitude-target-mask", "4", "ATTITUDE_TARGET.type_mask", "0"),
     word("quirk.vtol-state", "4", "EXTENDED_SYS_STATE.vtol_state", "0"),
-    number("pad.estimator-flags", "10", "ESTIMATOR_STATUS.flags with GPS or vision", 0x1EF, 0x1EF),
 )
 
 
@@ -254,7 +253,6 @@ def _quirks(pilot: Pilot, report: Report) -> None:
     report.add("quirk.odometry-resets", float(odometry.reset_counter))
     report.add("quirk.battery-voltage", float(battery.voltages[0]))
     report.add("quirk.battery-cells", ", ".join(sorted({str(value) for value in battery.voltages[1:]})))
-    report.add("pad.estimator-flags", float(pilot.newest("ESTIMATOR_STATUS").flags))
     place = pilot.newest("GLOBAL_POSITION_INT")
     report.add("pad.latitude", place.lat * 1e-7)
     report.add("pad.longitude", place.lon * 1e-7)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from sitl.emulator import Emulator, VehicleSpec
 from sitl.endpoints import Endpoint
@@ -67,37 +66,19 @@ class Wires:
 
 
 class _Socket:
-    """What an endpoint takes for its socket and its event loop."""
+    """One endpoint of the emulator and what reaches it."""
 
     def __init__(self, wires: Wires, rates_hz: dict[int, float], peer: Address) -> None:
         self._wires = wires
-        self._arrived: deque[tuple[bytes, Address]] = deque()
-        self._read: Callable[[], None] = lambda: None
-        self.endpoint = Endpoint(Link(wires.emulator, 0, rates_hz), self, peer)  # type: ignore[arg-type]
-        self.endpoint.open(self)  # type: ignore[arg-type]
+        self.endpoint = Endpoint(Link(wires.emulator, 0, rates_hz), peer, self._send)
 
     def deliver(self, datagram: bytes, sender: Address) -> None:
         """A client's datagram arrives."""
         self._wires.newest = sender
-        self._arrived.extend((each, sender) for each in self._wires.incoming(datagram))
-        self._read()
+        for each in self._wires.incoming(datagram):
+            self.endpoint.receive(each, sender)
 
-    def add_reader(self, number: int, read: Callable[[], None], *args: Any) -> None:
-        """As an event loop."""
-        self._read = read
-
-    def fileno(self) -> int:
-        """As a socket."""
-        return -1
-
-    def recvfrom(self, size: int) -> tuple[bytes, Address]:
-        """As a socket that does not block."""
-        if not self._arrived:
-            raise BlockingIOError
-        return self._arrived.popleft()
-
-    def sendto(self, datagram: bytes, address: Address) -> None:
-        """As a socket."""
+    def _send(self, datagram: bytes, address: Address) -> None:
         if self._wires.follows_newest and address != GROUND:
             address = self._wires.newest
         if address in self._wires.inboxes:
