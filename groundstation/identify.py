@@ -13,9 +13,10 @@ import json
 import math
 import sys
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -213,7 +214,8 @@ def logs_of(path: Path, fleet: FleetConfig, names: Sequence[str]) -> dict[str, L
         if sample.topic == "tick" and sample.name in ticks:
             ticks[sample.name].append(sample)
         elif sample.topic == "mocap" and sample.name in bodies and sample.values.get("is_tracked"):
-            poses[bodies[sample.name]].append(sample)
+            if _are_numbers(sample.values, "position_enu_m", "quaternion_enu_flu_wxyz", count=7):
+                poses[bodies[sample.name]].append(sample)
     found = {name: _log(ticks[name], poses[name]) for name in names}
     return {name: log for name, log in found.items() if log is not None}
 
@@ -234,15 +236,19 @@ def _log(ticks: list[Sample], poses: list[Sample]) -> Log | None:
 
 
 def _is_flying(tick: Sample) -> bool:
-    values = tick.values
-    numbers = [
-        *values.get("position_enu_m", []),
-        *values.get("setpoint_quaternion_enu_flu_wxyz", []),
-        *values.get("attitude_quaternion_enu_flu_wxyz", []),
-        values.get("setpoint_thrust_frac"),
-    ]
-    is_whole = len(numbers) == 12 and all(isinstance(number, int | float) for number in numbers)
-    return is_whole and values.get("state") in ("flying", "holding", "taking off") and numbers[2] > _LOW_M
+    values, quaternions = tick.values, ("setpoint_quaternion_enu_flu_wxyz", "attitude_quaternion_enu_flu_wxyz")
+    if not _are_numbers(values, "position_enu_m", *quaternions, "setpoint_thrust_frac", count=12):
+        return False
+    return values.get("state") in ("flying", "holding", "taking off") and values["position_enu_m"][2] > _LOW_M
+
+
+def _are_numbers(values: Mapping[str, Any], *fields: str, count: int) -> bool:
+    """Whether the fields hold so many numbers together; what is not finite is null in a record."""
+    numbers: list[Any] = []
+    for field in fields:
+        value = values.get(field)
+        numbers += value if isinstance(value, list) else [value]
+    return len(numbers) == count and all(isinstance(number, int | float) for number in numbers)
 
 
 def _longest_stretch(ticks: list[Sample]) -> list[Sample]:

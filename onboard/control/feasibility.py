@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Literal
 
-from onboard.config import FleetConfig, Vec3, parking_distance_m
+import msgspec
+
+from onboard.config import FleetConfig, Vec3, Vehicle, parking_distance_m
 from onboard.control import bounds
 from onboard.control.bounds import ACCURACIES, Accuracy
 from onboard.control.findings import Finding, least, worst, worst_first
@@ -35,10 +37,11 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
     vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
     if not vehicles:
         return ()
+    kinds = distinct(vehicles)
     accuracy = ACCURACIES[errors or error_class(fleet)]
     found: list[Finding] = []
     if len(vehicles) > 1:
-        found += pair_findings(fleet, vehicles, accuracy)
+        found += pair_findings(fleet, kinds, accuracy)
         starts = {vehicle.name: vehicle.start_enu_m for vehicle in vehicles}
         found.append(start_finding(fleet, starts, accuracy))
         for name, slots in fleet.formations.items():
@@ -48,8 +51,18 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
         found.append(crowding(fleet, vehicles))
     found.append(fence_finding(fleet, {vehicle.name: vehicle.start_enu_m for vehicle in vehicles}, "take-off spots"))
     for judge in (height_at_tilt, thrust_reserve, gust_reserve, battery, silence):
-        found.append(worst(judge(fleet, vehicle) for vehicle in vehicles))
+        found.append(worst(judge(fleet, vehicle) for vehicle in kinds))
     return worst_first(found)
+
+
+def distinct(vehicles: Iterable[Vehicle]) -> list[Vehicle]:
+    """The first vehicle of each kind: those that differ in nothing that a finding looks at are judged once."""
+    kinds: dict[object, Vehicle] = {}
+    for vehicle in vehicles:
+        own = {"name": "", "index": 0, "system_id": 0, "start_enu_m": (0.0, 0.0, 0.0), "agent": "", "autopilot": ""}
+        alike = msgspec.structs.replace(vehicle, **own, direct=None, mocap_body=None)
+        kinds.setdefault(msgspec.json.encode(alike), vehicle)
+    return list(kinds.values())
 
 
 def spot_findings(

@@ -66,6 +66,11 @@ def identify(log: Log) -> Identified:
     begin_s, end_s = _span(log)
     attitude = fit_attitude(log, begin_s, end_s)
     scale, scale_std = fit_vertical(log, attitude, begin_s, end_s)
+    if not scale > GRAVITY_M_S2:
+        raise TooLittleFlown(
+            "Throttle and height do not belong together in this log: full throttle would not lift the vehicle. "
+            "Check that commands and positions are of one vehicle and of one time."
+        )
     motion = fit_horizontal(log, attitude, scale, begin_s, end_s)
     delay_s, wn, zeta = attitude.theta[:3]
     delay_s += motion.theta[1]

@@ -27,7 +27,7 @@ def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accurac
     """Everything that only matters to more than one vehicle; ``accuracy`` is that of the own estimates."""
     found = [_body_gap(fleet)]
     if fleet.law.name == "off":
-        sentence = f"law.name is 'off': nothing keeps {len(vehicles)} vehicles apart."
+        sentence = f"law.name is 'off': nothing keeps {len(fleet.enabled_names)} vehicles apart."
         remedy = "Set law.name = 'covey' unless this is what you want to see, in simulation."
         found.append(Finding("law", "warning", 0.0, 1.0, "", "at least", f"{sentence} {remedy}", remedy))
         return found
