@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 import msgspec
 
@@ -16,8 +14,7 @@ REPLY = "reply"
 RECORDED = (Topic.STATE, Topic.TICK, Topic.MOCAP)  # beside what the ground listens to anyhow
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
+class Row(NamedTuple):
     """One message of the record: channel, its kind, log time and JSON bytes."""
 
     channel: str
@@ -26,18 +23,15 @@ class Row:
     data: bytes
 
 
-def rows(topic: Topic, name: str, message: Message, received_ns: int) -> Iterator[Row]:
+def rows(topic: Topic, name: str, message: Message, received_ns: int) -> list[Row]:
     """What one bus message becomes: a batch of ticks one row each, everything else one row.
 
     The log time is the sample's own stamp; messages without one, or with an impossible one, take the reception's.
     """
     if isinstance(message, TickBatch):
-        for tick in message.ticks:
-            yield _row(f"{topic.value}/{name}", tick, received_ns)
-    elif isinstance(message, OrderReply):
-        yield _row(f"{REPLY}/{name}", message, received_ns)
-    else:
-        yield _row(f"{topic.value}/{name}", message, received_ns)
+        return [_row(f"{topic.value}/{name}", tick, received_ns) for tick in message.ticks]
+    first = REPLY if isinstance(message, OrderReply) else topic.value
+    return [_row(f"{first}/{name}", message, received_ns)]
 
 
 def as_mapping(message: Message) -> dict[str, Any]:

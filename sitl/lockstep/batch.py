@@ -34,6 +34,10 @@ class Stacker:
         columns = zip(*map(self._leaves, values), strict=True)
         return self._build(iter([np.array(column) for column in columns]))
 
+    def row(self, stacked: Any, place: int) -> Any:
+        """One value (...) of an (N, ...)."""
+        return self._build(iter([leaf[place] for leaf in self._leaves(stacked)]))
+
     def rows(self, stacked: Any) -> list[Any]:
         """N values (...) of one (N, ...)."""
         build = self._build
@@ -53,12 +57,12 @@ def _plan(example: Any, prefix: str, names: list[str]) -> Callable[[Any], Any]:
     return lambda leaves: kind(*[part(leaves) for part in parts])
 
 
-@dataclass(slots=True)
-class _Group:
-    """Agents that ticked together last time: the stacked memory, and the rows of it that they hold."""
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """An agent's memory as its core keeps it between two ticks: a place in a stacked one, taken out when it must be."""
 
     stacked: PipelineMemory
-    rows: list[PipelineMemory]
+    place: int
 
 
 class Batch:
@@ -71,7 +75,6 @@ class Batch:
     def __init__(self, is_batched: bool) -> None:
         self._is_batched = is_batched
         self._kinds: list[PipelineParams] = []
-        self._groups: dict[tuple[int, ...], _Group] = {}
         self._stackers: dict[str, Stacker] = {}
 
     def tick(self, agents: Sequence[AgentShell], now_ns: int) -> None:
@@ -84,7 +87,7 @@ class Batch:
         results: list[Any] = [None] * len(agents)
         for places in groups.values():
             params, dues = agents[places[0]].core.params, [passes[place] for place in places]
-            together = self._together(tuple(places), params, dues) if len(places) > 1 else [_alone(params, dues[0])]
+            together = self._together(params, dues) if len(places) > 1 else [self._alone(params, dues[0])]
             for place, result in zip(places, together, strict=True):
                 results[place] = result
         for agent, (memory, tick) in zip(agents, results, strict=True):
@@ -98,13 +101,10 @@ class Batch:
         self._kinds.append(params)
         return len(self._kinds) - 1
 
-    def _together(self, places: tuple[int, ...], params: PipelineParams, dues: list[Pass]) -> list[Any]:
+    def _together(self, params: PipelineParams, dues: list[Pass]) -> list[Any]:
         first = dues[0]
-        group = self._groups.get(places)
-        is_same = group is not None and all(due.memory is row for due, row in zip(dues, group.rows, strict=True))
-        memory = group.stacked if group is not None and is_same else self._stack("memory", dues)
         memory, tick = pipeline.step(
-            memory,
+            self._stacked_memory(dues),
             self._stack("state", dues),
             self._stack("goal", dues),
             self._stack("neighbours", dues),
@@ -112,9 +112,32 @@ class Batch:
             dt_s=first.dt_s,
             phase=first.phase,
         )
-        rows = self._stacker("memory", first.memory).rows(memory)
-        self._groups[places] = _Group(memory, rows)
-        return list(zip(rows, self._stacker("tick", tick).rows(tick), strict=True))
+        ticks = self._stacker("tick", tick).rows(tick)
+        return [(_Row(memory, place), row) for place, row in enumerate(ticks)]
+
+    def _stacked_memory(self, dues: list[Pass]) -> PipelineMemory:
+        """As it is when the same agents ticked together last time, else put together anew."""
+        held: list[Any] = [due.memory for due in dues]
+        first = held[0]
+        if isinstance(first, _Row) and len(first.stacked.clock_rate) == len(held):
+            stacked = first.stacked
+            if all(
+                isinstance(one, _Row) and one.stacked is stacked and one.place == place
+                for place, one in enumerate(held)
+            ):
+                return stacked
+        whole = [self._taken_out(memory) for memory in held]
+        stacked_memory: PipelineMemory = self._stacker("memory", whole[0]).stack(whole)
+        return stacked_memory
+
+    def _taken_out(self, memory: Any) -> Any:
+        if not isinstance(memory, _Row):
+            return memory
+        return self._stacker("memory", memory.stacked).row(memory.stacked, memory.place)
+
+    def _alone(self, params: PipelineParams, due: Pass) -> Any:
+        memory = self._taken_out(due.memory)
+        return pipeline.step(memory, due.state, due.goal, due.neighbours, params=params, dt_s=due.dt_s, phase=due.phase)
 
     def _stack(self, name: str, dues: list[Pass]) -> Any:
         values = [getattr(due, name) for due in dues]
@@ -125,7 +148,3 @@ class Batch:
         if found is None:
             found = self._stackers[name] = Stacker(example)
         return found
-
-
-def _alone(params: PipelineParams, due: Pass) -> Any:
-    return pipeline.step(due.memory, due.state, due.goal, due.neighbours, params=params, dt_s=due.dt_s, phase=due.phase)

@@ -7,11 +7,12 @@ notices after the lease; what was on its way until then arrives when the cut is 
 
 from __future__ import annotations
 
-import heapq
 import itertools
+import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from heapq import heappop, heappush
 
 import numpy as np
 
@@ -70,7 +71,7 @@ class SimBus:
 
     def __init__(self, settings: BusSettings, now_ns: Callable[[], int], *, seed: int) -> None:
         self.now_ns = now_ns
-        self._settings = settings
+        self._settings, self._delay_ns = settings, round(settings.delay_s * 1e9)
         self._links: dict[Pair, BusSettings] = {}
         self._rng = np.random.default_rng([seed, 11])
         self._queue: list[tuple[int, int, Pair, Callable[..., None], tuple[object, ...]]] = []
@@ -129,10 +130,10 @@ class SimBus:
     def deliver(self) -> None:
         """Everything that is due now, in the order of arrival."""
         now_ns = self.now_ns()
-        queue = self._queue
+        queue, cut = self._queue, self._cut
         while queue and queue[0][0] <= now_ns:
-            _, _, pair, function, args = heapq.heappop(queue)
-            if pair in self._cut:
+            _, _, pair, function, args = heappop(queue)
+            if cut and pair in cut:
                 self._held.append((now_ns, pair, function, args))  # in the sender's buffers
             else:
                 function(*args)
@@ -140,45 +141,55 @@ class SimBus:
     def send(self, pair: Pair, delivery: Delivery, function: Callable[..., None], *args: object) -> None:
         """Put a call for the receiver on its way from ``pair[0]`` to ``pair[1]``."""
         now_ns = self.now_ns()
-        settings = self._of(pair)
         is_latest = delivery is Delivery.LATEST
-        if is_latest and self._cut and pair in self._cut:
+        is_cut = bool(self._cut) and pair in self._cut
+        if is_cut and is_latest:
             return
+        settings = self._of(pair)
         due_ns = now_ns + round(settings.delay_s * 1e9)
-        if not settings.is_random:
-            if self._cut and pair in self._cut:
-                self._held.append((now_ns, pair, function, args))
-            else:
-                self._push(due_ns, pair, function, args)
-            return
-        draw = self._rng.random(4)
-        due_ns += round(-np.log1p(-draw[0]) * settings.jitter_s * 1e9)
-        if is_latest:
-            if draw[1] < settings.loss:
+        draw = self._rng.random(4) if settings.is_random else None
+        if draw is not None:
+            due_ns += round(-math.log1p(-draw[0]) * settings.jitter_s * 1e9)
+            if is_latest and draw[1] < settings.loss:
                 self.lost += 1
                 return
-            if draw[2] < settings.reorder:
+            if is_latest and draw[2] < settings.reorder:
                 self._push(due_ns + round(settings.reorder_s * 1e9), pair, function, args)
                 return
-        else:
-            sent_again = 0
-            while sent_again < _MAX_RESENDS and self._rng.random() < settings.loss:
-                sent_again += 1
-            due_ns += _RESEND_NS * sent_again
-        # what is not reordered on purpose keeps its order
-        due_ns = self._newest_ns[pair, is_latest] = max(due_ns, self._newest_ns.get((pair, is_latest), 0))
-        if self._cut and pair in self._cut:
+            if not is_latest:
+                due_ns += _RESEND_NS * self._resends(settings.loss)
+            # what is not reordered on purpose keeps its order
+            due_ns = self._newest_ns[pair, is_latest] = max(due_ns, self._newest_ns.get((pair, is_latest), 0))
+        if is_cut:
             self._held.append((now_ns, pair, function, args))
             return
         self._push(due_ns, pair, function, args)
-        if is_latest and draw[3] < settings.duplicate:
+        if draw is not None and is_latest and draw[3] < settings.duplicate:
             self._push(due_ns + _DUPLICATE_AFTER_NS, pair, function, args)
+
+    def send_latest(self, sender: str, receivers: list[tuple[Node, OnMessage]], args: tuple[object, ...]) -> None:
+        """A LATEST message for all its subscribers, at once where nothing can happen to it."""
+        if self._cut or self._links or self._settings.is_random:
+            for node, on_message in receivers:
+                if node.name != sender:
+                    self.send((sender, node.name), Delivery.LATEST, on_message, *args)
+            return
+        due_ns, queue, count = self.now_ns() + self._delay_ns, self._queue, self._count
+        for node, on_message in receivers:
+            if node.name != sender:
+                heappush(queue, (due_ns, next(count), (sender, node.name), on_message, args))
+
+    def _resends(self, loss: float) -> int:
+        count = 0
+        while count < _MAX_RESENDS and self._rng.random() < loss:
+            count += 1
+        return count
 
     def _of(self, pair: Pair) -> BusSettings:
         return self._links.get(pair, self._settings) if self._links else self._settings
 
     def _push(self, due_ns: int, pair: Pair, function: Callable[..., None], args: tuple[object, ...]) -> None:
-        heapq.heappush(self._queue, (due_ns, next(self._count), pair, function, args))
+        heappush(self._queue, (due_ns, next(self._count), pair, function, args))
 
     def _expire(self, pair: Pair, since_ns: object) -> None:
         if self._cut.get(pair) == since_ns and pair not in self._unseen:
@@ -234,11 +245,14 @@ class Node:
     def publish(self, topic: Topic, name: str, message: Message) -> None:
         """Send to all who subscribed."""
         delivery = TOPICS[topic].delivery
-        send = self.bus.send
         for key in ((topic, "*"), (topic, name)):
-            for node, on_message in self.bus.subscribers.get(key, ()):
-                if node is not self:
-                    send((self.name, node.name), delivery, on_message, topic, name, message)
+            receivers = self.bus.subscribers.get(key)
+            if receivers and delivery is Delivery.LATEST:
+                self.bus.send_latest(self.name, receivers, (topic, name, message))
+            elif receivers:
+                for node, on_message in receivers:
+                    if node is not self:
+                        self.bus.send((self.name, node.name), delivery, on_message, topic, name, message)
 
     def subscribe(self, topic: Topic, name: str, on_message: OnMessage) -> None:
         """Hear ``topic/name``; ``name`` may be ``*``."""

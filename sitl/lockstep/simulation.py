@@ -55,6 +55,7 @@ class Simulation:
         vehicles = [fleet.vehicles[name] for name in self.names]
         specs = [VehicleSpec(v.name, v.system_id, profile_of(v), v.start_enu_m) for v in vehicles]
         self.emulator = Emulator(specs, body_diameter_m=fleet.fleet.body_diameter_m, seed=seed)
+        self._vehicles = self.emulator.world.vehicles
         self.collisions: list[Collision] = []
         self._bodies = [v.mocap_body or v.name for v in vehicles]
         self._mocap = Mocap(len(specs), mocap, seed=seed, faults=self.emulator.disturbances.mocap)
@@ -74,7 +75,7 @@ class Simulation:
     @property
     def now_ns(self) -> int:
         """Simulated time on everybody's monotonic clock."""
-        return EPOCH_NS + self.emulator.world.vehicles.steps * STEP_NS
+        return EPOCH_NS + self._vehicles.steps * STEP_NS
 
     @property
     def time_s(self) -> float:
