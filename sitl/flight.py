@@ -17,7 +17,7 @@ from sitl.signals import Actuation, Setpoint, SetpointKind, Situation
 
 TICK_S = 0.02
 _SPOOL_S = 1.0
-_FIRST_SHARE = 0.1
+_FIRST_SHARE = 0.25
 _TAKEOFF_REACHED_M = 0.1
 _RTL_NEAR_M = 0.5
 _HOVER_LEARN_S = 2.0

@@ -263,9 +263,14 @@ def global_target(v: View) -> Values | None:
     return (v.boot_ms, round(latitude * 1e7), round(longitude * 1e7), height, *((0.0,) * 8), 0, 5)
 
 
+def _thrust_asked(v: View) -> float:
+    """What is asked of the motors; what they give comes later."""
+    actuation = v.autopilot.actuation
+    return actuation.thrust_frac if actuation.motors_on else 0.0
+
+
 def _pulse(v: View) -> int:
-    thrust = float(v.emulator.world.vehicles.states.thrust_frac[v.index])
-    return round(1000.0 + 1000.0 * thrust) if v.autopilot.is_armed else 900
+    return round(1000.0 + 1000.0 * _thrust_asked(v)) if v.autopilot.is_armed else 900
 
 
 def servo_output(v: View) -> Values:
@@ -278,7 +283,7 @@ def actuator_output(v: View) -> Values:
 
 
 def hil_actuators(v: View) -> Values:
-    thrust = float(v.emulator.world.vehicles.states.thrust_frac[v.index])
+    thrust = _thrust_asked(v)
     return (v.boot_us, 0, *((thrust,) * 4), *((0.0,) * 12), 129 if v.autopilot.is_armed else 1)
 
 
