@@ -16,9 +16,10 @@ from typing import Any, Literal
 
 import msgspec
 
-from onboard import obstacles
+from onboard import obstacles, sitl_profile
 from onboard.law_config import LawConfig as LawConfig
 from onboard.law_config import LawName as LawName
+from onboard.sitl_profile import SitlProfile as SitlProfile
 
 SCHEMA = 1
 Vec3 = tuple[float, float, float]
@@ -66,17 +67,6 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     direct_command_timeout_s: float = 0.3
     bus_lost_land_s: float = 5.0
     simulator: str | None = None
-
-
-class SitlProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[types.X.sitl]``: values that only the emulator knows; the control has to cope without them."""
-
-    static_gain: float = 1.0
-    tilt_bias_deg: float = 0.0
-    yaw_wn_rad_s: float = 3.0
-    motor_lag_s: float = 0.05
-    thrust_noise_frac: float = 0.0
-    inertia_kg_m2: Vec3 = (0.025, 0.025, 0.03)
 
 
 class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -312,6 +302,7 @@ def _vehicle(
         for entry, value in table.items():
             nested = entry in ("px4_params", "sitl") and isinstance(value, dict)
             merged[entry] = {**merged.get(entry, {}), **value} if nested else value
+    convert(merged.get("sitl", {}), SitlProfile, path, f"{key}.sitl")  # names the keys that are known there
     return convert({**merged, "name": name, "index": index}, Vehicle, path, key)  # type: ignore[no-any-return]
 
 
@@ -364,6 +355,10 @@ def _check(config: FleetConfig) -> None:
     for name, vehicle in config.vehicles.items():
         for key, (low, high) in _BOUNDS.items():
             _bound(path, f"vehicles.{name}.{key}", getattr(vehicle, key), low, high)
+        for key, (low, high) in sitl_profile.BOUNDS.items():
+            value = getattr(vehicle.sitl, key)
+            for number in value if isinstance(value, tuple) else (value,):
+                _bound(path, f"vehicles.{name}.sitl.{key}", number, low, high)
         if not _AGENT_ENDPOINT.fullmatch(vehicle.agent):
             raise ConfigError(f"{path}: 'vehicles.{name}.agent' is {vehicle.agent!r}; write it as tcp/127.0.0.1:7460.")
         if not _AUTOPILOT_ENDPOINT.fullmatch(vehicle.autopilot):

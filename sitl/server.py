@@ -59,6 +59,13 @@ def profile_of(vehicle: Vehicle) -> VehicleProfile:
         yaw_wn_rad_s=vehicle.sitl.yaw_wn_rad_s,
         motor_lag_s=vehicle.sitl.motor_lag_s,
         thrust_noise_frac=vehicle.sitl.thrust_noise_frac,
+        gust_std_m_s2=vehicle.sitl.gust_std_m_s2,
+        max_tilt_rate_deg_s=vehicle.sitl.max_tilt_rate_deg_s,
+        max_yaw_rate_deg_s=vehicle.sitl.max_yaw_rate_deg_s,
+        inertia_kg_m2=vehicle.sitl.inertia_kg_m2,
+        arm_m=vehicle.sitl.arm_m,
+        thrust_curve_frac=vehicle.sitl.thrust_curve_frac,
+        attitude_integral_s=vehicle.sitl.attitude_integral_s,
     )
 
 

@@ -1,0 +1,38 @@
+"""``[types.X.sitl]``: what only the emulator knows of a vehicle, with the bounds of every value."""
+
+from __future__ import annotations
+
+import msgspec
+
+
+class SitlProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Values that the control has to cope without; the defaults are PX4's SIH quadrotor, sitl/README.md says more."""
+
+    static_gain: float = 1.0
+    tilt_bias_deg: float = 0.0
+    yaw_wn_rad_s: float = 3.0
+    motor_lag_s: float = 0.05
+    thrust_noise_frac: float = 0.0
+    inertia_kg_m2: tuple[float, float, float] = (0.025, 0.025, 0.03)
+    arm_m: float = 0.2
+    thrust_curve_frac: float = 0.0
+    attitude_integral_s: float = 0.5
+    gust_std_m_s2: float = 0.0
+    max_tilt_rate_deg_s: float = 220.0
+    max_yaw_rate_deg_s: float = 200.0
+
+
+BOUNDS: dict[str, tuple[float, float]] = {
+    "static_gain": (0.1, 2.0),
+    "tilt_bias_deg": (0.0, 15.0),
+    "yaw_wn_rad_s": (0.3, 30.0),
+    "motor_lag_s": (0.0, 1.0),
+    "thrust_noise_frac": (0.0, 0.5),
+    "inertia_kg_m2": (1e-6, 10.0),
+    "arm_m": (0.01, 2.0),
+    "thrust_curve_frac": (0.0, 1.0),
+    "attitude_integral_s": (0.0, 60.0),
+    "gust_std_m_s2": (0.0, 10.0),
+    "max_tilt_rate_deg_s": (10.0, 2000.0),
+    "max_yaw_rate_deg_s": (10.0, 2000.0),
+}
