@@ -116,33 +116,38 @@ def law_batch() -> Kernel:
     return _jit(run)
 
 
-def covey(
+def covey_one(
+    floats: Sequence[float], vectors: Sequence[Any], scalars: Sequence[Any], masks: Sequence[Any], params: LawParams
+) -> Array:
+    """``kernels.covey`` interpreted, (6,); arguments as in :func:`covey_batch` without M, as lists."""
+    a, r = kernels.work_sizes(len(scalars[0]), len(params.capsules_enu_m))
+    w_x, w_y, s_x, s_y, radius, p_x, p_y, v_x, v_y, std_p, std_v = floats
+    position, velocity, predicted_position, predicted_velocity, command = vectors
+    age, lead, their_std_p, their_std_v, crowd = scalars
+    is_present, is_cooperative = masks
+    work = tuple([[0.0] * a for _ in range(9)] + [[0.0] * r for _ in range(6)])
+    result = kernels.covey(
+        (w_x, w_y), (s_x, s_y), radius, (p_x, p_y, v_x, v_y, std_p, std_v),
+        position, velocity, predicted_position, predicted_velocity, command,
+        (age, lead, their_std_p, their_std_v, crowd), is_present, is_cooperative, params.capsules_enu_m,
+        params.numbers, work, ([0] * a, [0] * r),
+    )  # fmt: skip
+    return np.array(result)
+
+
+def covey_batch(
     floats: Array, vectors: Sequence[Array], scalars: Sequence[Array], masks: Sequence[BoolArray], params: LawParams
 ) -> Array:
-    """``kernels.covey`` for M vehicles, (M, 6); interpreted for one.
+    """``kernels.covey`` compiled, for M vehicles, (M, 6).
 
     Args:
         floats: (M, 11) wanted, shift (2 each), radius, position, velocity (2 each), two standard deviations.
         vectors: five of (M, K, 3). scalars: five of (M, K). masks: two of (M, K). See ``kernels.covey``.
     """
     sizes = kernels.work_sizes(scalars[0].shape[1], len(params.capsules_enu_m))
+    capsules = np.array(params.capsules_enu_m, dtype=np.float64).reshape(-1, 5)
     out = np.empty((len(floats), 6))
-    if is_compiled(len(floats)):
-        capsules = np.array(params.capsules_enu_m, dtype=np.float64).reshape(-1, 5)
-        law_batch()(floats, tuple(vectors), tuple(scalars), tuple(masks), capsules, params.numbers, sizes, out)
-        return out
-    a, r = sizes
-    w_x, w_y, s_x, s_y, radius, p_x, p_y, v_x, v_y, std_p, std_v = floats[0].tolist()
-    position, velocity, predicted_position, predicted_velocity, command = (vector[0].tolist() for vector in vectors)
-    is_present, is_cooperative = (mask[0].tolist() for mask in masks)
-    age, lead, their_std_p, their_std_v, crowd = (scalar[0].tolist() for scalar in scalars)
-    work = tuple([0.0] * a for _ in range(9)) + tuple([0.0] * r for _ in range(6))
-    out[0] = kernels.covey(
-        (w_x, w_y), (s_x, s_y), radius, (p_x, p_y, v_x, v_y, std_p, std_v),
-        position, velocity, predicted_position, predicted_velocity, command,
-        (age, lead, their_std_p, their_std_v, crowd), is_present, is_cooperative, params.capsules_enu_m,
-        params.numbers, work, ([0] * a, [0] * r),
-    )  # fmt: skip
+    law_batch()(floats, tuple(vectors), tuple(scalars), tuple(masks), capsules, params.numbers, sizes, out)
     return out
 
 

@@ -7,6 +7,7 @@ faster. Near the ground (ground effect, contact) and while the throttle saturate
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,6 +67,9 @@ def step(
     Returns:
         memory and hover_thrust_frac (...), within max_deviation of the configured value, always finite.
     """
+    if memory.hover_thrust_frac.ndim == 0:
+        values = (float(thrust_frac), float(cos_tilt), float(vertical_acceleration_m_s2), float(height_m))
+        return _step_one(memory, values, params, dt_s, bool(is_flying))
     blend = 1.0 - np.exp(-dt_s / params.motor_lag_s)
     sent = np.where(np.isfinite(thrust_frac), thrust_frac, memory.effective_thrust_frac)
     effective = memory.effective_thrust_frac + blend * (sent - memory.effective_thrust_frac)
@@ -85,3 +89,27 @@ def step(
     low, high = 1.0 - params.max_deviation, 1.0 + params.max_deviation
     hover = np.minimum(np.maximum(hover, low * params.configured_frac), high * params.configured_frac)
     return replace(memory, hover_thrust_frac=hover, effective_thrust_frac=effective), hover
+
+
+def _step_one(
+    memory: HoverThrustMemory, values: tuple[float, float, float, float], params: HoverThrustParams, dt_s: float,
+    is_flying: bool,
+) -> tuple[HoverThrustMemory, Array]:  # fmt: skip
+    """:func:`step` for one vehicle, in floats."""
+    sent, cos_tilt, acceleration, height_m = values
+    hover, effective = float(memory.hover_thrust_frac), float(memory.effective_thrust_frac)
+    if math.isfinite(sent):
+        effective += (1.0 - math.exp(-dt_s / params.motor_lag_s)) * (sent - effective)
+    if (
+        is_flying
+        and height_m > params.min_height_m
+        and abs(acceleration) < params.max_acceleration_m_s2
+        and cos_tilt > 0.5
+        and float(params.min_thrust_frac) < effective < float(params.max_thrust_frac)
+    ):
+        seen = effective * cos_tilt * GRAVITY_M_S2 / (GRAVITY_M_S2 + acceleration)
+        hover += dt_s / params.time_constant_s * (seen - hover)
+    configured = float(params.configured_frac)
+    hover = min(max(hover, (1.0 - params.max_deviation) * configured), (1.0 + params.max_deviation) * configured)
+    found = np.array(hover)
+    return HoverThrustMemory(found, np.array(effective)), found

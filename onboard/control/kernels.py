@@ -62,26 +62,32 @@ def received(
 ) -> tuple[bool, float, float, float, float, float, float]:
     """A neighbour at our own time: whether it is usable, position, velocity, command; see oist._received."""
     age = min(max(age_s, 0.0), _MAX_AGE_S) if math.isfinite(age_s) else _MAX_AGE_S
-    own_word = is_cooperative and is_finite_3(predicted_position) and is_finite_3(predicted_velocity)
-    if own_word and is_finite_3(command):
-        x, y = bounded(predicted_position[0]), bounded(predicted_position[1])
-        v_x, v_y = bounded(predicted_velocity[0]), bounded(predicted_velocity[1])
-        u_x, u_y = bounded(command[0]), bounded(command[1])
+    x, y, z = predicted_position[0], predicted_position[1], predicted_position[2]
+    v_x, v_y, v_z = predicted_velocity[0], predicted_velocity[1], predicted_velocity[2]
+    u_x, u_y, u_z = command[0], command[1], command[2]
+    s_x, s_y = velocity[0], velocity[1]
+    total = abs(x) + abs(y) + abs(z) + abs(v_x) + abs(v_y) + abs(v_z) + abs(u_x) + abs(u_y) + abs(u_z)
+    is_plain = total + abs(s_x) + abs(s_y) < _HUGE  # then all are finite, and nothing has to be bounded
+    own_word = is_plain
+    if not is_plain:
+        own_word = is_finite_3(predicted_position) and is_finite_3(predicted_velocity) and is_finite_3(command)
+        x, y, v_x, v_y = bounded(x), bounded(y), bounded(v_x), bounded(v_y)
+        u_x, u_y, s_x, s_y = bounded(u_x), bounded(u_y), bounded(s_x), bounded(s_y)
+    if is_cooperative and own_word:
         lead = min(max(lead_s, 0.0), _LONGEST_LEAD_S) if math.isfinite(lead_s) else own_lead_s
         ahead = age + (own_lead_s - lead)
         held = min(max(ahead, 0.0), _MAX_COMMAND_AGE_S)
         back = min(ahead, 0.0)
         m_x, m_y = 0.0, 0.0
         if lead > 1e-3:
-            m_x, m_y = (v_x - bounded(velocity[0])) / lead, (v_y - bounded(velocity[1])) / lead
+            m_x, m_y = (v_x - s_x) / lead, (v_y - s_y) / lead
         share = held * (ahead - 0.5 * held)
         x = x + ahead * v_x + share * u_x + 0.5 * back * back * m_x
         y = y + ahead * v_y + share * u_y + 0.5 * back * back * m_y
         return True, x, y, v_x + held * u_x + back * m_x, v_y + held * u_y + back * m_y, u_x, u_y
     usable = is_finite_3(position) and is_finite_3(velocity)
-    v_x, v_y = bounded(velocity[0]), bounded(velocity[1])
     ahead = age + own_lead_s
-    return usable, bounded(position[0]) + ahead * v_x, bounded(position[1]) + ahead * v_y, v_x, v_y, 0.0, 0.0
+    return usable, bounded(position[0]) + ahead * s_x, bounded(position[1]) + ahead * s_y, s_x, s_y, 0.0, 0.0
 
 
 def known(std: float) -> float:
@@ -148,9 +154,8 @@ def covey(
     seen = 0
     is_flagged = False
     crowd = 0.0
-    own_variance = (n.sigma_position * known(std_p)) * (n.sigma_position * known(std_p)) + (
-        n.sigma_velocity_s * known(std_v)
-    ) * (n.sigma_velocity_s * known(std_v))
+    part_p, part_v = n.sigma_position * known(std_p), n.sigma_velocity_s * known(std_v)
+    own_variance = part_p * part_p + part_v * part_v
     for k in range(len(age)):
         if not is_present[k]:
             continue

@@ -95,6 +95,8 @@ def saturate(
     """
     raw = thrust_baseline.thrust_enu_m_s2
     batch = raw.shape[:-1]
+    if not batch and params.name == "covey":
+        return _saturate_one(memory, raw, predicted, state, neighbours, params, dt_s, compensation_enu_m_s2)
     is_own_finite = is_plausible(raw) & is_plausible(predicted[0]) & is_plausible(predicted[1])
     level = np.array([0.0, 0.0, GRAVITY_M_S2])
     thrust = np.where(is_own_finite[..., None], _bounded(raw), level)
@@ -139,6 +141,9 @@ def saturate(
 
 def is_plausible(vector: Array) -> BoolArray:
     """Whether all components (..., 3) are finite and small enough to be squared, (...)."""
+    if vector.ndim == 1:
+        x, y, z = vector.tolist()
+        return np.array(abs(x) < _HUGE and abs(y) < _HUGE and abs(z) < _HUGE)
     return np.asarray((np.abs(vector) < _HUGE).all(-1))
 
 
@@ -147,6 +152,52 @@ def horizontal_limit(thrust_z_m_s2: Array, *, params: LawParams) -> Array:
     vertical = np.clip(thrust_z_m_s2, 0.0, params.max_thrust_m_s2)
     by_tilt = vertical * math.tan(params.max_tilt_rad)
     return np.minimum(by_tilt, np.sqrt(params.max_thrust_m_s2**2 - vertical**2))
+
+
+def _saturate_one(
+    memory: LawMemory,
+    raw: Array,
+    predicted: tuple[Array, Array],
+    state: State,
+    neighbours: Neighbours,
+    params: LawParams,
+    dt_s: float,
+    compensation_enu_m_s2: Array | None,
+) -> tuple[LawMemory, LawOutput]:
+    """:func:`saturate` for one vehicle, in floats."""
+    is_own_finite = bool(is_plausible(raw) and is_plausible(predicted[0]) and is_plausible(predicted[1]))
+    s_x, s_y = (0.0, 0.0) if compensation_enu_m_s2 is None else _finite(compensation_enu_m_s2)[:2].tolist()
+    f_x, f_y, f_z = raw.tolist() if is_own_finite else (0.0, 0.0, GRAVITY_M_S2)
+    position, velocity = predicted if is_own_finite else (_bounded(predicted[0]), _bounded(predicted[1]))
+    up = min(max(f_z, 0.0), params.max_thrust_m_s2)
+    radius = min(up * math.tan(params.max_tilt_rad), math.sqrt(params.max_thrust_m_s2**2 - up * up))
+    w_x, w_y = f_x + s_x, f_y + s_y
+    size = math.sqrt(w_x * w_x + w_y * w_y)
+    if size > radius:
+        w_x, w_y = w_x * (radius / max(size, 1e-12)), w_y * (radius / max(size, 1e-12))
+    own = (*position[:2].tolist(), *velocity[:2].tolist(), float(state.position_std_m), float(state.velocity_std_m_s))
+    x, y, status, slack, crowd, active = _kernel_rows(
+        np.array((w_x, w_y, s_x, s_y, radius, *own)), neighbours, params
+    ).tolist()
+    status = status if is_own_finite else float(LawStatus.INFEASIBLE)
+    acceleration = np.array((x - s_x, y - s_y, f_z - GRAVITY_M_S2))
+    weight = 1.0 - 0.93 ** (dt_s / 0.02)
+    share = float(memory.relaxed_share)
+    share += weight * ((status == LawStatus.RELAXED) - share)
+    nowhere = np.full(3, np.nan)
+    output = LawOutput(
+        thrust=Thrust(np.array((x - s_x, y - s_y, f_z))),
+        predicted_position_enu_m=position if is_own_finite else nowhere,
+        predicted_velocity_enu_m_s=velocity if is_own_finite else nowhere,
+        commanded_acceleration_enu_m_s2=acceleration,
+        status=np.array(int(status)),
+        intervention_m_s2=np.array(math.sqrt((x - w_x) * (x - w_x) + (y - w_y) * (y - w_y))),
+        slack_m_s2=np.array(slack),
+        crowd_count=np.array(crowd),
+        active_neighbour=np.array(int(active)),
+        lead_time_s=np.array(params.numbers.lead_time_s),
+    )
+    return LawMemory(prediction.record(memory.history, acceleration, dt_s), np.array(share)), output
 
 
 def _covey(
@@ -160,7 +211,11 @@ def _covey(
 ) -> tuple[Array, IntArray, Array, Array, IntArray]:
     """Projection of ``wanted`` (shifted by the compensation) on the rows of all neighbours; lines P3, D, R, Q."""
     if compiled.uses_kernel(radius.size):
-        return _covey_by_kernel(wanted, shift, radius, own, own_std, neighbours, p)
+        floats = np.empty((*radius.shape, 11))
+        floats[..., 0:2], floats[..., 2:4], floats[..., 4] = wanted, shift, radius
+        floats[..., 5:7], floats[..., 7:9], floats[..., 9], floats[..., 10] = (*own, *own_std)
+        out = _kernel_rows(floats, neighbours, p)
+        return out[..., 0:2], out[..., 2].astype(np.int64), out[..., 3], out[..., 4], out[..., 5].astype(np.int64)
     n, (position, velocity) = p.numbers, own
     q, w_j, u_j, is_seen, is_bad = _received(neighbours, n)
     e, w = position[..., None, :] - q, velocity[..., None, :] - w_j
@@ -213,23 +268,16 @@ def _covey(
     return result.point_m_s2, status, result.slack_m_s2, crowd, active
 
 
-def _covey_by_kernel(
-    wanted: Array,
-    shift: Array,
-    radius: Array,
-    own: tuple[Array, Array],
-    own_std: tuple[Array, Array],
-    neighbours: Neighbours,
-    p: LawParams,
-) -> tuple[Array, IntArray, Array, Array, IntArray]:
-    """The same by the kernel, vehicle by vehicle."""
-    batch, size, count = radius.shape, radius.size, neighbours.is_present.shape[-1]
-    lead, their_std = neighbours.lead_time_s, neighbours.velocity_std_m_s
+def _kernel_rows(floats: Array, neighbours: Neighbours, p: LawParams) -> Array:
+    """The same by the kernel, vehicle by vehicle: ``floats`` (..., 11) in, results (..., 6) out; see compiled.covey."""
+    batch, count = floats.shape[:-1], neighbours.is_present.shape[-1]
+    size = math.prod(batch)
+    lead, std = neighbours.lead_time_s, neighbours.velocity_std_m_s
     scalars = (
         neighbours.age_s,
         np.full(neighbours.age_s.shape, np.nan) if lead is None else lead,
         neighbours.position_std_m,
-        np.zeros(neighbours.age_s.shape) if their_std is None else their_std,
+        np.zeros(neighbours.age_s.shape) if std is None else std,
         neighbours.crowd_count,
     )
     vectors = (
@@ -239,17 +287,23 @@ def _covey_by_kernel(
         neighbours.predicted_velocity_enu_m_s,
         neighbours.commanded_acceleration_enu_m_s2,
     )
-    floats = np.empty((*batch, 11))
-    floats[..., 0:2], floats[..., 2:4], floats[..., 4] = wanted, shift, radius
-    floats[..., 5:7], floats[..., 7:9], floats[..., 9], floats[..., 10] = (*own, *own_std)
-    out = compiled.covey(
+    masks = (neighbours.is_present, neighbours.is_cooperative)
+    if not compiled.is_compiled(size):
+        one = slice(None) if not batch else (0,) * len(batch)
+        return compiled.covey_one(
+            floats[one].tolist(),
+            [vector[one].tolist() for vector in vectors],
+            [scalar[one].tolist() for scalar in scalars],
+            [mask[one].tolist() for mask in masks],
+            p,
+        ).reshape(*batch, 6)
+    return compiled.covey_batch(
         floats.reshape(size, 11),
-        [compiled.flat(array, size, count, 3) for array in vectors],
-        [compiled.flat(array, size, count) for array in scalars],
-        [compiled.flat(array, size, count) for array in (neighbours.is_present, neighbours.is_cooperative)],
+        [compiled.flat(vector, size, count, 3) for vector in vectors],
+        [compiled.flat(scalar, size, count) for scalar in scalars],
+        [compiled.flat(mask, size, count) for mask in masks],
         p,
     ).reshape(*batch, 6)
-    return out[..., 0:2], out[..., 2].astype(np.int64), out[..., 3], out[..., 4], out[..., 5].astype(np.int64)
 
 
 def _net(bounds: Array, normals: Array, shift: Array) -> Array:

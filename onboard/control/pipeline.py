@@ -281,10 +281,8 @@ def _clock_rate_one(
 def _slowed(setpoint: TrajectorySetpoint, share: Array) -> TrajectorySetpoint:
     """The setpoint with its motion scaled down in a jam (line G)."""
     scale = share[..., None]
-    return replace(
-        setpoint,
-        velocity_enu_m_s=setpoint.velocity_enu_m_s * scale,
-        acceleration_enu_m_s2=setpoint.acceleration_enu_m_s2 * scale,
+    return TrajectorySetpoint(
+        setpoint.position_enu_m, setpoint.velocity_enu_m_s * scale, setpoint.acceleration_enu_m_s2 * scale
     )
 
 
@@ -295,21 +293,30 @@ def _pursuit(
     base = params.backstepping
     speed = np.sqrt(np.einsum("...c,...c->...", setpoint.velocity_enu_m_s, setpoint.velocity_enu_m_s))
     room = (params.pursuit_speed_m_s - speed) / base.position_gain_1_s
-    clamp = np.clip(room, 0.15, base.max_position_error_m) * share
-    if is_gentle:
-        # while a leg still touches the ground, tilt turns the vehicle over instead of moving it
-        return replace(base, max_position_error_m=np.minimum(clamp, 0.1), max_acceleration_m_s2=1.0)
-    return replace(base, max_position_error_m=clamp)
+    clamp = np.minimum(np.maximum(room, 0.15), base.max_position_error_m) * share
+    # while a leg still touches the ground, tilt turns the vehicle over instead of moving it
+    return backstepping.BacksteppingParams(
+        base.position_gain_1_s,
+        base.velocity_gain_1_s,
+        base.coupling_1_s2,
+        np.minimum(clamp, 0.1) if is_gentle else clamp,
+        1.0 if is_gentle else base.max_acceleration_m_s2,
+        base.max_vertical_acceleration_m_s2,
+    )
 
 
 def _limited(compensation: Array, params: PipelineParams) -> Array:
     """Compensation (..., 3) that leaves at least half of the tilt and of the lift reserve to the law."""
-    finite = np.where(np.isfinite(compensation), compensation, 0.0)
     bound = 0.5 * GRAVITY_M_S2 * math.tan(params.law.max_tilt_rad)
+    lift = 0.5 * (params.law.max_thrust_m_s2 - GRAVITY_M_S2)
+    if compensation.ndim == 1:
+        x, y, z = (value if math.isfinite(value) else 0.0 for value in compensation.tolist())
+        share = min(1.0, bound / max(math.hypot(x, y), 1e-9))
+        return np.array((share * x, share * y, min(max(z, -lift), lift)))
+    finite = np.where(np.isfinite(compensation), compensation, 0.0)
     size = np.sqrt(finite[..., 0] ** 2 + finite[..., 1] ** 2)
     scale = np.minimum(1.0, bound / np.maximum(size, 1e-9))
     limited = finite * scale[..., None]
-    lift = 0.5 * (params.law.max_thrust_m_s2 - GRAVITY_M_S2)
     limited[..., 2] = np.clip(finite[..., 2], -lift, lift)
     return np.asarray(limited)
 

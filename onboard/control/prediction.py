@@ -8,7 +8,7 @@ and the neighbours publish the same about themselves. Lines P1 to P3 of the desi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,14 +35,16 @@ def initial(batch_shape: tuple[int, ...]) -> CommandHistory:
 
 def record(history: CommandHistory, command_enu_m_s2: Array, duration_s: float) -> CommandHistory:
     """History after ``command`` (..., 3) has been held for ``duration_s``; what is not finite counts as zero."""
-    command = np.where(np.isfinite(command_enu_m_s2), command_enu_m_s2, 0.0)
+    command = command_enu_m_s2
+    if not np.isfinite(command).all():
+        command = np.where(np.isfinite(command), command, 0.0)
     acceleration = np.empty_like(history.acceleration_enu_m_s2)
     acceleration[..., 1:, :] = history.acceleration_enu_m_s2[..., :-1, :]
     acceleration[..., 0, :] = command
     duration = np.empty_like(history.duration_s)
     duration[..., 1:] = history.duration_s[..., :-1]
     duration[..., 0] = duration_s
-    return replace(history, acceleration_enu_m_s2=acceleration, duration_s=duration)
+    return CommandHistory(acceleration, duration)
 
 
 def predict_own(
