@@ -14,6 +14,7 @@ from typing import Any, cast
 
 from groundstation.missions.files import (
     ExpectStep,
+    FaultStep,
     FormationStep,
     LandStep,
     Mission,
@@ -124,7 +125,7 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
     spots: dict[str, Vec3] = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
     flying: set[str] = set()
     for index, step in enumerate(mission.steps):
-        if isinstance(step, WaitStep | ExpectStep):
+        if isinstance(step, WaitStep | ExpectStep | FaultStep):
             continue
         intent = intent_of(step, fleet)
         checked = plan(intent, fleet, None, formation=formation, author="check", now_ns=0)

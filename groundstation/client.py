@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import asyncio
 import getpass
+import itertools
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from groundstation import fleet as fleet_state
@@ -20,7 +21,7 @@ from groundstation.fleet import DIRECT_DISARMED, FleetState
 from groundstation.handle import OrderHandle, Phase, VehicleResult
 from groundstation.orders import Intent
 from onboard.bus.codec import Malformed
-from onboard.bus.schema import Event, Message, Order, OrderReply
+from onboard.bus.schema import Event, FaultOrder, Message, Order, OrderReply
 from onboard.bus.session import BusSession, OnAlive, OnMessage
 from onboard.bus.topics import Topic
 from onboard.config import FleetConfig, Vehicle
@@ -31,6 +32,10 @@ DIRECT_LAND_WATCH_S = 30.0
 
 Sink = Callable[[Topic, str, Message, int], None]
 Direct = Callable[..., DirectResult]
+
+
+class FaultRefused(RuntimeError):
+    """A fault was not injected: a sentence that says why."""
 
 
 class Bus(Protocol):
@@ -44,6 +49,14 @@ class Bus(Protocol):
         self,
         vehicle: str,
         order: Order,
+        *,
+        timeout_s: float,
+        on_reply: Callable[[OrderReply | Malformed], None],
+        on_end: Callable[[], None],
+    ) -> None: ...
+    def fault(
+        self,
+        order: FaultOrder,
         *,
         timeout_s: float,
         on_reply: Callable[[OrderReply | Malformed], None],
@@ -97,6 +110,7 @@ class FleetClient:
         self._handles: dict[str, OrderHandle] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._changed = asyncio.Event()
+        self._fault_count = itertools.count()
 
     @property
     def state(self) -> FleetState:
@@ -169,6 +183,53 @@ class FleetClient:
         """Submit and wait for the end: one result per vehicle."""
         handle = await self.submit(order)
         return await handle.wait(timeout_s)
+
+    async def fault(
+        self,
+        name: str,
+        vehicle: str,
+        parameters: Mapping[str, float | str],
+        *,
+        after_s: float = 0.0,
+        duration_s: float = 0.0,
+        is_rehearsal: bool = False,
+    ) -> str:
+        """Let something go wrong in the emulator; what it says of it. With `is_rehearsal` only whether it could be.
+
+        Raises:
+            FaultRefused: impossible, or no emulator answers: a real flight has no faults to order.
+        """
+        order = FaultOrder(
+            order_id=f"fault-{next(self._fault_count)}",
+            author=self.author,
+            stamp_ns=self._clock_ns(),
+            vehicle=vehicle,
+            fault=name,
+            parameters=dict(parameters),
+            after_s=after_s,
+            duration_s=duration_s,
+            is_rehearsal=is_rehearsal,
+        )
+        answered = asyncio.Event()
+        replies: list[OrderReply | Malformed] = []
+
+        def on_reply(reply: OrderReply | Malformed) -> None:
+            replies.append(reply)
+            self._call(answered.set)
+
+        self._bus.fault(order, timeout_s=REPLY_TIMEOUT_S, on_reply=on_reply, on_end=lambda: self._call(answered.set))
+        await answered.wait()
+        reply = next((reply for reply in replies if isinstance(reply, OrderReply)), None)
+        if reply is None:
+            raise FaultRefused(
+                f"{vehicle}: no emulator answers on the bus, so '{name}' was not injected. Faults are for simulated "
+                "flights only: fly with --sitl or in lockstep, or remove the fault from the mission."
+            )
+        if not reply.is_accepted:
+            raise FaultRefused(f"{vehicle}: {reply.reason}")
+        if not is_rehearsal:
+            self.publish_event("warning", "fault", f"Fault ordered: {reply.reason}.", vehicle)
+        return reply.reason
 
     async def wait_for(self, condition: Callable[[FleetState], bool], timeout_s: float) -> bool:
         """Wait until the state meets a condition; False when it did not within ``timeout_s``."""

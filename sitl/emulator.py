@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -36,13 +36,28 @@ class VehicleSpec:
     start_enu_m: tuple[float, float, float]
 
 
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """What surrounds all vehicles.
+
+    Attributes:
+        wind, downwash: see :class:`World`.
+        has_common_errors, error_scale: of the estimates, see :class:`Estimator`.
+    """
+
+    wind: WindSettings = field(default_factory=WindSettings)
+    downwash: Downwash = field(default_factory=Downwash)
+    has_common_errors: bool = False
+    error_scale: float = 1.0
+
+
 class Emulator:
     """Several PX4s and their vehicles.
 
     Args:
         specs: the vehicles, in order.
-        body_diameter_m, wind, downwash: see :class:`World`.
-        has_common_errors, error_scale: of the estimates, see :class:`Estimator`.
+        body_diameter_m: see :class:`World`.
+        environment: wind, downwash and errors; a calm room by default.
         seed: of everything random.
 
     Attributes:
@@ -54,12 +69,10 @@ class Emulator:
         specs: list[VehicleSpec],
         *,
         body_diameter_m: float = 0.5,
-        wind: WindSettings | None = None,
-        downwash: Downwash | None = None,
-        has_common_errors: bool = False,
-        error_scale: float = 1.0,
+        environment: Environment | None = None,
         seed: int = 0,
     ) -> None:
+        around = environment or Environment()
         self.specs = list(specs)
         start_enu_m = np.array([spec.start_enu_m for spec in specs], dtype=np.float64).reshape(-1, 3)
         self.world = World(
@@ -67,12 +80,15 @@ class Emulator:
             start_enu_m,
             body_diameter_m=body_diameter_m,
             seed=seed,
-            wind=wind,
-            downwash=downwash,
+            wind=around.wind,
+            downwash=around.downwash,
             names=[s.name for s in specs],
         )
         self.estimator = Estimator(
-            self.world.vehicles.states.position_ned_m, seed=seed, is_common=has_common_errors, scale=error_scale
+            self.world.vehicles.states.position_ned_m,
+            seed=seed,
+            is_common=around.has_common_errors,
+            scale=around.error_scale,
         )
         self.disturbances = Disturbances([spec.name for spec in specs], seed=seed)
         self._told = np.zeros((len(specs), 4))  # newest external position and heading of each

@@ -8,17 +8,20 @@ from __future__ import annotations
 import argparse
 import asyncio
 import gc
+import math
 import signal
 import socket
 import sys
 import time
 from collections.abc import Callable, Sequence
 
-from onboard.bus.schema import MocapPose, Truth
+from onboard.bus.codec import Malformed
+from onboard.bus.schema import FaultOrder, MocapPose, OrderReply, Truth
 from onboard.bus.session import BusError, BusSession
 from onboard.bus.topics import Topic
 from onboard.config import ConfigError, FleetConfig, Vehicle, load_fleet
-from sitl.emulator import Emulator, VehicleSpec
+from sitl import faults
+from sitl.emulator import Emulator, Environment, VehicleSpec
 from sitl.endpoints import (
     GROUND_STATION,
     Address,
@@ -31,9 +34,11 @@ from sitl.endpoints import (
     onboard_ports,
     station_of,
 )
+from sitl.faults import Fault, FaultError
 from sitl.mocap import Mocap, MocapSettings
 from sitl.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ
 from sitl.vehicle import STEP_S, VehicleProfile
+from sitl.wind import WindSettings
 from sitl.wired_link import WiredLink
 from sitl.world import SpawnError
 
@@ -69,6 +74,21 @@ def profile_of(vehicle: Vehicle) -> VehicleProfile:
     )
 
 
+def answer_fault(emulator: Emulator, order: FaultOrder | Malformed) -> OrderReply:
+    """Plan the fault that a ground asks for, or say why not."""
+    if isinstance(order, Malformed):
+        return OrderReply(order_id="", vehicle="", is_accepted=False, reason=f"This is no fault: {order.reason}.")
+    names = [spec.name for spec in emulator.specs]
+    fault = Fault(order.fault, order.vehicle, emulator.time_s + order.after_s, order.duration_s, order.parameters)
+    try:
+        if not 0.0 <= order.after_s <= 1e6:
+            raise FaultError(f"{order.fault}: after_s is {order.after_s:g}; it must be 0 or more.")
+        taken = faults.check(fault, names) if order.is_rehearsal else emulator.inject(fault)
+    except FaultError as error:
+        return OrderReply(order_id=order.order_id, vehicle=order.vehicle, is_accepted=False, reason=str(error))
+    return OrderReply(order_id=order.order_id, vehicle=order.vehicle, is_accepted=True, reason=taken.sentence)
+
+
 class Server:
     """The emulated part of a fleet in real time.
 
@@ -80,6 +100,8 @@ class Server:
         bus: where poses and truth are published; None for MAVLink only.
         truth_offset_m: added to the published truth, to prove that no flight depends on it.
         station: ground station that every vehicle streams to; None for none.
+        environment: wind, downwash and errors.
+        injected: faults to come; FaultError when one is impossible.
     """
 
     def __init__(
@@ -92,11 +114,15 @@ class Server:
         bus: BusSession | None = None,
         truth_offset_m: float = 0.0,
         station: Address | None = None,
+        environment: Environment | None = None,
+        injected: Sequence[Fault] = (),
     ) -> None:
         self._station = station
         self._vehicles = [fleet.vehicles[name] for name in vehicles]
         specs = [VehicleSpec(v.name, v.system_id, profile_of(v), v.start_enu_m) for v in self._vehicles]
-        self.emulator = Emulator(specs, body_diameter_m=fleet.fleet.body_diameter_m, seed=seed)
+        self.emulator = Emulator(specs, body_diameter_m=fleet.fleet.body_diameter_m, environment=environment, seed=seed)
+        for fault in injected:
+            self.emulator.inject(fault)
         self._mocap = Mocap(len(specs), mocap, seed=seed, faults=self.emulator.disturbances.mocap)
         self._bus = bus
         self._truth_offset_m = truth_offset_m
@@ -225,6 +251,8 @@ def run(
     with_bus: bool = True,
     truth_offset_m: float = 0.0,
     station: Address | None = None,
+    environment: Environment | None = None,
+    injected: Sequence[Fault] = (),
 ) -> int:
     """Emulate `vehicles` until SIGINT or SIGTERM; prints "ready: ..." when every port is bound and streams.
 
@@ -237,10 +265,18 @@ def run(
         bus = BusSession(namespace=fleet.namespace, node="sitl", listen=[fleet.simulator_endpoint], connect=agents)
     try:
         server = Server(
-            fleet, vehicles, seed=seed, mocap=mocap, bus=bus, truth_offset_m=truth_offset_m, station=station
+            fleet,
+            vehicles,
+            seed=seed,
+            mocap=mocap,
+            bus=bus,
+            truth_offset_m=truth_offset_m,
+            station=station,
+            environment=environment,
+            injected=injected,
         )
         asyncio.run(_serve(server, bus))
-    except (StartError, SpawnError, BusError) as error:
+    except (StartError, SpawnError, FaultError, BusError) as error:
         print(f"sitl: {error}", file=sys.stderr, flush=True)
         return EXIT_WRONG_INPUT
     return EXIT_OK
@@ -255,6 +291,11 @@ async def _serve(server: Server, bus: BusSession | None) -> None:
         lines = await server.start()
         if bus is not None:
             bus.start()
+
+            def take_fault(order: FaultOrder | Malformed, reply: Callable[[OrderReply], None]) -> None:
+                loop.call_soon_threadsafe(lambda: reply(answer_fault(server.emulator, order)))
+
+            bus.serve_faults(take_fault)
         # A full collection would stop every vehicle at once; nothing that exists now will ever be garbage.
         gc.collect()
         gc.freeze()
@@ -264,6 +305,12 @@ async def _serve(server: Server, bus: BusSession | None) -> None:
         server.stop()
         if bus is not None:
             bus.stop()
+
+
+class _ListFaults(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(faults.listing())
+        parser.exit(EXIT_OK)
 
 
 def _say(line: str) -> None:
@@ -289,6 +336,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="ground station that every vehicle streams to (default 127.0.0.1:14550 if the fleet uses PX4's ports)",
     )
     station.add_argument("--no-gcs", action="store_true", help="ground links answer only who speaks first")
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="LINE",
+        help="let something go wrong, for instance 'mav1 motor_dead at=20 motor=2'; may be given several times",
+    )
+    parser.add_argument("--faults", action=_ListFaults, nargs=0, help="list the faults and their parameters, and leave")
+    parser.add_argument("--wind-m-s", default="0,0", metavar="EAST,NORTH", help="steady wind (default none)")
+    parser.add_argument("--gust-m-s", type=float, default=0.0, help="standard deviation of gusts")
+    parser.add_argument("--gust-s", type=float, default=1.0, help="correlation time of gusts (default 1)")
+    parser.add_argument("--common-gusts", action="store_true", help="all vehicles feel the same gusts")
+    parser.add_argument("--common-errors", action="store_true", help="all estimates err alike, as instances of SIH do")
+    parser.add_argument("--error-scale", type=float, default=1.0, help="size of the estimates' errors (default 1)")
     parser.add_argument("--truth-offset-m", type=float, default=0.0, help="falsify the published truth by this much")
     arguments = parser.parse_args(argv)
     try:
@@ -302,7 +363,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_WRONG_INPUT
     try:
         ground_station = _station(fleet, names, arguments.gcs, is_wanted=not arguments.no_gcs)
-    except StartError as error:
+        environment = _environment(arguments)
+        injected = [faults.parse(line) for line in arguments.fault]
+    except (StartError, FaultError) as error:
         print(f"sitl: {error}", file=sys.stderr, flush=True)
         return EXIT_WRONG_INPUT
     settings = MocapSettings(
@@ -319,7 +382,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         with_bus=not arguments.no_bus,
         truth_offset_m=arguments.truth_offset_m,
         station=ground_station,
+        environment=environment,
+        injected=injected,
     )
+
+
+def _environment(arguments: argparse.Namespace) -> Environment:
+    """Weather and errors from the command line; StartError for nonsense."""
+    try:
+        east, north = (float(part) for part in arguments.wind_m_s.split(","))
+    except ValueError:
+        east = north = math.nan
+    gust = (arguments.gust_m_s, arguments.gust_s, arguments.error_scale)
+    if not (abs(east) <= 30.0 and abs(north) <= 30.0) or not all(0.0 <= value <= 30.0 for value in gust):
+        raise StartError(
+            "--wind-m-s is EAST,NORTH, each at most 30 m/s; --gust-m-s, --gust-s and --error-scale are 0 to 30."
+        )
+    wind = WindSettings((east, north, 0.0), arguments.gust_m_s, arguments.gust_s, arguments.common_gusts)
+    return Environment(wind, has_common_errors=arguments.common_errors, error_scale=arguments.error_scale)
 
 
 def _station(fleet: FleetConfig, names: Sequence[str], asked: str | None, *, is_wanted: bool) -> Address | None:

@@ -149,6 +149,29 @@ class Fleet:
         """Let time pass."""
         await asyncio.sleep(duration_s)
 
+    async def fault(
+        self,
+        name: str,
+        vehicles: Who,
+        *,
+        after_s: float = 0.0,
+        duration_s: float = 0.0,
+        is_rehearsal: bool = False,
+        **parameters: float | str,
+    ) -> None:
+        """Let something go wrong in the emulator, `after_s` of simulated time from now; 0 for ever.
+
+        Raises:
+            FaultRefused: impossible, or this flight is not simulated.
+        """
+        for vehicle in self._select(vehicles):
+            sentence = await self.client.fault(
+                name, vehicle, parameters, after_s=after_s, duration_s=duration_s, is_rehearsal=is_rehearsal
+            )
+            if not is_rehearsal:
+                when = f" in {after_s:g} s" if after_s > 0.0 else ""
+                self.say(f"fault{when}: {sentence}")
+
     async def order(self, intent: Intent, timeout_s: float) -> Results:
         """Give an order, wait for its end, note the results. OrderFailed unless every vehicle did it."""
         self.say(f"{intent}")

@@ -67,6 +67,16 @@ class DisarmStep(_OrderStep, frozen=True, kw_only=True):
     timeout_s: float = 15.0
 
 
+class FaultStep(_Step, frozen=True, kw_only=True):
+    """Let something go wrong in the emulator; `covey sitl --faults` lists what. Simulated flights only."""
+
+    vehicles: Names
+    name: str
+    parameters: dict[str, float | str] = {}
+    after_s: float = 0.0
+    duration_s: float = 0.0
+
+
 class WaitStep(_Step, frozen=True, kw_only=True):
     """Let time pass."""
 
@@ -105,7 +115,7 @@ class OnFailure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 OrderStep = ArmStep | TakeoffStep | MoveStep | FormationStep | HoldStep | LandStep | DisarmStep
-Step = OrderStep | WaitStep | ExpectStep
+Step = OrderStep | WaitStep | ExpectStep | FaultStep
 STEPS: dict[str, type[Step]] = {
     "arm": ArmStep,
     "takeoff": TakeoffStep,
@@ -116,6 +126,7 @@ STEPS: dict[str, type[Step]] = {
     "land": LandStep,
     "disarm": DisarmStep,
     "expect": ExpectStep,
+    "fault": FaultStep,
 }
 
 
@@ -211,15 +222,13 @@ def _fleet_of(value: Any, override: FleetConfig | str | None, path: str) -> Flee
 def _step(table: Any, key: str, path: str) -> Step:
     if not isinstance(table, dict) or not isinstance(table.get("do"), str):
         raise ConfigError(f"{path}: '{key}.do' is missing. It says what to do: {', '.join(STEPS)}.")
-    if table["do"] == "fault":
-        raise ConfigError(f"{path}: '{key}.do' is 'fault'; this version cannot inject faults yet. Remove the step.")
     kind = STEPS.get(table["do"])
     if kind is None:
         raise ConfigError(f"{path}: '{key}.do' is {table['do']!r}. A step can do: {', '.join(STEPS)}.")
     step = cast(Step, convert(table, kind, path, key))
-    for name in ("timeout_s", "duration_s"):
+    for name in ("timeout_s", "duration_s", "after_s"):
         value = getattr(step, name, 1.0)
-        low = 0.0 if name == "duration_s" else 0.1
+        low = 0.1 if name == "timeout_s" else 0.0
         if not low <= value <= 3600.0:
             raise ConfigError(f"{path}: '{key}.{name}' is {value}; it must lie between {low:g} and 3600 s.")
     if isinstance(step, ExpectStep):
@@ -241,6 +250,9 @@ def _check_steps(mission: Mission) -> None:
         key = f"step[{index}]"
         if isinstance(step, (WaitStep, ExpectStep)):
             continue
+        if isinstance(step, FaultStep):
+            _check_fault(step, fleet, f"{mission.path}: '{key}")
+            continue
         if isinstance(step, FormationStep) and step.name not in fleet.formations:
             raise ConfigError(
                 f"{mission.path}: '{key}.name' is {step.name!r}, no formation of fleet '{fleet.fleet.name}' "
@@ -255,6 +267,17 @@ def _check_steps(mission: Mission) -> None:
         if checked.refusals:
             reason = next(iter(checked.refusals.values()))
             raise ConfigError(f"{mission.path}: '{key}' ({step.do}): {reason}")
+
+
+def _check_fault(step: FaultStep, fleet: FleetConfig, where: str) -> None:
+    """What can be said without an emulator; the emulator is asked for the rest before the mission's first step."""
+    misplaced = set(step.parameters) & set(FaultStep.__struct_fields__)
+    if misplaced:
+        raise ConfigError(f"{where}.parameters' has '{min(misplaced)}', which is a key of the step. Move it up.")
+    try:
+        fleet.select(step.vehicles if isinstance(step.vehicles, str) else ",".join(step.vehicles))
+    except ConfigError as error:
+        raise ConfigError(f"{where}.vehicles': {error}") from None
 
 
 def _load_python(name: str, fleet: FleetConfig | str | None) -> Mission:

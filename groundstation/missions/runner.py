@@ -9,9 +9,9 @@ import traceback
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from groundstation.client import FleetClient
+from groundstation.client import FaultRefused, FleetClient
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
-from groundstation.missions.files import ExpectStep, Mission, WaitStep, intent_of
+from groundstation.missions.files import ExpectStep, FaultStep, Mission, WaitStep, intent_of
 from groundstation.missions.verdict import Flown, Verdict, check, is_landed, judge, smallest
 from onboard.config import ConfigError
 
@@ -79,7 +79,7 @@ class MissionRun:
             self._failure, self._nobody = str(error), not error.heard
             self.fleet.say(str(error))
         elif error is not None:
-            is_known = isinstance(error, (OrderFailed, MissionFailed, ConfigError))
+            is_known = isinstance(error, (OrderFailed, MissionFailed, FaultRefused, ConfigError))
             self._failure = str(error) if is_known else "".join(traceback.format_exception(error)).strip()
             self.fleet.say(f"The mission ends here: {self._failure}")
             await self._on_failure()
@@ -141,13 +141,28 @@ class MissionRun:
         if self.mission.is_python:
             await load_function(self.mission)(self.fleet)
             return
+        for step in self.mission.steps:
+            if isinstance(step, FaultStep):
+                await self._fault(step, is_rehearsal=True)  # nobody takes off for what cannot be done later
         for index, step in enumerate(self.mission.steps):
             if isinstance(step, WaitStep):
                 await self.fleet.wait(step.duration_s)
+            elif isinstance(step, FaultStep):
+                await self._fault(step)
             elif isinstance(step, ExpectStep):
                 self._expect_now(index, step)
             else:
                 await self.fleet.order(intent_of(step, self.mission.fleet), step.timeout_s)
+
+    async def _fault(self, step: FaultStep, *, is_rehearsal: bool = False) -> None:
+        await self.fleet.fault(
+            step.name,
+            step.vehicles,
+            after_s=step.after_s,
+            duration_s=step.duration_s,
+            is_rehearsal=is_rehearsal,
+            **step.parameters,
+        )
 
     def _expect_now(self, index: int, step: ExpectStep) -> None:
         state = self.client.state

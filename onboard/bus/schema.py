@@ -47,6 +47,7 @@ class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
     position_std_m: float
     velocity_std_m_s: float
     crowd_count: float
+    intent_enu_m_s: Vec3 = (0.0, 0.0, 0.0)
 
 
 class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
@@ -158,6 +159,23 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
     position_enu_m: Vec3 | None = None
     height_m: float | None = None
     duration_s: float = 0.0
+
+
+class FaultOrder(Message, frozen=True, array_like=True, kw_only=True):
+    """Ground to the emulator, in simulated flights only: let something go wrong. Answered by an :class:`OrderReply`.
+
+    after_s: simulated time from now. duration_s: 0 = until the end. is_rehearsal: only say whether it could be done.
+    """
+
+    order_id: str
+    author: str
+    stamp_ns: int
+    vehicle: str
+    fault: str
+    parameters: dict[str, float | str]
+    after_s: float = 0.0
+    duration_s: float = 0.0
+    is_rehearsal: bool = False
 
 
 class OrderReply(Message, frozen=True, array_like=True, kw_only=True):

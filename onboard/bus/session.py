@@ -14,7 +14,7 @@ from typing import Any
 import zenoh
 
 from onboard.bus.codec import Malformed, decode, encode
-from onboard.bus.schema import Message, Order, OrderReply
+from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
 from onboard.bus.topics import TOPICS, Delivery, Topic, key, topic_and_name
 
 LEASE_MS = 1000
@@ -22,7 +22,9 @@ RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 
 
 OnMessage = Callable[[Topic, str, Message | Malformed], None]
 OnOrder = Callable[[Order | Malformed, Callable[[OrderReply], None]], None]
+OnFault = Callable[[FaultOrder | Malformed, Callable[[OrderReply], None]], None]
 OnAlive = Callable[[str, bool], None]
+FAULT = "fault"  # the one thing that an emulator is asked for
 
 
 class BusError(RuntimeError):
@@ -122,8 +124,13 @@ class BusSession:
 
     def serve_orders(self, vehicle: str, on_order: OnOrder) -> None:
         """Answer orders for ``vehicle``: ``on_order(order, reply)`` runs on a bus thread, reply once from any other."""
-        own_key = key(self.namespace, Topic.ORDER, vehicle)
+        self._serve(key(self.namespace, Topic.ORDER, vehicle), Order, on_order)
 
+    def serve_faults(self, on_fault: OnFault) -> None:
+        """Answer what is asked of the emulator, in the same way."""
+        self._serve(key(self.namespace, Topic.SIM, FAULT), FaultOrder, on_fault)
+
+    def _serve(self, own_key: str, kind: type[Any], on_query: Callable[..., None]) -> None:
         def receive(query: zenoh.Query) -> None:
             payload = query.payload.to_bytes() if query.payload is not None else b""
 
@@ -131,7 +138,7 @@ class BusSession:
                 with query:
                     query.reply(own_key, encode(answer))
 
-            on_order(decode(payload, Order), reply)
+            on_query(decode(payload, kind), reply)
 
         self._kept.append(self._open.declare_queryable(own_key, _callback(receive), complete=True))
 
@@ -145,7 +152,27 @@ class BusSession:
         on_end: Callable[[], None],
     ) -> None:
         """Ask one vehicle: ``on_reply`` with its answer, then ``on_end``; only ``on_end`` when nobody answered."""
+        self._ask(key(self.namespace, Topic.ORDER, vehicle), order, timeout_s, on_reply, on_end)
 
+    def fault(
+        self,
+        order: FaultOrder,
+        *,
+        timeout_s: float,
+        on_reply: Callable[[OrderReply | Malformed], None],
+        on_end: Callable[[], None],
+    ) -> None:
+        """Ask the emulator, in the same way; where there is none, nobody answers."""
+        self._ask(key(self.namespace, Topic.SIM, FAULT), order, timeout_s, on_reply, on_end)
+
+    def _ask(
+        self,
+        their_key: str,
+        message: Message,
+        timeout_s: float,
+        on_reply: Callable[[OrderReply | Malformed], None],
+        on_end: Callable[[], None],
+    ) -> None:
         def receive(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 on_reply(decode(reply.ok.payload.to_bytes(), OrderReply))
@@ -153,9 +180,9 @@ class BusSession:
                 on_reply(Malformed("error reply", 0))
 
         self._open.get(
-            key(self.namespace, Topic.ORDER, vehicle),
+            their_key,
             zenoh.handlers.Callback(receive, drop=on_end, indirect=True),
-            payload=encode(order),
+            payload=encode(message),
             timeout=timeout_s,
             consolidation=zenoh.ConsolidationMode.NONE,
         )

@@ -23,6 +23,7 @@ class Topic(str, Enum):
     MOCAP = "mocap"
     TRUTH = "truth"
     ALIVE = "alive"
+    SIM = "sim"
 
 
 class Delivery(Enum):
@@ -53,6 +54,7 @@ TOPICS: dict[Topic, TopicSpec] = {
     Topic.ORDER: TopicSpec(schema.Order, 0.0, 5.0, Delivery.QUERY, "ground -> agent, answered"),
     Topic.MOCAP: TopicSpec(schema.MocapPose, 50.0, 0.2, Delivery.LATEST, "mocap relay -> agents"),
     Topic.TRUTH: TopicSpec(schema.Truth, 50.0, 1.0, Delivery.LATEST, "emulator -> recorder, never an agent"),
+    Topic.SIM: TopicSpec(schema.FaultOrder, 0.0, 5.0, Delivery.QUERY, "ground -> emulator, answered; never an agent"),
     Topic.ALIVE: TopicSpec(None, 0.0, 1.0, Delivery.TOKEN, "all -> all"),
 }
 

@@ -17,8 +17,8 @@ from heapq import heappop, heappush
 import numpy as np
 
 from onboard.bus.codec import Malformed
-from onboard.bus.schema import Message, Order, OrderReply
-from onboard.bus.session import LEASE_MS, OnAlive, OnMessage, OnOrder
+from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
+from onboard.bus.session import LEASE_MS, OnAlive, OnFault, OnMessage, OnOrder
 from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.config import ConfigError
 
@@ -217,6 +217,7 @@ class Node:
         self.bus, self.name = bus, name
         self.alive_listeners: list[OnAlive] = []
         self.order_server: OnOrder | None = None
+        self.fault_server: OnFault | None = None
         self._is_open = False
 
     def start(self) -> None:
@@ -286,6 +287,25 @@ class Node:
 
         self.bus.send((self.name, vehicle), Delivery.QUERY, asked)
         self.bus.call_at(deadline_ns, on_end)
+
+    def serve_faults(self, on_fault: OnFault) -> None:
+        """Answer what is asked of the emulator."""
+        self.fault_server = on_fault
+
+    def fault(
+        self,
+        order: FaultOrder,
+        *,
+        timeout_s: float,
+        on_reply: Callable[[OrderReply | Malformed], None],
+        on_end: Callable[[], None],
+    ) -> None:
+        """Ask the emulator, whichever node it is; no connection of the fleet's is disturbed for it."""
+        server = next((node.fault_server for node in self.bus.nodes.values() if node.fault_server is not None), None)
+        if server is not None:
+            now_ns = self.bus.now_ns()
+            self.bus.call_at(now_ns, server, order, lambda reply: self.bus.call_at(now_ns, on_reply, reply))
+        self.bus.call_at(self.bus.now_ns() + round(timeout_s * 1e9), on_end)
 
     def watch_alive(self, on_alive: OnAlive) -> None:
         """Hear of every node, those already there included."""

@@ -21,7 +21,7 @@ from sitl.lockstep.batch import Batch
 from sitl.lockstep.bus import BusSettings, SimBus
 from sitl.lockstep.link import LinkBank
 from sitl.mocap import Mocap, MocapSettings
-from sitl.server import profile_of
+from sitl.server import answer_fault, profile_of
 from sitl.vehicle import STEP_S
 from sitl.world import Collision
 
@@ -62,6 +62,7 @@ class Simulation:
         self.bus = SimBus(bus or BusSettings(), lambda: self.now_ns, seed=seed)
         self._node = self.bus.node(_SIMULATOR)
         self._node.start()
+        self._node.serve_faults(lambda order, reply: reply(answer_fault(self.emulator, order)))
         self.links = LinkBank(self.emulator, vehicles, lambda: self.now_ns, seed=seed)
         self.agents = {
             name: AgentShell(fleet, name, link, self.bus)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from onboard.bus.codec import Malformed
-from onboard.bus.schema import Event, Order, OrderReply
+from onboard.bus.schema import Event, FaultOrder, Order, OrderReply
 from onboard.bus.session import BusError, BusSession
 from onboard.bus.topics import Topic
 
@@ -88,6 +88,32 @@ def test_an_order_is_answered_and_an_absent_vehicle_is_silence_at_once(agent: Bu
     wait_for(lambda: ask(ground, "mav0"))
     assert ask(ground, "mav0") == [OrderReply(order_id="1", vehicle="mav0", is_accepted=False, reason="not ready")]
     assert ask(ground, "mav7") == []
+
+
+def test_a_fault_is_asked_of_the_emulator_and_answered(agent: BusSession, ground: BusSession) -> None:
+    heard: list[Any] = []
+
+    def answer(received: FaultOrder | Malformed, reply: Callable[[OrderReply], None]) -> None:
+        heard.append(received)
+        taken = OrderReply(order_id="7", vehicle="mav0", is_accepted=True, reason="mav0: motor 2 stops")
+        threading.Thread(target=reply, args=(taken,)).start()
+
+    fault = FaultOrder(
+        order_id="7", author="me", stamp_ns=1, vehicle="mav0", fault="motor_dead", parameters={"motor": 2.0, "x": "y"}
+    )
+    replies: list[Any] = []
+
+    def asked() -> bool:
+        ended = threading.Event()
+        ground.fault(fault, timeout_s=1.0, on_reply=replies.append, on_end=ended.set)
+        assert ended.wait(5.0)
+        return bool(replies)
+
+    assert not asked()  # nobody emulates yet
+    agent.serve_faults(answer)
+    wait_for(asked)
+    assert heard[0] == fault
+    assert replies[0].reason == "mav0: motor 2 stops"
 
 
 def test_leaving_is_seen_by_liveliness(agent: BusSession, ground: BusSession) -> None:
