@@ -11,6 +11,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from pymavlink.dialects.v20 import common
+
+_PREARM = 0x10000000
 FLEET = """
 schema = 1
 [fleet]
@@ -83,3 +86,16 @@ def running_emulator(folder: Path, *options: str) -> Iterator[Running]:
             process.terminate()
             status = process.wait(10)
         assert (status, process.stderr.read()) == (0, "")
+
+
+def wait_until_armable(emulator: Running, timeout_s: float = 60.0) -> None:
+    """Listen where it streams to a ground station, without a word, until SYS_STATUS says ready to arm."""
+    mav = common.MAVLink(None)
+    mav.robust_parsing = True
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", emulator.station))
+        listener.settimeout(timeout_s)
+        while True:
+            for message in mav.parse_buffer(listener.recv(4096)) or ():
+                if message.get_type() == "SYS_STATUS" and message.onboard_control_sensors_health & _PREARM:
+                    return
