@@ -26,7 +26,7 @@ from groundstation.missions.verdict import EXIT_FAILED, EXIT_OK, EXIT_WRONG_INPU
 from groundstation.ports import toml_text
 from groundstation.recording.reader import Sample, read, record_path
 from groundstation.recording.writer import RECORD_NAME
-from onboard.config import ConfigError, FleetConfig, Vec3, load_fleet
+from onboard.config import ConfigError, FleetConfig, Vec3, load_fleet, parking_distance_m
 from onboard.control.identify import identify
 from onboard.control.identify_data import Log, TooLittleFlown
 from onboard.types import Array
@@ -34,6 +34,7 @@ from onboard.types import Array
 BOX_M, HEIGHT_M, MOVES = 0.6, 1.0, 14
 _LOW_M = 0.3  # below, the ground bears part of the weight
 _GAP_S = 0.1
+_MOVE_TIMEOUT_S = 8.0
 # PX4's attitude comes at 50-100 Hz over a link: half a period and the way
 _LINK_AGE_S, _LINK_AGE_STD_S = 0.012, 0.008
 
@@ -94,11 +95,11 @@ def _fly(options: argparse.Namespace) -> int:
         if options.sitl:
             path = folder / "fleet.toml"
             path.write_text(_alone(fleet, options.vehicle), encoding="utf-8")
-        (folder / "mission.toml").write_text(mission_text(path, options.vehicle, steps), encoding="utf-8")
+        (folder / "mission.py").write_text(mission_text(path, options.vehicle, steps), encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"{folder}: cannot be written ({error.strerror}). Choose another with --record.") from None
     settings = prepare(
-        str(folder / "mission.toml"),
+        str(folder / "mission.py"),
         folder,
         fleet_path=str(path),
         law=None,
@@ -128,8 +129,9 @@ def manoeuvre(
     x, y, _ = fleet.vehicles[name].start_enu_m
     fence = fleet.fleet.geofence_m
     others = [fleet.vehicles[other].start_enu_m for other in fleet.enabled_names if other != name]
+    apart_m = min((math.dist((x, y), other[:2]) for other in others), default=math.inf)
+    apart_m -= parking_distance_m(fleet) + fleet.law.uncooperative_margin_m
     room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y) - 0.4
-    apart_m = min((math.dist((x, y), other[:2]) for other in others), default=math.inf) - fleet.fleet.safety_distance_m
     half_m = min(half_m, room_m, apart_m)
     if not half_m >= 0.25:
         raise ConfigError(
@@ -148,20 +150,31 @@ def manoeuvre(
 
 
 def mission_text(fleet_path: Path, name: str, steps: Sequence[tuple[Vec3, float]]) -> str:
-    """The manoeuvre as a mission file."""
-    moves = [
-        {"do": "move", "vehicles": [name], "position_enu_m": list(goal), "duration_s": duration_s, "timeout_s": 20.0}
-        for goal, duration_s in steps
-    ]
-    takeoff = {"do": "takeoff", "vehicles": [name], "height_m": steps[0][0][2], "timeout_s": 30.0}
-    data = {
-        "schema": 1,
-        "fleet": str(fleet_path),
-        "step": [takeoff, *moves, {"do": "wait", "duration_s": 2.0}, {"do": "land", "vehicles": [name]}],
-        "expect": {"all_landed": True},
-        "on_failure": {"do": "land"},
-    }
-    return toml_text(data, f"Identification of {name}: quick and slow moves about its start.")
+    """The manoeuvre as a mission file in Python: a goal that is not reached in time is no failure, but the next one."""
+    height_m, listed = steps[0][0][2], "".join(f"    {step!r},\n" for step in steps)
+    return f'''"""Identification of {name}: quick and slow moves about its start."""
+
+from groundstation.missions.api import OrderFailed
+from groundstation.orders import Intent
+
+FLEET = {str(fleet_path)!r}
+EXPECT = {{"all_landed": True}}
+STEPS = [
+{listed}]
+
+
+async def mission(fleet):
+    vehicle = fleet[{name!r}]
+    await vehicle.takeoff({height_m!r})
+    for goal, duration_s in STEPS:
+        intent = Intent("move", (vehicle.name,), position_enu_m=goal, duration_s=duration_s)
+        fleet.say(str(intent))
+        results = await (await fleet.client.submit(intent)).wait({_MOVE_TIMEOUT_S!r})
+        if results[vehicle.name].phase not in ("done", "unfinished"):
+            raise OrderFailed(intent, results)
+    await fleet.wait(2.0)
+    await vehicle.land()
+'''
 
 
 def _alone(fleet: FleetConfig, name: str) -> str:
@@ -186,7 +199,8 @@ def report(folder: Path, fleet_path: str | None, name: str | None, is_json: bool
     flown: list[Flown] = []
     for one in names:
         if one not in logs:
-            refusals[one] = "it did not fly in this record."
+            if name is not None or not logs:
+                refusals[one] = "it did not fly in this record."
             continue
         try:
             flown.append(Flown(fleet.vehicles[one], identify(logs[one])))
@@ -213,9 +227,8 @@ def logs_of(path: Path, fleet: FleetConfig, names: Sequence[str]) -> dict[str, L
     for sample in read(path, ("tick", "mocap")):
         if sample.topic == "tick" and sample.name in ticks:
             ticks[sample.name].append(sample)
-        elif sample.topic == "mocap" and sample.name in bodies and sample.values.get("is_tracked"):
-            if _are_numbers(sample.values, "position_enu_m", "quaternion_enu_flu_wxyz", count=7):
-                poses[bodies[sample.name]].append(sample)
+        elif sample.topic == "mocap" and sample.name in bodies and _is_tracked(sample):
+            poses[bodies[sample.name]].append(sample)
     found = {name: _log(ticks[name], poses[name]) for name in names}
     return {name: log for name, log in found.items() if log is not None}
 
@@ -240,6 +253,11 @@ def _is_flying(tick: Sample) -> bool:
     if not _are_numbers(values, "position_enu_m", *quaternions, "setpoint_thrust_frac", count=12):
         return False
     return values.get("state") in ("flying", "holding", "taking off") and values["position_enu_m"][2] > _LOW_M
+
+
+def _is_tracked(pose: Sample) -> bool:
+    is_whole = _are_numbers(pose.values, "position_enu_m", "quaternion_enu_flu_wxyz", count=7)
+    return is_whole and bool(pose.values.get("is_tracked"))
 
 
 def _are_numbers(values: Mapping[str, Any], *fields: str, count: int) -> bool:
