@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.missions.files import Mission, mission_from_mapping
-from onboard.config import load_fleet
+from onboard.config import FleetConfig, load_fleet
 from sitl.lockstep.testing import lockstep as lockstep
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,3 +30,9 @@ def hop() -> Mission:
         path="hop.toml",
         fleet=load_fleet(PAPER),
     )
+
+
+@pytest.fixture
+def paper() -> FleetConfig:
+    """The paper's three vehicles."""
+    return load_fleet(PAPER)

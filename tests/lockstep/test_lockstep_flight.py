@@ -1,4 +1,4 @@
-"""Whole missions in lockstep: repeatable byte by byte, with record, figures, verdict and exit status of a real flight."""
+"""Missions in lockstep: repeatable byte by byte, with the record, figures, verdict and status of a real flight."""
 
 from __future__ import annotations
 
