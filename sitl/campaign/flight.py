@@ -23,6 +23,9 @@ _ALONE_SPARE_S = 20.0
 _STOP_S = 0.5  # at top speed the limits of acceleration and the lag need about so much to stop
 
 
+_STRAIGHT_S: dict[tuple[str, str, int], float] = {}
+
+
 @dataclass(frozen=True, slots=True)
 class Flown:
     """A plan, what came of it, and how long its slowest vehicle takes alone (inf: it does not arrive even alone)."""
@@ -41,15 +44,28 @@ def fly(
 ) -> list[Flown]:
     """Fly plans of equally many vehicles; each outcome depends on its own plan only.
 
-    Straight-line times are flown too: the same flight, noise and vehicles with the law off, where nobody knows of
-    anybody.
+    Straight-line times are flown too, see :func:`straight_line_s`.
     """
     patience = _patience_s(plans, setup)
-    alone = _fly(plans, replace(setup, law="off"), patience, is_alone=True)
-    straight = [outcome.makespan_s for outcome in alone]
+    straight = straight_line_s(plans, setup)
     longest = [_TIMES_STRAIGHT * min(times) for times in zip(straight, patience, strict=True)]
     flown = _fly(plans, setup, longest, controller=controller, has_trace=has_trace)
     return [Flown(plan, outcome, time) for plan, outcome, time in zip(plans, flown, straight, strict=True)]
+
+
+def straight_line_s(plans: Sequence[Plan], setup: Setup) -> list[float]:
+    """Makespans of the same flights, noise and vehicles with the law off, where nobody knows of anybody.
+
+    They do not depend on the law or its values, so they are flown once per process.
+    """
+    alone = replace(setup, law="off", law_table={})
+    keys = [(repr(alone), plan.scenario, plan.seed) for plan in plans]
+    missing = [plan for plan, key in zip(plans, keys, strict=True) if key not in _STRAIGHT_S]
+    if missing:
+        outcomes = _fly(missing, alone, _patience_s(missing, setup), is_alone=True)
+        for plan, outcome in zip(missing, outcomes, strict=True):
+            _STRAIGHT_S[repr(alone), plan.scenario, plan.seed] = outcome.makespan_s
+    return [_STRAIGHT_S[key] for key in keys]
 
 
 def _patience_s(plans: Sequence[Plan], setup: Setup) -> list[float]:
