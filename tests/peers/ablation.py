@@ -68,7 +68,7 @@ VARIANTS = {
     "fixed": _law("always counter-clockwise", "direction=fixed"),
     "pair": _law("no crowd rule", "direction=pair"),
     "no-governor": _law("no jam governor", "jam=ignore"),
-    "no-speed": _law("no speed rows", "avoid_speed_ratio=100.0"),
+    "no-speed": _law("no speed rows", "avoid_speed_frac=100.0"),
     "no-clock": _pipeline("the clock never slows", _without_clock),
     "no-clamp": _pipeline("no clamp of the position error", _without_clamp),
     "no-drag": _pipeline("no drag term", _without_drag),

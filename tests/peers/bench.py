@@ -12,7 +12,7 @@ import os
 import re
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,7 +25,8 @@ from tests.peers.report import Outcome, Summary, summary, table
 
 SEEDS, ABLATION_SEEDS, TUNING_SEEDS, QUICK_SEEDS = (200, 206), (200, 206), (0, 4), (0, 2)
 QUICK = ("form3", "swap4")
-ABLATION = ("form3", "swap4", "swap8", "swap16", "swap8x", "swap16x", "rand8", "rand16")
+COMPARISON = ("form3", "swap4", "swap8", "swap16", "swap8x", "rand8", "rand16")
+ABLATION = ("form3", "swap8", "swap8x", "swap16", "rand16")
 TUNING = ("form3", "swap8x", "rand8")
 
 
@@ -54,15 +55,22 @@ def fly(cell: Cell) -> tuple[Cell, arena.Flights]:
 
 
 def fly_all(cells: Sequence[Cell], jobs: int) -> list[tuple[Cell, arena.Flights]]:
-    """The cells in their order, the big ones first on ``jobs`` processes, with a line of progress for each."""
-    order = sorted(range(len(cells)), key=lambda k: -arena.size(cells[k].scenario))
-    begun, found = time.monotonic(), {}
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        for done, result in enumerate(pool.imap_unordered(fly, [cells[k] for k in order]), 1):
-            found[result[0]] = result
-            print(f"\r{done}/{len(cells)} cells, {time.monotonic() - begun:.0f} s", end="", file=sys.stderr, flush=True)
+    """The cells in their order, the big ones first, on ``jobs`` processes or in this one, with a line of progress."""
+    order = [cells[k] for k in sorted(range(len(cells)), key=lambda k: -arena.size(cells[k].scenario))]
+    if jobs == 1:
+        found = dict(_counted(map(fly, order), len(cells)))
+    else:
+        with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+            found = dict(_counted(pool.imap_unordered(fly, order), len(cells)))
+    return [(cell, found[cell]) for cell in cells]
+
+
+def _counted(results: Iterable[tuple[Cell, arena.Flights]], count: int) -> Iterator[tuple[Cell, arena.Flights]]:
+    begun = time.monotonic()
+    for done, result in enumerate(results, 1):
+        print(f"\r{done}/{count} cells, {time.monotonic() - begun:.0f} s", end="", file=sys.stderr, flush=True)
+        yield result
     print(file=sys.stderr)
-    return [found[cell] for cell in cells]
 
 
 def gathered(results: Sequence[tuple[Cell, arena.Flights]]) -> dict[tuple[str, str], tuple[list[Outcome], Summary]]:
@@ -80,7 +88,8 @@ def gathered(results: Sequence[tuple[Cell, arena.Flights]]) -> dict[tuple[str, s
 
 def compare(options: argparse.Namespace, group: str, contestants: Mapping[str, Contestant]) -> int:
     """The comparison or the ablation: table, figures, page."""
-    scenarios = QUICK if options.quick else ABLATION if group == "ablation" else arena.MIX
+    scenarios: Sequence[str] = QUICK if options.quick else ABLATION if group == "ablation" else COMPARISON
+    scenarios = arena.MIX if options.mix else scenarios
     usual = QUICK_SEEDS if options.quick else ABLATION_SEEDS if group == "ablation" else SEEDS
     seeds = options.seeds or usual
     cells = [Cell(group, key, (), scenario, seeds, options.errors) for key in contestants for scenario in scenarios]
@@ -96,13 +105,18 @@ def compare(options: argparse.Namespace, group: str, contestants: Mapping[str, C
     if group == "ablation":
         pictures.comparison(summaries, folder / "figures/law_ablation.png", "Covey's law without one of its ideas")
         page = pages.ablation(run, summaries, contestants)
+        pages.insert(folder / "law.md", "ablation", f"{run.sentence()}\n\n{pages.worth(summaries, contestants)}")
         name = "law-ablation.md"
     else:
         pictures.comparison(summaries, folder / "figures/law_bench.png", "Same vehicle, errors, baseline and margin")
         pictures.distances(outcomes, folder / "figures/law_flights.png", "Every flight: smallest distance and time")
-        traces = {title: arena.trace(contestants[key], "swap8x", 0)[1] for key, title in _titles(contestants).items()}
-        pictures.paths(traces, folder / "figures/law_paths.png", "Eight vehicles change places across a circle")
+        figure_of = "swap4x" if options.quick else "swap8x"
+        traces = {title: arena.trace(contestants[key], figure_of, 0)[1] for key, title in _titles(contestants).items()}
+        pictures.paths(
+            traces, folder / "figures/law_paths.png", f"{arena.size(figure_of)} vehicles change places across a circle"
+        )
         page = pages.comparison(run, summaries, outcomes)
+        pages.insert(folder / "law.md", "comparison", f"{run.sentence()}\n\n{table(summaries)}")
         name = "law-bench.md"
     (folder / name).write_text(page, encoding="utf-8")
     print(f"written: {folder / name}")
@@ -142,7 +156,7 @@ def tune(options: argparse.Namespace) -> int:
 
 def _command(options: argparse.Namespace) -> str:
     words = ["covey bench law"]
-    words += [f"--{name}" for name in ("ablation", "tune", "quick") if getattr(options, name)]
+    words += [f"--{name}" for name in ("ablation", "tune", "quick", "mix") if getattr(options, name)]
     words += [f"--seeds {options.seeds[0]}:{options.seeds[1]}"] if options.seeds else []
     words += [f"--errors {options.errors}"] if options.errors != "mocap" else []
     return " ".join(words)
@@ -168,6 +182,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--tune", action="store_true", help="every method's own values, each combination of its grid")
     parser.add_argument("--explain", action="store_true", help="only the pictures that explain the law")
     parser.add_argument("--quick", action="store_true", help="three small scenarios and two seeds: under a minute")
+    parser.add_argument("--mix", action="store_true", help="the twelve scenarios of the campaigns, up to 32 vehicles")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: one per core)")
     options = parser.parse_args(argv)
     options.seeds = _seeds(options.seeds) if options.seeds else None

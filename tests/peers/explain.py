@@ -51,7 +51,7 @@ def half_planes(path: Path) -> None:
     closing = np.array([[0.50, 0.25], [0.20, -0.30]])
     d = np.full(2, numbers.safety_distance_m + numbers.margin_m)
     normals, bounds = rows.distance_rows(gap, closing, d, np.zeros((2, 2)), np.zeros(2, bool), n=numbers)
-    wanted, radius = np.array([2.9, -2.7]), 4.5
+    wanted, radius = np.array([3.5, -1.9]), 4.5
     found = project(
         wanted[None],
         Rows(normals[None], bounds[None], np.ones((1, 2), bool)),

@@ -23,7 +23,9 @@ def starts_and_slots(fleet: FleetConfig) -> tuple[Array, Array]:
     return starts + CENTRE_ENU_M * [0.0, 0.0, 1.0], slots + CENTRE_ENU_M
 
 
-def fly(fleet: FleetConfig, order: Sequence[int], *, tick_s: float = 0.01, seconds: float = 14.0) -> tuple[Array, ...]:
+def fly(
+    fleet: FleetConfig, order: Sequence[int], *, tick_s: float = 0.01, seconds: float = 14.0
+) -> tuple[Array, Array, Array]:
     """Into the triangle, vehicle i to slot ``order[i]``: time (T,), positions (T, 3, 3), ring distances (T, 3).
 
     The ring's accelerations depend on each other; they are iterated to their common solution.
@@ -50,4 +52,5 @@ def fly(fleet: FleetConfig, order: Sequence[int], *, tick_s: float = 0.01, secon
         velocity = velocity + tick_s * acceleration
     positions = np.array(track)
     gaps = length((positions - positions[:, RING])[..., :2])
-    return tick_s * np.arange(len(positions)), positions, gaps
+    t_s: Array = tick_s * np.arange(len(positions), dtype=np.float64)
+    return t_s, positions, gaps

@@ -157,7 +157,7 @@ METHODS = {
         "ORCA (RVO2)",
         orca,
         {"horizon_s": (1.0, 2.0, 4.0), "gain_1_s": (2.0, 4.0)},
-        {"horizon_s": 2.0, "gain_1_s": 4.0},
+        {"horizon_s": 4.0, "gain_1_s": 4.0},
     ),
     "cells": Method(
         "buffered Voronoi cells",
@@ -169,12 +169,12 @@ METHODS = {
         "barrier certificates (QP)",
         certificate,
         {"brake_m_s2": (0.5, 1.0, 2.0), "gamma": (1.0, 4.0)},
-        {"brake_m_s2": 1.0, "gamma": 1.0},
+        {"brake_m_s2": 2.0, "gamma": 4.0},
     ),
     "potential": Method(
         "potential field",
         potential,
         {"push_m3_s2": (0.02, 0.1, 0.5), "range_m": (0.5, 1.0)},
-        {"push_m3_s2": 0.1, "range_m": 1.0},
+        {"push_m3_s2": 0.02, "range_m": 0.5},
     ),
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from tests.peers.contestants import PEERS, Contestant
 from tests.peers.report import Outcome, Summary, share, summary, table
@@ -33,6 +34,15 @@ class Run:
             f"Written by `{self.command} --out docs`: seeds {self.seeds[0]} to {self.seeds[1] - 1} of "
             f"{', '.join(self.scenarios)}; estimate errors `{self.errors}`."
         )
+
+
+def insert(page: Path, name: str, text: str) -> None:
+    """Replace what stands between ``<!-- bench: name -->`` and ``<!-- end -->`` in a page that may not exist."""
+    if page.exists():
+        words, begin, end = page.read_text(encoding="utf-8"), f"<!-- bench: {name} -->", "<!-- end -->"
+        before, found, rest = words.partition(begin)
+        if found:
+            page.write_text(f"{before}{begin}\n{text}\n{end}{rest.partition(end)[2]}", encoding="utf-8")
 
 
 def comparison(run: Run, rows: Mapping[str, Summary], outcomes: Mapping[str, Sequence[Outcome]]) -> str:
@@ -94,6 +104,28 @@ def comparison(run: Run, rows: Mapping[str, Summary], outcomes: Mapping[str, Seq
 
 def ablation(run: Run, rows: Mapping[str, Summary], contestants: Mapping[str, Contestant]) -> str:
     """Covey without each of its ideas."""
+    return "\n".join(
+        [
+            "# What each idea of the law is worth",
+            "",
+            run.sentence() + " Vehicles of type `sih`. One thing is changed at a time; the rest stays as it is flown.",
+            "",
+            worth(rows, contestants),
+            "",
+            "![Bars: success, violations, time, slew of each variant](figures/law_ablation.png)",
+            "",
+            "All columns:",
+            "",
+            table(rows, "law", has_cost=False),
+            "",
+            _COLUMNS,
+            "",
+        ]
+    )
+
+
+def worth(rows: Mapping[str, Summary], contestants: Mapping[str, Contestant]) -> str:
+    """Short table of the ablation, with what to set for each."""
     (first, base), *rest = rows.items()
     lines = ["| | below 0.80 m (95 %) | worst m | ratio | success | what to set |", "|---|---|---|---|---|---|"]
     sets = {contestant.title: contestant.sets for contestant in contestants.values()}
@@ -103,24 +135,7 @@ def ablation(run: Run, rows: Mapping[str, Summary], contestants: Mapping[str, Co
             f"| {title} | {share(s.violations, s.flights)} | {s.worst_m:.3f} | {s.ratio:.2f} "
             f"| {100.0 * s.successes / s.flights:.0f} % | {words} |"
         )
-    return "\n".join(
-        [
-            "# What each idea of the law is worth",
-            "",
-            run.sentence() + " Vehicles of type `sih`. One thing is changed at a time; the rest stays as it is flown.",
-            "",
-            *lines,
-            "",
-            "![Bars: success, violations, time, slew of each variant](figures/law_ablation.png)",
-            "",
-            "All columns:",
-            "",
-            table(rows, "law"),
-            "",
-            _COLUMNS,
-            "",
-        ]
-    )
+    return "\n".join(lines)
 
 
 def tuning(run: Run, rows: Mapping[str, Summary], best: Mapping[str, str]) -> str:
@@ -135,7 +150,7 @@ def tuning(run: Run, rows: Mapping[str, Summary], best: Mapping[str, str]) -> st
             "",
             *[f"* {title}: {values}" for title, values in best.items()],
             "",
-            table(rows),
+            table(rows, has_cost=False),
             "",
         ]
     )

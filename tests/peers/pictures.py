@@ -128,7 +128,7 @@ def half_planes(
         axis = figure.subplots()
         angle = np.linspace(0.0, 2.0 * np.pi, 181)
         axis.plot(radius * np.cos(angle), radius * np.sin(angle), color="#000000", linewidth=1.2)
-        axis.text(0.0, radius * 1.03, "tilt limit", ha="center", fontsize=9)
+        axis.text(-0.72 * radius, 0.74 * radius, "tilt limit", ha="right", fontsize=9)
         grid = np.linspace(-1.25 * radius, 1.25 * radius, 400)
         x, y = np.meshgrid(grid, grid)
         for k, (normal, bound, name) in enumerate(zip(normals, bounds, names, strict=True)):
@@ -139,7 +139,7 @@ def half_planes(
             unit = normal / size
             along = np.array([unit[1], -unit[0]])
             line = unit * bound / size - unit * 0.08 * radius
-            ends = (line + along * 0.75 * radius, line - along * 0.75 * radius)
+            ends = (line + along * 0.6 * radius, line - along * 0.6 * radius)
             spot = max(ends, key=lambda end: float(np.hypot(*(end - wanted))))
             turn = math.degrees(math.atan2(unit[0], -unit[1]))
             turn = turn - 180.0 if turn > 90.0 else turn + 180.0 if turn < -90.0 else turn
