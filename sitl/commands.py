@@ -168,6 +168,7 @@ _COMMANDS: dict[int, Handler] = {
     178: _change_speed,  # DO_CHANGE_SPEED
     179: _set_home,  # DO_SET_HOME
     185: _terminate,  # DO_FLIGHTTERMINATION
+    189: _accept,  # DO_LAND_START: the landing part of a mission; without one nothing happens
     192: _reposition,  # DO_REPOSITION
     245: _accept,  # PREFLIGHT_STORAGE: parameters are kept for the run
     300: _start_mission,  # MISSION_START
