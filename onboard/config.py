@@ -431,7 +431,8 @@ def parking_distance_m(config: FleetConfig) -> float:
         return math.sqrt(d_inf**2 + d_inf * law.paper_v_perp_m_s / law.paper_kappa_3_1_s)
     if law.name == "off":
         return config.fleet.body_diameter_m
-    return d_inf + law.design_margin_m + 0.10
+    slowest_s = max((vehicle.lag_s for vehicle in config.vehicles.values()), default=0.0)
+    return d_inf + law.margin_m(slowest_s) + 0.10
 
 
 def _bound(path: str, key: str, value: float, low: float, high: float) -> None:

@@ -7,6 +7,7 @@ from typing import Literal
 import msgspec
 
 LawName = Literal["covey", "paper", "off"]
+QUICK_LAG_S = 0.15
 
 
 class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -18,10 +19,11 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     prediction: Literal["lag", "none"] = "lag"
     margin: Literal["accuracy", "fixed"] = "accuracy"
     rotation: Literal["violated", "never", "always"] = "violated"
-    direction: Literal["crowd", "pair", "fixed"] = "crowd"
+    direction: Literal["intent", "crowd", "pair", "fixed"] = "intent"
     jam: Literal["slow", "ignore"] = "slow"
     # neighbours
     design_margin_m: float = 0.10
+    lag_margin_m_s: float = 0.4  # more margin for each second of a vehicle's lag beyond QUICK_LAG_S
     uncooperative_margin_m: float = 0.05
     accuracy_time_s: float = 0.5
     kappa_1_1_s: float = 4.0
@@ -46,3 +48,7 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     paper_v_perp_m_s: float = 0.1
     paper_turn: Literal["eq8", "eq9"] = "eq8"
     paper_force_ring: bool = False
+
+    def margin_m(self, lag_s: float) -> float:
+        """Margin [m] above the safety distance that a vehicle with this lag keeps when estimates are good."""
+        return self.design_margin_m + self.lag_margin_m_s * max(0.0, lag_s - QUICK_LAG_S)

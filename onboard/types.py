@@ -91,7 +91,8 @@ class Neighbours:
     minus the stamp. crowd_count (..., K). is_present (..., K) mask; masked entries may hold anything.
     is_cooperative (..., K): False asks for full responsibility on our side. is_paper_obstacle (..., K): this is the
     ring's successor, the only neighbour that the paper-exact law sees. lead_time_s (..., K): how far ahead of the stamp
-    the predicted state lies (None: as far as our own). velocity_std_m_s (..., K); None: not known.
+    the predicted state lies (None: as far as our own). velocity_std_m_s (..., K); None: not known. intent_enu_m_s
+    (..., K, 3): velocity that it would fly if it were alone; None: not known.
     """
 
     position_enu_m: Array
@@ -108,6 +109,7 @@ class Neighbours:
     is_paper_obstacle: BoolArray
     lead_time_s: Array | None = None
     velocity_std_m_s: Array | None = None
+    intent_enu_m_s: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +119,7 @@ class LawOutput:
     commanded_acceleration_enu_m_s2 (..., 3) is published to the neighbours (P2 of the design); intervention_m_s2 (...)
     is |u - u0|; slack_m_s2 (...) is 0 unless relaxed; crowd_count (...) is published; active_neighbour (...) is the
     index of the neighbour whose row binds most, -1 for none, -2 for an obstacle or the fence. lead_time_s (...) is
-    published: how far ahead of now the predicted state lies.
+    published: how far ahead of now the predicted state lies. intent_enu_m_s (..., 3) is published: see Neighbours.
     """
 
     thrust: Thrust
@@ -130,6 +132,7 @@ class LawOutput:
     crowd_count: Array
     active_neighbour: IntArray
     lead_time_s: Array
+    intent_enu_m_s: Array
 
 
 @dataclass(frozen=True, slots=True)

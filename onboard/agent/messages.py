@@ -62,6 +62,7 @@ def state_message(
         position_std_m=float(state.position_std_m),
         velocity_std_m_s=float(state.velocity_std_m_s),
         crowd_count=float(law.crowd_count),
+        intent_enu_m_s=vec3(law.intent_enu_m_s),
     )
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 
 import numpy as np
 
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import StateMessage, Telemetry
 from onboard.config import FleetConfig
-from onboard.types import Neighbours
+from onboard.types import Array, BoolArray, IntArray, Neighbours
 
 SILENT_S = 0.3
 _FORGET_NODE_S = 2.0
@@ -18,143 +20,203 @@ _SAME_CLOCK_NS = 500_000_000
 _OTHER_CLOCK_DELAY_NS = 20_000_000
 
 
-@dataclass(slots=True)
-class _Entry:
-    state: StateMessage | None = None  # the newest valid one
-    stamp_ns: int = 0  # of the state, on our clock
-    newest: tuple[int, int] = (0, -1)  # boot id and sequence of the newest message
-    telemetry: Telemetry | None = None
+_VECTORS = (
+    "position_enu_m",
+    "velocity_enu_m_s",
+    "acceleration_enu_m_s2",
+    "predicted_position_enu_m",
+    "predicted_velocity_enu_m_s",
+    "commanded_acceleration_enu_m_s2",
+    "intent_enu_m_s",
+)
+_SCALARS = ("position_std_m", "crowd_count", "lead_time_s", "velocity_std_m_s")
+_COLUMNS = {name: slice(3 * place, 3 * place + 3) for place, name in enumerate(_VECTORS)}
+_COLUMNS_1 = {name: 3 * len(_VECTORS) + place for place, name in enumerate(_SCALARS)}
+_WIDTH = 3 * len(_VECTORS) + len(_SCALARS)
+_vectors_of, _scalars_of = attrgetter(*_VECTORS), attrgetter(*_SCALARS)
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """State messages of several vehicles that arrive together, as arrays (M, ...); places are those of the fleet file.
+
+    numbers (M, 25): all vectors and scalars of the messages; is_usable (M,): whether they are finite.
+    """
+
+    place: IntArray
+    numbers: Array
+    stamp_ns: IntArray
+    boot_id: IntArray
+    sequence: IntArray
+    is_usable: BoolArray
+    is_valid: BoolArray
+    is_airborne: BoolArray
+    is_cooperative: BoolArray
+
+    @classmethod
+    def of(cls, messages: Sequence[StateMessage], places: Mapping[str, int]) -> Round:
+        """Of messages of vehicles that stand in ``places``."""
+        flags = np.array(
+            [(_is_usable(m), m.is_valid, m.is_airborne, m.is_cooperative) for m in messages], dtype=bool
+        ).reshape(-1, 4)
+        whole = np.array([(places[m.vehicle], m.stamp_ns, m.boot_id, m.sequence) for m in messages], dtype=np.int64)
+        whole = whole.reshape(-1, 4)
+        numbers = np.array([_numbers(m) for m in messages], dtype=np.float64).reshape(-1, _WIDTH)
+        return cls(whole[:, 0], numbers, *whole[:, 1:].T, *flags.T)
 
 
 @dataclass(slots=True)
 class NeighbourTable:
-    """Fixed order: the fleet file's enabled vehicles without our own; so that array places never change."""
+    """Fixed order: the fleet file's enabled vehicles without our own; so that array places never change.
+
+    Rows (K, ...) hold the newest valid state message of each: its numbers, and its stamp on our clock.
+    """
 
     fleet: FleetConfig
     own_name: str
     names: tuple[str, ...] = field(init=False)
     ignored_messages: int = 0
     last_heard_ns: int = 0
-    _entries: dict[str, _Entry] = field(init=False)
-    _successor: str = field(init=False)
+    _places: dict[str, int] = field(init=False)
+    _others: IntArray = field(init=False)
+    _is_successor: BoolArray = field(init=False)
+    _numbers: Array = field(init=False)
+    _stamp_ns: IntArray = field(init=False)
+    _newest: IntArray = field(init=False)  # boot id and sequence of the newest message, (2, K)
+    _flags: BoolArray = field(init=False)  # is there one at all, is_airborne, is_cooperative, (3, K)
+    _telemetry: dict[str, Telemetry] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         order = self.fleet.enabled_names
         self.names = tuple(name for name in order if name != self.own_name)
-        self._entries = {name: _Entry() for name in self.names}
-        place = order.index(self.own_name) if self.own_name in order else 0
-        self._successor = order[(place + 1) % len(order)] if order else ""
+        self._places = {name: place for place, name in enumerate(self.names)}
+        self._others = np.array([place for place, name in enumerate(order) if name != self.own_name], dtype=np.int64)
+        count = len(self.names)
+        own = order.index(self.own_name) if self.own_name in order else 0
+        successor = order[(own + 1) % len(order)] if order else ""
+        self._is_successor = np.array([name == successor for name in self.names], dtype=bool)
+        self._numbers = np.zeros((count, _WIDTH))
+        self._stamp_ns = np.zeros(count, dtype=np.int64)
+        self._newest = np.array([[0], [-1]], dtype=np.int64).repeat(count, axis=1)
+        self._flags = np.zeros((3, count), dtype=bool)
 
     def hear(self, message: StateMessage | Telemetry, received_ns: int) -> bool:
         """Take a message; False when it is from nobody we know, repeated, out of order or not finite."""
-        entry = self._entries.get(message.vehicle)
-        if entry is None:
+        place = self._places.get(message.vehicle)
+        if place is None:
             return False
         self.last_heard_ns = max(self.last_heard_ns, received_ns)
         if isinstance(message, Telemetry):
-            entry.telemetry = message
+            self._telemetry[message.vehicle] = message
             return True
-        repeated = entry.newest[0] == message.boot_id and message.sequence <= entry.newest[1]
-        if repeated or not _is_usable(message):
+        boot_id, sequence = self._newest[:, place].tolist()
+        if (boot_id == message.boot_id and message.sequence <= sequence) or not _is_usable(message):
             self.ignored_messages += 1
             return False
-        entry.newest = (message.boot_id, message.sequence)
+        self._newest[:, place] = message.boot_id, message.sequence
         if not message.is_valid:
             return True  # it knows no position: the last valid one ages, and is avoided like a silent vehicle's
         delay_ns = received_ns - message.stamp_ns
         # Agents of one host share the clock. A stamp of another clock says nothing: then the arrival counts.
         shared = 0 <= delay_ns < _SAME_CLOCK_NS
-        entry.stamp_ns = message.stamp_ns if shared else received_ns - _OTHER_CLOCK_DELAY_NS
-        entry.state = message
+        self._stamp_ns[place] = message.stamp_ns if shared else received_ns - _OTHER_CLOCK_DELAY_NS
+        self._numbers[place] = _numbers(message)
+        self._flags[:, place] = True, message.is_airborne, message.is_cooperative
         return True
+
+    def hear_round(self, whole: Round, received_ns: int) -> None:
+        """:meth:`hear` of a message from every vehicle of the fleet, in the order of the fleet file, ours left out."""
+        others = self._others
+        self.last_heard_ns = max(self.last_heard_ns, received_ns)
+        boot_id, sequence = whole.boot_id[others], whole.sequence[others]
+        is_repeated = (self._newest[0] == boot_id) & (sequence <= self._newest[1])
+        is_news = whole.is_usable[others] & ~is_repeated
+        self.ignored_messages += len(others) - int(np.count_nonzero(is_news))
+        self._newest[0, is_news], self._newest[1, is_news] = boot_id[is_news], sequence[is_news]
+        taken = is_news & whole.is_valid[others]
+        stamp_ns = whole.stamp_ns[others]
+        delay_ns = received_ns - stamp_ns
+        is_shared = (delay_ns >= 0) & (delay_ns < _SAME_CLOCK_NS)
+        np.copyto(self._stamp_ns, np.where(is_shared, stamp_ns, received_ns - _OTHER_CLOCK_DELAY_NS), where=taken)
+        np.copyto(self._numbers, whole.numbers[others], where=taken[:, None])
+        self._flags[0] |= taken
+        np.copyto(self._flags[1], whole.is_airborne[others], where=taken)
+        np.copyto(self._flags[2], whole.is_cooperative[others], where=taken)
+
+    def ages_s(self, now_ns: int) -> Array:
+        """Age (K,) of the newest state of each; inf when never heard."""
+        ages = np.maximum(now_ns - self._stamp_ns, 0) * 1e-9
+        return np.where(self._flags[0], ages, np.inf)
+
+    def known_ages_s(self, now_ns: int) -> dict[str, float]:
+        """Age of the newest state of each that was ever heard."""
+        found = zip(self.names, self.ages_s(now_ns).tolist(), self._flags[0].tolist(), strict=True)
+        return {name: age_s for name, age_s, is_known in found if is_known}
 
     def age_s(self, name: str, now_ns: int) -> float:
         """Age of the newest state; inf when never heard."""
-        entry = self._entries[name]
-        return math.inf if entry.state is None else max(0.0, (now_ns - entry.stamp_ns) * 1e-9)
+        place = self._places[name]
+        return max(0.0, (now_ns - int(self._stamp_ns[place])) * 1e-9) if self._flags[0, place] else math.inf
 
     def oldest_age_s(self, now_ns: int) -> float:
         """Largest age of all that were ever heard; 0 without neighbours."""
-        ages = [self.age_s(name, now_ns) for name, entry in self._entries.items() if entry.state is not None]
-        return max(ages, default=0.0)
+        known = self._flags[0]
+        return float(self.ages_s(now_ns)[known].max()) if known.any() else 0.0
 
     def missing(self, now_ns: int) -> tuple[str, ...]:
         """Vehicles that must be there (enabled = true) and are not heard."""
+        ages_s = self.ages_s(now_ns).tolist()
         return tuple(
             name
-            for name in self.names
-            if self.fleet.vehicles[name].enabled is True and self.age_s(name, now_ns) > _FORGET_NODE_S
+            for name, age_s in zip(self.names, ages_s, strict=True)
+            if self.fleet.vehicles[name].enabled is True and age_s > _FORGET_NODE_S
         )
 
     def silent(self, now_ns: int) -> tuple[str, ...]:
         """Vehicles that were in the air when last heard and have been silent too long."""
-        return tuple(
-            name
-            for name, entry in self._entries.items()
-            if entry.state is not None and entry.state.is_airborne and self.age_s(name, now_ns) > SILENT_S
-        )
+        is_silent = self._flags[1] & (self.ages_s(now_ns) > SILENT_S)
+        return tuple(self.names[place] for place in np.flatnonzero(is_silent).tolist())
 
     def other_hashes(self, own_hash: str) -> dict[str, str]:
         """Configuration hashes that differ from ours."""
         return {
-            name: entry.telemetry.config_hash
-            for name, entry in self._entries.items()
-            if entry.telemetry is not None and entry.telemetry.config_hash != own_hash
+            name: telemetry.config_hash
+            for name, telemetry in self._telemetry.items()
+            if telemetry.config_hash != own_hash
         }
 
     def telemetries(self) -> dict[str, Telemetry]:
         """Newest telemetry of all that sent one."""
-        return {name: entry.telemetry for name, entry in self._entries.items() if entry.telemetry is not None}
+        return {name: self._telemetry[name] for name in self.names if name in self._telemetry}
 
     def distances_m(self, position_enu_m: tuple[float, float, float], now_ns: int) -> dict[str, float]:
         """Horizontal distance to each neighbour ever heard, extrapolated over at most the silence limit."""
-        found = {}
-        for name, entry in self._entries.items():
-            if entry.state is None:
-                continue
-            ahead = min(self.age_s(name, now_ns), SILENT_S)
-            p, v = entry.state.position_enu_m, entry.state.velocity_enu_m_s
-            found[name] = math.hypot(p[0] + ahead * v[0] - position_enu_m[0], p[1] + ahead * v[1] - position_enu_m[1])
-        return found
+        ahead_s = np.minimum(self.ages_s(now_ns), SILENT_S)[:, None]
+        numbers = self._numbers
+        p, v = numbers[:, _COLUMNS["position_enu_m"]], numbers[:, _COLUMNS["velocity_enu_m_s"]]
+        offset = p[:, :2] + ahead_s * v[:, :2] - position_enu_m[:2]
+        found = zip(self.names, np.hypot(offset[:, 0], offset[:, 1]).tolist(), self._flags[0].tolist(), strict=True)
+        return {name: distance_m for name, distance_m, is_known in found if is_known}
 
     def snapshot(self, now_ns: int) -> Neighbours:
         """The frozen picture for one tick, (K, 3); a silent or grounded neighbour does not cooperate."""
-        count = max(1, len(self.names))
-        vectors = np.zeros((6, count, 3))
-        scalars = np.zeros((5, count))
-        present, cooperative, successor = (np.zeros(count, dtype=bool) for _ in range(3))
-        for place, name in enumerate(self.names):
-            state = self._entries[name].state
-            if state is None:
-                continue
-            vectors[0, place] = state.position_enu_m
-            vectors[1, place] = state.velocity_enu_m_s
-            vectors[2, place] = state.acceleration_enu_m_s2
-            vectors[3, place] = state.predicted_position_enu_m
-            vectors[4, place] = state.predicted_velocity_enu_m_s
-            vectors[5, place] = state.commanded_acceleration_enu_m_s2
-            age_s = self.age_s(name, now_ns)
-            scalars[:3, place] = age_s, state.position_std_m, state.crowd_count
-            scalars[3:, place] = state.lead_time_s, state.velocity_std_m_s
-            present[place] = True
-            cooperative[place] = state.is_cooperative and age_s <= SILENT_S
-            successor[place] = name == self._successor
+        if not self.names:
+            return _NOBODY
+        numbers, ages_s = self._numbers.copy(), self.ages_s(now_ns)
+        is_present = self._flags[0].copy()
         return Neighbours(
-            position_enu_m=vectors[0],
-            velocity_enu_m_s=vectors[1],
-            acceleration_enu_m_s2=vectors[2],
-            predicted_position_enu_m=vectors[3],
-            predicted_velocity_enu_m_s=vectors[4],
-            commanded_acceleration_enu_m_s2=vectors[5],
-            age_s=scalars[0],
-            position_std_m=scalars[1],
-            crowd_count=scalars[2],
-            is_present=present,
-            is_cooperative=cooperative,
-            is_paper_obstacle=successor,
-            lead_time_s=scalars[3],
-            velocity_std_m_s=scalars[4],
+            age_s=np.where(is_present, ages_s, 0.0),
+            is_present=is_present,
+            is_cooperative=self._flags[2] & (ages_s <= SILENT_S),
+            is_paper_obstacle=self._is_successor & is_present,
+            **{name: numbers[:, columns] for name, columns in _COLUMNS.items()},
+            **{name: numbers[:, column] for name, column in _COLUMNS_1.items()},
         )
+
+
+def _numbers(message: StateMessage) -> tuple[float, ...]:
+    p, v, a, pp, pv, c, i = _vectors_of(message)
+    return (*p, *v, *a, *pp, *pv, *c, *i, *_scalars_of(message))
 
 
 def _is_usable(message: StateMessage) -> bool:
@@ -165,5 +227,24 @@ def _is_usable(message: StateMessage) -> bool:
         message.predicted_position_enu_m,
         message.predicted_velocity_enu_m_s,
         message.commanded_acceleration_enu_m_s2,
+        message.intent_enu_m_s,
         (message.position_std_m, message.velocity_std_m_s, message.crowd_count, message.lead_time_s),
     )
+
+
+def _nobody() -> Neighbours:
+    """No neighbour at all: one masked row, because there must be one."""
+    nothing = np.zeros(1, dtype=bool)
+    vectors = {name: np.zeros((1, 3)) for name in _VECTORS}
+    scalars = {name: np.zeros(1) for name in _SCALARS}
+    return Neighbours(
+        age_s=np.zeros(1),
+        is_present=nothing,
+        is_cooperative=nothing,
+        is_paper_obstacle=nothing,
+        **vectors,
+        **scalars,
+    )
+
+
+_NOBODY = _nobody()

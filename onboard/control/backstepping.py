@@ -45,7 +45,7 @@ class BacksteppingParams:
     position_gain_1_s: Array | float = 1.5
     velocity_gain_1_s: Array | float = 4.0
     coupling_1_s2: Array | float = 0.5
-    max_position_error_m: Array | float = 0.5
+    max_position_error_m: Array | float = 0.8
     max_acceleration_m_s2: Array | float = 4.0
     max_vertical_acceleration_m_s2: Array | float = 2.5
 

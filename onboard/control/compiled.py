@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from onboard.control import kernel_projection, kernels
+from onboard.control import kernel_motion, kernel_projection, kernels
 from onboard.control.law_params import LawNumbers, LawParams
 from onboard.types import Array, BoolArray
 
@@ -53,21 +53,20 @@ def numba() -> Any:
         from numba import extending
     except ImportError:
         return None
-    for source in (kernel_projection, kernels):
-        for function in _functions(source):
-            extending.register_jitable(function)
+    for function in _functions():
+        extending.register_jitable(function)
     return module
 
 
-def _functions(module: Any) -> list[FunctionType]:
-    return [f for f in vars(module).values() if isinstance(f, FunctionType) and f.__module__ == module.__name__]
+def _functions() -> list[FunctionType]:
+    modules = (kernel_projection, kernels, kernel_motion)
+    return [f for m in modules for f in vars(m).values() if isinstance(f, FunctionType) and f.__module__ == m.__name__]
 
 
 @lru_cache(maxsize=1)
 def _digest() -> int:
     """Changes with any kernel: numba's own check sees only the file of the function that it is told to compile."""
-    functions = [f for module in (kernel_projection, kernels) for f in _functions(module)]
-    return zlib.crc32(b"".join(marshal.dumps(f.__code__) for f in functions) + repr(LawNumbers._fields).encode())
+    return zlib.crc32(b"".join(marshal.dumps(f.__code__) for f in _functions()) + repr(LawNumbers._fields).encode())
 
 
 def _jit(function: Kernel) -> Kernel:
@@ -80,8 +79,7 @@ def _jit(function: Kernel) -> Kernel:
 
 
 @lru_cache(maxsize=1)
-def law_batch() -> Kernel:
-    """``kernels.covey`` over a flat batch: arrays (M, ...) in, results (M, 6) out."""
+def _covey_batch() -> Kernel:
     version, covey = _digest(), kernels.covey
 
     def run(
@@ -94,21 +92,21 @@ def law_batch() -> Kernel:
         sizes: Any,
         out: Any,
     ) -> int:
-        position, velocity, predicted_position, predicted_velocity, command = vectors
+        position, velocity, predicted_position, predicted_velocity, command, intent = vectors
         age, lead, std_p, std_v, crowd = scalars
         is_present, is_cooperative = masks
         a, r = sizes
-        e_x, e_y, w_x, w_y = np.zeros(a), np.zeros(a), np.zeros(a), np.zeros(a)
+        e_x, e_y, w_x, w_y, h_x, h_y = np.zeros(a), np.zeros(a), np.zeros(a), np.zeros(a), np.zeros(a), np.zeros(a)
         c_x, c_y, gap, reach, full = np.zeros(a), np.zeros(a), np.zeros(a), np.zeros(a), np.zeros(a)
         n_x, n_y, b, m_x, m_y, m_b = np.zeros(r), np.zeros(r), np.zeros(r), np.zeros(r), np.zeros(r), np.zeros(r)
         rank, chosen = np.zeros(a, np.int64), np.zeros(r, np.int64)
         for m in range(floats.shape[0]):
             f = floats[m]
             x, y, status, slack, count, active = covey(
-                (f[0], f[1]), (f[2], f[3]), f[4], (f[5], f[6], f[7], f[8], f[9], f[10]),
-                position[m], velocity[m], predicted_position[m], predicted_velocity[m], command[m],
+                (f[0], f[1]), (f[2], f[3]), f[4], (f[5], f[6], f[7], f[8], f[9], f[10], f[11], f[12]),
+                position[m], velocity[m], predicted_position[m], predicted_velocity[m], command[m], intent[m],
                 (age[m], lead[m], std_p[m], std_v[m], crowd[m]), is_present[m], is_cooperative[m], capsules, n,
-                (e_x, e_y, w_x, w_y, c_x, c_y, gap, reach, full, n_x, n_y, b, m_x, m_y, m_b), (rank, chosen),
+                (e_x, e_y, w_x, w_y, h_x, h_y, c_x, c_y, gap, reach, full, n_x, n_y, b, m_x, m_y, m_b), (rank, chosen),
             )  # fmt: skip
             out[m, 0], out[m, 1], out[m, 2], out[m, 3], out[m, 4], out[m, 5] = x, y, status, slack, count, active
         return version
@@ -121,15 +119,15 @@ def covey_one(
 ) -> Array:
     """``kernels.covey`` interpreted, (6,); arguments as in :func:`covey_batch` without M, as lists."""
     a, r = kernels.work_sizes(len(scalars[0]), len(params.capsules_enu_m))
-    w_x, w_y, s_x, s_y, radius, p_x, p_y, v_x, v_y, std_p, std_v = floats
-    position, velocity, predicted_position, predicted_velocity, command = vectors
+    w_x, w_y, s_x, s_y, radius, p_x, p_y, v_x, v_y, i_x, i_y, std_p, std_v = floats
+    position, velocity, predicted_position, predicted_velocity, command, intent = vectors
     age, lead, their_std_p, their_std_v, crowd = scalars
     is_present, is_cooperative = masks
-    work = tuple([[0.0] * a for _ in range(9)] + [[0.0] * r for _ in range(6)])
+    work = tuple([[0.0] * a for _ in range(11)] + [[0.0] * r for _ in range(6)])
     result = kernels.covey(
-        (w_x, w_y), (s_x, s_y), radius, (p_x, p_y, v_x, v_y, std_p, std_v),
-        position, velocity, predicted_position, predicted_velocity, command,
-        (age, lead, their_std_p, their_std_v, crowd), is_present, is_cooperative, params.capsules_enu_m,
+        (w_x, w_y), (s_x, s_y), radius, (p_x, p_y, v_x, v_y, i_x, i_y, std_p, std_v),
+        position, velocity, predicted_position, predicted_velocity, command, intent,
+        (age, lead, their_std_p, their_std_v, crowd), is_present, is_cooperative, params.capsule_values,
         params.numbers, work, ([0] * a, [0] * r),
     )  # fmt: skip
     return np.array(result)
@@ -141,13 +139,60 @@ def covey_batch(
     """``kernels.covey`` compiled, for M vehicles, (M, 6).
 
     Args:
-        floats: (M, 11) wanted, shift (2 each), radius, position, velocity (2 each), two standard deviations.
-        vectors: five of (M, K, 3). scalars: five of (M, K). masks: two of (M, K). See ``kernels.covey``.
+        floats: (M, 13) wanted, shift (2 each), radius, position, velocity, intent (2 each), two standard deviations.
+        vectors: six of (M, 3 K). scalars: five of (M, K). masks: two of (M, K). See ``kernels.covey``.
     """
     sizes = kernels.work_sizes(scalars[0].shape[1], len(params.capsules_enu_m))
-    capsules = np.array(params.capsules_enu_m, dtype=np.float64).reshape(-1, 5)
+    capsules = np.array(params.capsule_values, dtype=np.float64)
     out = np.empty((len(floats), 6))
-    law_batch()(floats, tuple(vectors), tuple(scalars), tuple(masks), capsules, params.numbers, sizes, out)
+    _covey_batch()(floats, tuple(vectors), tuple(scalars), tuple(masks), capsules, params.numbers, sizes, out)
+    return out
+
+
+@lru_cache(maxsize=1)
+def _predicted_batch() -> Kernel:
+    version, predicted = _digest(), kernel_motion.predicted
+
+    def run(commands: Any, durations: Any, position: Any, velocity: Any, windows: Any, rest_z: float, out: Any) -> int:
+        for m in range(position.shape[0]):
+            p, v = predicted(commands[m], durations[m], position[m], velocity[m], windows[m, 0], windows[m, 1], rest_z)
+            out[m, 0], out[m, 1], out[m, 2] = p
+            out[m, 3], out[m, 4], out[m, 5] = v
+        return version
+
+    return _jit(run)
+
+
+def predicted_batch(
+    commands: Array, durations: Array, position: Array, velocity: Array, windows: Array, rest_z: float
+) -> Array:
+    """``kernel_motion.predicted`` compiled, for M vehicles: position and velocity (M, 6).
+
+    Args:
+        commands: (M, 3 B). durations: (M, B). position, velocity: (M, 3). windows: (M, 2), the horizontal one and z's.
+    """
+    out = np.empty((len(position), 6))
+    _predicted_batch()(commands, durations, position, velocity, windows, rest_z, out)
+    return out
+
+
+@lru_cache(maxsize=1)
+def _moved_back_batch() -> Kernel:
+    def run(remembered: Any, ages: Any, change: Any, out: Any) -> None:
+        for m in range(remembered.shape[0]):
+            for k in range(remembered.shape[1]):
+                age = ages[k]
+                for c in range(3):
+                    moved = remembered[m, k, c] + change[m, 0, c] - age * change[m, 1, c]
+                    out[m, k, c] = moved + 0.5 * age * age * change[m, 2, c]
+
+    return _jit(run)
+
+
+def moved_back_batch(remembered: Array, ages: Array, change: Array) -> Array:
+    """Remembered positions (M, N, 3) of ``ages`` (N,) with a change (M, 3, 3) of position, velocity, acceleration."""
+    out = np.empty_like(remembered)
+    _moved_back_batch()(remembered, ages, change, out)
     return out
 
 
@@ -156,6 +201,17 @@ def flat(array: NDArray[_T], size: int, *inner: int) -> NDArray[_T]:
     return np.require(array.reshape(size, *inner), requirements=["C", "W"])
 
 
-def warm_up(params: LawParams) -> None:
-    """Compile (or load) everything that batches use."""
-    del params
+def warm_up(params: LawParams) -> bool:
+    """Compile, or load from numba's cache, all that batches use; False when nothing is to be compiled.
+
+    Takes a few tenths of a second from the cache, and about twenty seconds the first time on a machine.
+    """
+    if not is_wanted() or numba() is None:
+        return False
+    two = np.zeros((2, 3))
+    scalar = np.zeros((2, 1))
+    floats = np.zeros((2, 13))
+    covey_batch(floats, [two] * 6, [scalar] * 5, [scalar > 1.0] * 2, params)
+    predicted_batch(two, scalar, two, two, np.zeros((2, 2)), 0.0)
+    moved_back_batch(two[:, None], np.zeros(1), np.zeros((2, 3, 3)))
+    return True

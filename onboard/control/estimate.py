@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from onboard.control import kernel_motion
+from onboard.control import compiled, kernel_motion
 from onboard.frames import body_up
 from onboard.types import GRAVITY_M_S2, Array, BoolArray, State
 
@@ -281,8 +281,13 @@ def correct(
     covariance[..., 5] = bb - k_b * g_b
     covariance[..., (0, 3, 5)] = np.maximum(covariance[..., (0, 3, 5)], 1e-12)
     ages = np.where(np.isfinite(memory.ring_age_s), memory.ring_age_s, 0.0)[:, None]
-    ring = memory.ring_position_enu_m + d_p[..., None, :] - ages * d_v[..., None, :]
-    ring += (0.5 * ages * ages) * d_b[..., None, :]
+    if compiled.uses_kernel(age.size):
+        change = np.stack([d_p, d_v, d_b], axis=-2).reshape(-1, 3, 3)
+        remembered_all = compiled.flat(memory.ring_position_enu_m, age.size, len(ages), 3)
+        ring = compiled.moved_back_batch(remembered_all, ages[:, 0], change).reshape(memory.ring_position_enu_m.shape)
+    else:
+        ring = memory.ring_position_enu_m + d_p[..., None, :] - ages * d_v[..., None, :]
+        ring += (0.5 * ages * ages) * d_b[..., None, :]
     bound = np.asarray(params.max_bias_m_s2, dtype=np.float64)[..., None]
     return replace(
         memory,

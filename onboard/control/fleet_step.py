@@ -29,6 +29,7 @@ _LAYOUT = (
     ("crowd_count", 1),
     ("lead_time_s", 1),
     ("velocity_std_m_s", 1),
+    ("intent_enu_m_s", 3),
 )
 
 
@@ -117,7 +118,7 @@ def message(state: State, law: LawOutput | None) -> Array:
     else:
         parts += [law.predicted_position_enu_m, law.predicted_velocity_enu_m_s, law.commanded_acceleration_enu_m_s2]
         parts += [state.position_std_m[..., None], law.crowd_count[..., None], law.lead_time_s[..., None]]
-    parts.append(state.velocity_std_m_s[..., None])
+    parts += [state.velocity_std_m_s[..., None], still if law is None else law.intent_enu_m_s]
     return np.concatenate(parts, axis=-1)
 
 

@@ -60,7 +60,10 @@ def corrected(
 def predicted(
     accelerations: Any, durations: Any, position: Any, velocity: Any, window: float, window_z: float, rest_z: float
 ) -> tuple[Vec3, Vec3]:
-    """Own state over the own lag, the vertical axis over its own; prediction.predict_own, oist.predict."""
+    """Own state over the own lag, the vertical axis over its own; prediction.predict_own, oist.predict.
+
+    accelerations: all components of the commands, one after the other.
+    """
     p_x, p_y, p_z = position[0] + window * velocity[0], position[1] + window * velocity[1], position[2]
     v_x, v_y, v_z = velocity[0], velocity[1], velocity[2]
     p_z = p_z + window_z * v_z
@@ -70,11 +73,11 @@ def predicted(
             break
         inside = min(max(window - left, 0.0), durations[k])
         weight = inside * (left + 0.5 * inside)
-        v_x, p_x = v_x + inside * accelerations[k][0], p_x + weight * accelerations[k][0]
-        v_y, p_y = v_y + inside * accelerations[k][1], p_y + weight * accelerations[k][1]
+        v_x, p_x = v_x + inside * accelerations[3 * k], p_x + weight * accelerations[3 * k]
+        v_y, p_y = v_y + inside * accelerations[3 * k + 1], p_y + weight * accelerations[3 * k + 1]
         inside = min(max(window_z - left, 0.0), durations[k])
         weight = inside * (left + 0.5 * inside)
-        v_z, p_z = v_z + inside * accelerations[k][2], p_z + weight * accelerations[k][2]
+        v_z, p_z = v_z + inside * accelerations[3 * k + 2], p_z + weight * accelerations[3 * k + 2]
         left += durations[k]
     return (p_x, p_y, p_z + rest_z * v_z), (v_x, v_y, v_z)
 

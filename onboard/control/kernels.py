@@ -4,8 +4,8 @@ The same source runs twice: Python interprets it for a single vehicle, where arr
 and numba compiles it for batches (compiled.py). The array forms in rows.py, prediction.py, projection.py and oist.py
 say the same in vectors; they are the oracle of both, and what batches use without numba. Names and order follow them.
 
-So that both can run it: only floats, ints and indexing; no exceptions, powers or numpy; vectors are rows ``a[k][c]`` of
-lists or of arrays; scratch memory is passed in (``work_sizes``).
+So that both can run it: only floats, ints and indexing; no exceptions, powers or numpy; vectors lie one after the other
+in one list or array; scratch memory is passed in (``work_sizes``).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 from onboard.control.kernel_projection import INACTIVE, INFEASIBLE, project
 from onboard.control.law_params import LawNumbers
 
-# lists of lists when interpreted, arrays when compiled
+# lists when interpreted, arrays when compiled; of K vectors all 3 K components
 Vectors = Any
 Scalars = Any
 Point = tuple[float, float]
@@ -30,6 +30,7 @@ _LARGEST_MARGIN_M = 5.0
 _MAX_OBSTACLES = 6
 _SPEED_GAIN_1_S = 4.0
 _TOLERANCE = 1e-10
+_SETTLED_M_S = 0.1
 
 
 def work_sizes(neighbours: int, capsules: int) -> tuple[int, int]:
@@ -44,33 +45,35 @@ def bounded(value: float) -> float:
     return min(max(value, -_HUGE), _HUGE)
 
 
-def is_finite_3(v: Scalars) -> bool:
-    """Whether all three components are finite."""
-    return math.isfinite(v[0]) and math.isfinite(v[1]) and math.isfinite(v[2])
+def is_finite_3(v: Vectors, k: int) -> bool:
+    """Whether all three components of vector k are finite."""
+    return math.isfinite(v[3 * k]) and math.isfinite(v[3 * k + 1]) and math.isfinite(v[3 * k + 2])
 
 
 def received(
-    position: Scalars,
-    velocity: Scalars,
-    predicted_position: Scalars,
-    predicted_velocity: Scalars,
-    command: Scalars,
+    k: int,
+    position: Vectors,
+    velocity: Vectors,
+    predicted_position: Vectors,
+    predicted_velocity: Vectors,
+    command: Vectors,
     age_s: float,
     lead_s: float,
     is_cooperative: bool,
     own_lead_s: float,
 ) -> tuple[bool, float, float, float, float, float, float]:
-    """A neighbour at our own time: whether it is usable, position, velocity, command; see oist._received."""
+    """Neighbour k at our own time: whether it is usable, position, velocity, command; see oist._received."""
     age = min(max(age_s, 0.0), _MAX_AGE_S) if math.isfinite(age_s) else _MAX_AGE_S
-    x, y, z = predicted_position[0], predicted_position[1], predicted_position[2]
-    v_x, v_y, v_z = predicted_velocity[0], predicted_velocity[1], predicted_velocity[2]
-    u_x, u_y, u_z = command[0], command[1], command[2]
-    s_x, s_y = velocity[0], velocity[1]
+    i = 3 * k
+    x, y, z = predicted_position[i], predicted_position[i + 1], predicted_position[i + 2]
+    v_x, v_y, v_z = predicted_velocity[i], predicted_velocity[i + 1], predicted_velocity[i + 2]
+    u_x, u_y, u_z = command[i], command[i + 1], command[i + 2]
+    s_x, s_y = velocity[i], velocity[i + 1]
     total = abs(x) + abs(y) + abs(z) + abs(v_x) + abs(v_y) + abs(v_z) + abs(u_x) + abs(u_y) + abs(u_z)
     is_plain = total + abs(s_x) + abs(s_y) < _HUGE  # then all are finite, and nothing has to be bounded
     own_word = is_plain
     if not is_plain:
-        own_word = is_finite_3(predicted_position) and is_finite_3(predicted_velocity) and is_finite_3(command)
+        own_word = is_finite_3(predicted_position, k) and is_finite_3(predicted_velocity, k) and is_finite_3(command, k)
         x, y, v_x, v_y = bounded(x), bounded(y), bounded(v_x), bounded(v_y)
         u_x, u_y, s_x, s_y = bounded(u_x), bounded(u_y), bounded(s_x), bounded(s_y)
     if is_cooperative and own_word:
@@ -85,9 +88,9 @@ def received(
         x = x + ahead * v_x + share * u_x + 0.5 * back * back * m_x
         y = y + ahead * v_y + share * u_y + 0.5 * back * back * m_y
         return True, x, y, v_x + held * u_x + back * m_x, v_y + held * u_y + back * m_y, u_x, u_y
-    usable = is_finite_3(position) and is_finite_3(velocity)
+    usable = is_finite_3(position, k) and is_finite_3(velocity, k)
     ahead = age + own_lead_s
-    return usable, bounded(position[0]) + ahead * s_x, bounded(position[1]) + ahead * s_y, s_x, s_y, 0.0, 0.0
+    return usable, bounded(position[i]) + ahead * s_x, bounded(position[i + 1]) + ahead * s_y, s_x, s_y, 0.0, 0.0
 
 
 def known(std: float) -> float:
@@ -97,7 +100,7 @@ def known(std: float) -> float:
 
 def turn_sign(e_x: float, e_y: float, w_x: float, w_y: float, d: float, is_crowded: bool, direction: int) -> float:
     """+1 counter-clockwise or -1; see rows.turn_direction."""
-    if direction == 0 or (is_crowded and direction == 2):
+    if direction == 0 or (is_crowded and direction >= 2):
         return 1.0
     speed = math.sqrt(w_x * w_x + w_y * w_y)
     return -1.0 if e_x * w_y - e_y * w_x < -0.25 * d * max(speed, 0.1) else 1.0
@@ -124,12 +127,13 @@ def covey(
     wanted: Point,
     shift: Point,
     radius: float,
-    own: tuple[float, float, float, float, float, float],
+    own: tuple[float, float, float, float, float, float, float, float],
     position: Vectors,
     velocity: Vectors,
     predicted_position: Vectors,
     predicted_velocity: Vectors,
     command: Vectors,
+    intent: Vectors,
     scalars: tuple[Scalars, Scalars, Scalars, Scalars, Scalars],
     is_present: Scalars,
     is_cooperative: Scalars,
@@ -141,15 +145,15 @@ def covey(
     """Safe thrust with its status, slack, crowd count and active neighbour; see oist._covey.
 
     Args:
-        own: position, velocity (2 each) predicted, and standard deviations of position and velocity.
+        own: position, velocity (2 each) predicted, intent (2), and standard deviations of position and velocity.
         scalars: age, lead time, standard deviations of position and velocity, crowd count of each neighbour.
-        work: 9 of the first of ``work_sizes`` and 6 of the second; places: one of each, integers.
+        work: 11 of the first of ``work_sizes`` and 6 of the second; places: one of each, integers.
     """
     u_x, u_y = wanted
     s_x, s_y = shift
-    p_x, p_y, v_x, v_y, std_p, std_v = own
+    p_x, p_y, v_x, v_y, i_x, i_y, std_p, std_v = own
     age, lead, their_std_p, their_std_v, their_crowd = scalars
-    e_x, e_y, w_x, w_y, c_x, c_y, gap, reach, full, n_x, n_y, b, m_x, m_y, m_b = work
+    e_x, e_y, w_x, w_y, h_x, h_y, c_x, c_y, gap, reach, full, n_x, n_y, b, m_x, m_y, m_b = work
     rank, chosen = places
     seen = 0
     is_flagged = False
@@ -160,7 +164,7 @@ def covey(
         if not is_present[k]:
             continue
         usable, q_x, q_y, r_x, r_y, a_x, a_y = received(
-            position[k], velocity[k], predicted_position[k], predicted_velocity[k], command[k],
+            k, position, velocity, predicted_position, predicted_velocity, command,
             age[k], lead[k], is_cooperative[k], n.lead_time_s,
         )  # fmt: skip
         if not usable:
@@ -179,8 +183,12 @@ def covey(
             spread = math.sqrt(own_variance + part_p * part_p + part_v * part_v)
             margin = min(max(margin, n.margin_floor_m + spread), _LARGEST_MARGIN_M)
         d = n.safety_distance_m + margin + (0.0 if is_cooperative[k] else n.uncooperative_margin_m)
-        if distance_2 < 4.0 * d * d:
+        j_x, j_y = intent[3 * k], intent[3 * k + 1]
+        is_told = n.direction == 3 and is_cooperative[k] and is_finite_3(intent, k)
+        j_x, j_y = bounded(j_x), bounded(j_y)
+        if distance_2 < 4.0 * d * d and not (is_told and j_x * j_x + j_y * j_y <= _SETTLED_M_S * _SETTLED_M_S):
             crowd += 1.0
+        h_x[k], h_y[k] = (i_x - j_x, i_y - j_y) if is_told else (z_x, z_y)
         e_x[k], e_y[k], w_x[k], w_y[k], c_x[k], c_y[k] = d_x, d_y, z_x, z_y, a_x, a_y
         gap[k], reach[k] = distance_2, d
         full[k] = 1.0 if n.is_full or not is_cooperative[k] else 0.0
@@ -214,10 +222,10 @@ def covey(
         is_avoiding = is_avoiding or is_violated
         if n.rotation == 2 or (n.rotation == 1 and is_violated):
             is_crowded = max(crowd, their_crowd[k] if math.isfinite(their_crowd[k]) else 0.0) >= n.crowd_count
-            sign = turn_sign(e_x[k], e_y[k], w_x[k], w_y[k], d, is_crowded, n.direction)
+            sign = turn_sign(e_x[k], e_y[k], h_x[k], h_y[k], d, is_crowded, n.direction)
             g_x, g_y = (v_x, v_y) if n.is_full else (w_x[k], w_y[k])
             spin = sign * (e_x[k] * g_y - e_y[k] * g_x)
-            v_perp = n.v_perp_crowd_m_s if is_crowded and n.direction == 2 else n.v_perp_m_s
+            v_perp = n.v_perp_crowd_m_s if is_crowded and n.direction >= 2 else n.v_perp_m_s
             braking = -2.0 * k_3 * closing
             if full[k] > 0.0:
                 bound = braking - k_4 * (spin - d * v_perp + k_3 * outside) - sign * (w_x[k] * g_y - w_y[k] * g_x)
@@ -226,22 +234,22 @@ def covey(
             f_x, f_y = -e_y[k] * sign / d, e_x[k] * sign / d
             m_x[turns], m_y[turns], m_b[turns] = f_x, f_y, bound / d + f_x * s_x + f_y * s_y
             turns += 1
-    for c in range(len(capsules)):
-        t_x, t_y = capsules[c][2] - capsules[c][0], capsules[c][3] - capsules[c][1]
-        o_x, o_y = p_x - capsules[c][0], p_y - capsules[c][1]
+    for c in range(len(capsules) // 5):
+        t_x, t_y = capsules[5 * c + 2] - capsules[5 * c], capsules[5 * c + 3] - capsules[5 * c + 1]
+        o_x, o_y = p_x - capsules[5 * c], p_y - capsules[5 * c + 1]
         length_2 = t_x * t_x + t_y * t_y
         along = (o_x * t_x + o_y * t_y) / (length_2 if length_2 > 0.0 else 1.0)
         share = min(max(along, 0.0), 1.0)
         e_x[c], e_y[c] = o_x - share * t_x, o_y - share * t_y
         full[c] = 1.0 if 0.0 < along < 1.0 else 0.0
-        gap[c] = math.sqrt(e_x[c] * e_x[c] + e_y[c] * e_y[c]) - capsules[c][4]
+        gap[c] = math.sqrt(e_x[c] * e_x[c] + e_y[c] * e_y[c]) - capsules[5 * c + 4]
         ranked(rank, c, gap, c)
-    for place in range(min(len(capsules), _MAX_OBSTACLES)):
+    for place in range(min(len(capsules) // 5, _MAX_OBSTACLES)):
         c = rank[place]
         d_x, d_y = e_x[c], e_y[c]
         if d_x * d_x + d_y * d_y < _COINCIDENT_M * _COINCIDENT_M:
             d_x, d_y = way_out(v_x, v_y)
-        d = capsules[c][4] + n.clearance_m
+        d = capsules[5 * c + 4] + n.clearance_m
         closing, distance_2 = d_x * v_x + d_y * v_y, d_x * d_x + d_y * d_y
         towards = closing * closing / distance_2 if full[c] > 0.0 else v_x * v_x + v_y * v_y
         need = -towards - (n.static_kappa_1_1_s + n.kappa_2_1_s) * closing
@@ -257,7 +265,7 @@ def covey(
         is_violated = lack > _TOLERANCE
         is_avoiding = is_avoiding or is_violated
         if n.rotation == 2 or (n.rotation == 1 and is_violated):
-            sign = turn_sign(d_x, d_y, v_x, v_y, d, False, n.direction)
+            sign = turn_sign(d_x, d_y, i_x, i_y, d, False, n.direction)
             spin = sign * (d_x * v_y - d_y * v_x)
             bound = -2.0 * k_3 * closing - k_4 * (spin - d * n.v_perp_m_s + k_3 * (distance_2 - d * d))
             if full[c] > 0.0:

@@ -22,7 +22,7 @@ _BRAKE_SHARE = 0.6  # of the horizontal acceleration, for stopping before what s
 _MARGIN_FLOOR_M, _MARGIN_SIGMAS = 0.05, 4.5  # fitted over simulated flights: the floor covers lag errors and gusts
 
 ROTATION = {"never": 0, "violated": 1, "always": 2}
-DIRECTION = {"fixed": 0, "pair": 1, "crowd": 2}
+DIRECTION = {"fixed": 0, "pair": 1, "crowd": 2, "intent": 3}
 
 
 class LawNumbers(NamedTuple):
@@ -93,9 +93,14 @@ class LawParams:
         return self.config.name
 
     @property
+    def capsule_values(self) -> list[float]:
+        """All numbers of all capsules, one after the other."""
+        return [float(value) for capsule in self.capsules_enu_m for value in capsule]
+
+    @property
     def d_design_m(self) -> float:
         """Distance kept between two vehicles with good estimates."""
-        return self.safety_distance_m + self.config.design_margin_m
+        return self.safety_distance_m + self.config.margin_m(self.lag_s)
 
     @property
     def paper(self) -> PaperLawParams:
@@ -129,7 +134,7 @@ def _numbers(params: LawParams) -> LawNumbers:
         direction=DIRECTION[c.direction],
         lead_time_s=params.lag_s if c.prediction == "lag" else 0.0,
         safety_distance_m=params.safety_distance_m,
-        margin_m=c.design_margin_m,
+        margin_m=c.margin_m(params.lag_s),
         uncooperative_margin_m=c.uncooperative_margin_m,
         margin_floor_m=_MARGIN_FLOOR_M if c.margin == "accuracy" else 0.0,
         sigma_position=sigma_position,

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from onboard.control import compiled, prediction, rows
-from onboard.control.law_params import ROTATION, LawNumbers
+from onboard.control.law_params import DIRECTION, ROTATION, LawNumbers
 from onboard.control.law_params import LawParams as LawParams
 from onboard.control.paper_law import saturate_thrust
 from onboard.control.projection import Rows, project
@@ -50,6 +50,10 @@ def predict(memory: LawMemory, state: State, *, params: LawParams) -> tuple[Arra
     if state.position_enu_m.ndim == 1:
         return prediction.predict_one(memory.history, state, params.lag_s, min(params.vertical_lag_s, params.lag_s))
     age = np.clip(np.nan_to_num(state.age_s, nan=0.0), 0.0, prediction.MAX_MESSAGE_AGE_S)
+    if compiled.uses_kernel(age.size):
+        return prediction.predict_batch(
+            memory.history, state, age, params.lag_s, min(params.vertical_lag_s, params.lag_s)
+        )
     p, v = state.position_enu_m, state.velocity_enu_m_s
     position, velocity = prediction.predict_own(memory.history, p, v, params.lag_s + age)
     vertical = min(params.vertical_lag_s, params.lag_s)
@@ -76,6 +80,7 @@ def saturate(
     params: LawParams,
     dt_s: float,
     compensation_enu_m_s2: Array | None = None,
+    intent_enu_m_s: Array | None = None,
 ) -> tuple[LawMemory, LawOutput]:
     """Safe thrust for this tick.
 
@@ -88,6 +93,7 @@ def saturate(
         neighbours: (..., K) as received.
         compensation_enu_m_s2: (..., 3) what will be added to the command against drag and gusts; the tilt disc is
             taken about its negative, so that safe thrust and compensation fit into the tilt limit together.
+        intent_enu_m_s: (..., 3) velocity that the vehicle would fly if it were alone; None: the one it has.
     Returns:
         Memory and output. Bad input gives a bounded thrust with status INFEASIBLE, never a warning; the predicted
         state is then NaN, since there is none.
@@ -96,12 +102,14 @@ def saturate(
     raw = thrust_baseline.thrust_enu_m_s2
     batch = raw.shape[:-1]
     if not batch and params.name == "covey":
-        return _saturate_one(memory, raw, predicted, state, neighbours, params, dt_s, compensation_enu_m_s2)
+        given = (compensation_enu_m_s2, predicted[1] if intent_enu_m_s is None else intent_enu_m_s)
+        return _saturate_one(memory, raw, predicted, state, neighbours, params, dt_s, *given)
     is_own_finite = is_plausible(raw) & is_plausible(predicted[0]) & is_plausible(predicted[1])
     level = np.array([0.0, 0.0, GRAVITY_M_S2])
     thrust = np.where(is_own_finite[..., None], _bounded(raw), level)
     position, velocity = _bounded(predicted[0]), _bounded(predicted[1])
     shift = np.zeros((*batch, 2)) if compensation_enu_m_s2 is None else _finite(compensation_enu_m_s2)[..., :2]
+    intent = velocity if intent_enu_m_s is None else _bounded(intent_enu_m_s)
     radius = horizontal_limit(thrust[..., 2], params=params)
     wanted = _into_disc(thrust[..., :2] + shift, radius)
     crowd = np.zeros(batch)
@@ -115,7 +123,7 @@ def saturate(
         safe = _into_disc(safe + shift, radius)
     else:
         std = (state.position_std_m, state.velocity_std_m_s)
-        own = (position[..., :2], velocity[..., :2])
+        own = (position[..., :2], velocity[..., :2], intent[..., :2])
         safe, status, slack, crowd, active = _covey(wanted, shift, radius, own, std, neighbours, params)
     status = np.where(is_own_finite, status, int(LawStatus.INFEASIBLE))
     command = np.concatenate([safe - shift, thrust[..., 2:]], axis=-1)
@@ -135,6 +143,7 @@ def saturate(
         crowd_count=crowd,
         active_neighbour=active,
         lead_time_s=np.full(batch, 0.0 if params.name == "paper" else params.numbers.lead_time_s),
+        intent_enu_m_s=intent,
     )
     return memory, output
 
@@ -163,6 +172,7 @@ def _saturate_one(
     params: LawParams,
     dt_s: float,
     compensation_enu_m_s2: Array | None,
+    intent_enu_m_s: Array,
 ) -> tuple[LawMemory, LawOutput]:
     """:func:`saturate` for one vehicle, in floats."""
     is_own_finite = bool(is_plausible(raw) and is_plausible(predicted[0]) and is_plausible(predicted[1]))
@@ -175,7 +185,9 @@ def _saturate_one(
     size = math.sqrt(w_x * w_x + w_y * w_y)
     if size > radius:
         w_x, w_y = w_x * (radius / max(size, 1e-12)), w_y * (radius / max(size, 1e-12))
-    own = (*position[:2].tolist(), *velocity[:2].tolist(), float(state.position_std_m), float(state.velocity_std_m_s))
+    intent = _bounded(intent_enu_m_s)
+    std = (float(state.position_std_m), float(state.velocity_std_m_s))
+    own = (*position[:2].tolist(), *velocity[:2].tolist(), *intent[:2].tolist(), *std)
     x, y, status, slack, crowd, active = _kernel_rows(
         np.array((w_x, w_y, s_x, s_y, radius, *own)), neighbours, params
     ).tolist()
@@ -196,6 +208,7 @@ def _saturate_one(
         crowd_count=np.array(crowd),
         active_neighbour=np.array(int(active)),
         lead_time_s=np.array(params.numbers.lead_time_s),
+        intent_enu_m_s=intent,
     )
     return LawMemory(prediction.record(memory.history, acceleration, dt_s), np.array(share)), output
 
@@ -204,19 +217,19 @@ def _covey(
     wanted: Array,
     shift: Array,
     radius: Array,
-    own: tuple[Array, Array],
+    own: tuple[Array, Array, Array],
     own_std: tuple[Array, Array],
     neighbours: Neighbours,
     p: LawParams,
 ) -> tuple[Array, IntArray, Array, Array, IntArray]:
     """Projection of ``wanted`` (shifted by the compensation) on the rows of all neighbours; lines P3, D, R, Q."""
     if compiled.uses_kernel(radius.size):
-        floats = np.empty((*radius.shape, 11))
+        floats = np.empty((*radius.shape, 13))
         floats[..., 0:2], floats[..., 2:4], floats[..., 4] = wanted, shift, radius
-        floats[..., 5:7], floats[..., 7:9], floats[..., 9], floats[..., 10] = (*own, *own_std)
+        floats[..., 5:7], floats[..., 7:9], floats[..., 9:11], floats[..., 11], floats[..., 12] = (*own, *own_std)
         out = _kernel_rows(floats, neighbours, p)
         return out[..., 0:2], out[..., 2].astype(np.int64), out[..., 3], out[..., 4], out[..., 5].astype(np.int64)
-    n, (position, velocity) = p.numbers, own
+    n, (position, velocity, intent) = p.numbers, own
     q, w_j, u_j, is_seen, is_bad = _received(neighbours, n)
     e, w = position[..., None, :] - q, velocity[..., None, :] - w_j
     distance_2 = np.einsum("...kc,...kc->...k", e, e)
@@ -226,15 +239,16 @@ def _covey(
     std = neighbours.velocity_std_m_s
     their_std = (neighbours.position_std_m, np.zeros(is_seen.shape) if std is None else std)
     d = rows.design_distance(own_std, their_std, neighbours.is_cooperative, n)
-    crowd = (is_seen & (distance_2 < 4.0 * d * d)).sum(-1).astype(np.float64)
+    wish, is_going = _wishes(intent, w, neighbours, n)
+    crowd = (is_seen & is_going & (distance_2 < 4.0 * d * d)).sum(-1).astype(np.float64)
     order = np.argsort(np.where(is_seen, distance_2, np.inf), axis=-1, kind="stable")[..., : n.max_neighbours]
     is_on = np.take_along_axis(is_seen, order, -1)
     d, theirs = (np.take_along_axis(array, order, -1) for array in (d, neighbours.crowd_count))
     is_full = ~np.take_along_axis(neighbours.is_cooperative, order, -1) | bool(n.is_full)
-    e, w, u_j = (np.take_along_axis(array, order[..., None], -2) for array in (e, w, u_j))
+    e, w, u_j, wish = (np.take_along_axis(array, order[..., None], -2) for array in (e, w, u_j, wish))
     # hard: neighbours, what stands still, walls
     obstacle, obstacle_bound, obstacle_turn, obstacle_turn_bound = rows.obstacle_rows(
-        position, velocity, p.capsules_enu_m, n=n
+        position, velocity, intent, p.capsules_enu_m, n=n
     )
     pair, pair_bound = rows.distance_rows(e, w, d, u_j, is_full, n=n)
     fence, fence_bound = rows.fence_rows(position, velocity, n=n)
@@ -254,7 +268,7 @@ def _covey(
     # soft, the last one dropped first: speed, then turning about the nearest neighbour, ..., about obstacles
     count = np.maximum(crowd[..., None], np.where(np.isfinite(theirs), theirs, 0.0))
     own_velocity = np.broadcast_to(velocity[..., None, :], e.shape)
-    turn, turn_bound = rows.rotation_rows(e, w, own_velocity, d, count >= n.crowd_count, is_full, n=n)
+    turn, turn_bound = rows.rotation_rows(e, w, wish, own_velocity, d, count >= n.crowd_count, is_full, n=n)
     speed, speed_bound, is_moving = rows.speed_row(velocity, n=n)
     soft = np.concatenate([speed, turn, obstacle_turn], axis=-2)
     soft_bounds = _net(np.concatenate([speed_bound, turn_bound, obstacle_turn_bound], axis=-1), soft, shift)
@@ -269,10 +283,10 @@ def _covey(
 
 
 def _kernel_rows(floats: Array, neighbours: Neighbours, p: LawParams) -> Array:
-    """The same by the kernel, vehicle by vehicle: ``floats`` (..., 11) in, results (..., 6) out; see compiled.covey."""
+    """The same by the kernel, vehicle by vehicle: ``floats`` (..., 13) in, results (..., 6) out; see compiled.covey."""
     batch, count = floats.shape[:-1], neighbours.is_present.shape[-1]
     size = math.prod(batch)
-    lead, std = neighbours.lead_time_s, neighbours.velocity_std_m_s
+    lead, std, intent = neighbours.lead_time_s, neighbours.velocity_std_m_s, neighbours.intent_enu_m_s
     scalars = (
         neighbours.age_s,
         np.full(neighbours.age_s.shape, np.nan) if lead is None else lead,
@@ -286,24 +300,36 @@ def _kernel_rows(floats: Array, neighbours: Neighbours, p: LawParams) -> Array:
         neighbours.predicted_position_enu_m,
         neighbours.predicted_velocity_enu_m_s,
         neighbours.commanded_acceleration_enu_m_s2,
+        np.full(neighbours.position_enu_m.shape, np.nan) if intent is None else intent,
     )
     masks = (neighbours.is_present, neighbours.is_cooperative)
     if not compiled.is_compiled(size):
         one = slice(None) if not batch else (0,) * len(batch)
         return compiled.covey_one(
             floats[one].tolist(),
-            [vector[one].tolist() for vector in vectors],
+            [vector[one].ravel().tolist() for vector in vectors],
             [scalar[one].tolist() for scalar in scalars],
             [mask[one].tolist() for mask in masks],
             p,
         ).reshape(*batch, 6)
     return compiled.covey_batch(
-        floats.reshape(size, 11),
-        [compiled.flat(vector, size, count, 3) for vector in vectors],
+        floats.reshape(size, 13),
+        [compiled.flat(vector, size, 3 * count) for vector in vectors],
         [compiled.flat(scalar, size, count) for scalar in scalars],
         [compiled.flat(mask, size, count) for mask in masks],
         p,
     ).reshape(*batch, 6)
+
+
+def _wishes(intent: Array, w: Array, neighbours: Neighbours, n: LawNumbers) -> tuple[Array, BoolArray]:
+    """Relative velocity (..., K, 2) by which each pair chooses its turn, and who (..., K) wants to go anywhere."""
+    theirs = neighbours.intent_enu_m_s
+    if n.direction != DIRECTION["intent"] or theirs is None:
+        return w, np.ones(w.shape[:-1], bool)
+    known = np.isfinite(theirs).all(-1) & neighbours.is_cooperative
+    other = _bounded(theirs[..., :2])
+    wish = np.where(known[..., None], intent[..., None, :] - other, w)
+    return wish, np.asarray(~known | (np.einsum("...kc,...kc->...k", other, other) > rows.SETTLED_M_S**2))
 
 
 def _net(bounds: Array, normals: Array, shift: Array) -> Array:

@@ -32,6 +32,8 @@ from onboard.types import (
     TrajectorySetpoint,
 )
 
+_INTENT_1_S = 1.0  # the velocity that a vehicle would like, per metre left to the goal
+
 
 class Phase(IntEnum):
     """What the agent lets the pipeline do."""
@@ -59,7 +61,7 @@ class PipelineParams:
     drag_1_s: float
     pursuit_speed_m_s: float
     clock_slack_m: float = 0.3
-    clock_stop_m: float = 0.8
+    clock_stop_m: float = 1.5
     activity_time_s: float = 0.5
     clock_time_s: float = 0.2
 
@@ -207,6 +209,7 @@ def step(
         params=params.law,
         dt_s=dt_s,
         compensation_enu_m_s2=compensation,
+        intent_enu_m_s=intent(position, goal, params=params),
     )
     wanted = Thrust(law.thrust.thrust_enu_m_s2 + compensation)
     sent = allocation.limit(wanted, hover, params=params.allocation)
@@ -276,6 +279,15 @@ def _clock_rate_one(
     rate = float(memory.clock_rate)
     target = 1.0 - min(max(2.0 * float(memory.activity), 0.0), 1.0) * share
     return np.array(rate + (1.0 - math.exp(-dt_s / params.clock_time_s)) * (target - rate))
+
+
+def intent(position_enu_m: Array, goal: Goal, *, params: PipelineParams) -> Array:
+    """Velocity (..., 3) that would lead straight to the goal, horizontal and at most as fast as is allowed."""
+    way = goal.position_enu_m - position_enu_m
+    way[..., 2] = 0.0
+    far = np.sqrt(np.einsum("...c,...c->...", way, way))
+    top = params.law.max_speed_m_s
+    return np.asarray(way * (_INTENT_1_S * top / np.maximum(_INTENT_1_S * far, top))[..., None])
 
 
 def _slowed(setpoint: TrajectorySetpoint, share: Array) -> TrajectorySetpoint:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from onboard.control import kernel_motion
+from onboard.control import compiled, kernel_motion
 from onboard.types import Array, State
 
 SLOTS = 40
@@ -81,7 +81,7 @@ def predict_one(history: CommandHistory, state: State, lag_s: float, vertical_la
         covered += durations[count]
         count += 1
     position, velocity = kernel_motion.predicted(
-        history.acceleration_enu_m_s2[:count].tolist(),
+        history.acceleration_enu_m_s2[:count].ravel().tolist(),
         durations[:count],
         state.position_enu_m.tolist(),
         state.velocity_enu_m_s.tolist(),
@@ -90,6 +90,22 @@ def predict_one(history: CommandHistory, state: State, lag_s: float, vertical_la
         lag_s - vertical_lag_s,
     )
     return np.array(position), np.array(velocity)
+
+
+def predict_batch(
+    history: CommandHistory, state: State, age_s: Array, lag_s: float, vertical_lag_s: float
+) -> tuple[Array, Array]:
+    """:func:`predict_one` for a batch, compiled; age_s (...), already bounded."""
+    size, slots = age_s.size, history.duration_s.shape[-1]
+    out = compiled.predicted_batch(
+        compiled.flat(history.acceleration_enu_m_s2, size, 3 * slots),
+        compiled.flat(history.duration_s, size, slots),
+        compiled.flat(state.position_enu_m, size, 3),
+        compiled.flat(state.velocity_enu_m_s, size, 3),
+        np.stack([age_s + lag_s, age_s + vertical_lag_s], axis=-1).reshape(size, 2),
+        lag_s - vertical_lag_s,
+    ).reshape(*age_s.shape, 6)
+    return out[..., :3], out[..., 3:]
 
 
 def predict_neighbour(

@@ -17,6 +17,7 @@ MAX_OBSTACLES = 6  # the nearest ones count
 SPEED_GAIN_1_S = 4.0
 LARGEST_MARGIN_M = 5.0
 COINCIDENT_M = 1e-6
+SETTLED_M_S = 0.1  # who wants to go no faster than this is no part of a crowd
 
 
 def design_distance(
@@ -51,33 +52,42 @@ def distance_rows(
     return e / d[..., None], np.where(is_full, need + pulled, shared) / d
 
 
-def turn_direction(e: Array, w: Array, d: Array, is_crowded: BoolArray, *, n: LawNumbers) -> Array:
+def turn_direction(e: Array, wish: Array, d: Array, is_crowded: BoolArray, *, n: LawNumbers) -> Array:
     """+1 counter-clockwise or -1 (..., K), by policy.
 
-    fixed: always +1. pair: as the pair already turns, which both see alike; +1 if undecided. crowd: a crowded pair
-    always +1, so that all of a crowd go round the same way.
+    fixed: always +1. pair: as ``wish``, here the relative velocity, already turns the pair, which both see alike; +1 if
+    undecided. crowd: a crowded pair always +1, so that all of a crowd go round the same way. intent: the same with the
+    relative velocity that both would like, which does not keep a circling pair circling. DEVIATION D4.
     """
     if n.direction == DIRECTION["fixed"]:
         return np.ones(d.shape)
-    spin = e[..., 0] * w[..., 1] - e[..., 1] * w[..., 0]
-    is_left = spin < -0.25 * d * np.maximum(np.sqrt(_dot(w, w)), 0.1)
-    return np.where(is_left & ~(is_crowded & (n.direction == DIRECTION["crowd"])), -1.0, 1.0)
+    spin = e[..., 0] * wish[..., 1] - e[..., 1] * wish[..., 0]
+    is_left = spin < -0.25 * d * np.maximum(np.sqrt(_dot(wish, wish)), 0.1)
+    return np.where(is_left & ~(is_crowded & (n.direction >= DIRECTION["crowd"])), -1.0, 1.0)
 
 
 def rotation_rows(
-    e: Array, w: Array, own_velocity: Array, d: Array, is_crowded: BoolArray, is_full: BoolArray, *, n: LawNumbers
+    e: Array,
+    w: Array,
+    wish: Array,
+    own_velocity: Array,
+    d: Array,
+    is_crowded: BoolArray,
+    is_full: BoolArray,
+    *,
+    n: LawNumbers,
 ) -> tuple[Array, Array]:
     """Soft rows that turn the pair about each other: in relative form with half a share each. DEVIATION D4.
 
     A vehicle that has to do everything turns alone, relative to the other; under the paper's full responsibility by
     its absolute velocity, as (8) and (18) have it.
     """
-    sign = turn_direction(e, w, d, is_crowded, n=n)
+    sign = turn_direction(e, wish, d, is_crowded, n=n)
     g = own_velocity if n.is_full else w
     spin = sign * (e[..., 0] * g[..., 1] - e[..., 1] * g[..., 0])
     drift = sign * (w[..., 0] * g[..., 1] - w[..., 1] * g[..., 0])
     outside = _dot(e, e) - d * d
-    is_fast = is_crowded & (n.direction == DIRECTION["crowd"])
+    is_fast = is_crowded & (n.direction >= DIRECTION["crowd"])
     v_perp = np.where(is_fast, n.v_perp_crowd_m_s, n.v_perp_m_s)
     k_3, k_4 = n.kappa_3_1_s, n.kappa_4_1_s
     braking = -2.0 * k_3 * _dot(e, w)
@@ -88,7 +98,7 @@ def rotation_rows(
 
 
 def obstacle_rows(
-    position: Array, velocity: Array, capsules: tuple[Capsule, ...], *, n: LawNumbers
+    position: Array, velocity: Array, wish: Array, capsules: tuple[Capsule, ...], *, n: LawNumbers
 ) -> tuple[Array, Array, Array, Array]:
     """Distance and rotation rows (..., O, 2), (..., O) of what stands still, the nearest O <= 6 of the capsules.
 
@@ -113,7 +123,7 @@ def obstacle_rows(
     k_1, k_2 = n.static_kappa_1_1_s, n.kappa_2_1_s
     towards = np.where(is_beside, closing * closing / distance_2, speed_2)
     need = -towards - (k_1 + k_2) * closing - 0.5 * k_1 * k_2 * (distance_2 - d * d)
-    sign = turn_direction(e, w, d, np.zeros(d.shape, bool), n=n)
+    sign = turn_direction(e, np.broadcast_to(wish[..., None, :], e.shape), d, np.zeros(d.shape, bool), n=n)
     spin = sign * (e[..., 0] * w[..., 1] - e[..., 1] * w[..., 0])
     drift = np.where(is_beside, closing * spin / distance_2, 0.0)
     k_3, k_4 = n.kappa_3_1_s, n.kappa_4_1_s
