@@ -300,7 +300,8 @@ class Autopilot:
         shown = MODES[ACTION_MODE.get(self.failsafe.action, self.intent)].custom_mode
         if self.failsafe.delayed is not Action.NONE:
             seconds = self.params["COM_FAIL_ACT_T"]
-            self.journal.say(now_s, "failsafe hold", shown, self.failsafe.delayed, int(seconds), seconds=seconds)
+            shown_s = int(min(65535.0, max(0.0, seconds)))
+            self.journal.say(now_s, "failsafe hold", shown, self.failsafe.delayed, shown_s, seconds=seconds)
         else:
             self.journal.say(now_s, "failsafe", shown, self.failsafe.action)
 

@@ -57,10 +57,10 @@ def ground_ports(autopilot: str, direct: str | None, key: str, station: Address 
     if direct is not None:
         _, host, port = _parse(direct, f"{key}.direct")
         return Ports((host, port), station)
-    layout_port = ground_port_of(autopilot)
-    if layout_port is None or station is None:
+    if station is None:
         return None
-    return Ports(("127.0.0.1", layout_port), station)
+    # Outside of PX4's layout any free port will do: a ground station answers where it is spoken to from.
+    return Ports(("127.0.0.1", ground_port_of(autopilot) or 0), station)
 
 
 def ground_port_of(autopilot: str) -> int | None:

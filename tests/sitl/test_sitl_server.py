@@ -141,7 +141,7 @@ def test_every_vehicle_streams_to_a_ground_station_that_is_asked_for(setup: Setu
         ("udpin://127.0.0.1:14540", None, 18570),
         ("udpin://127.0.0.1:14549", None, 18579),
         ("udpin://127.0.0.1:15550", None, 19580),
-        ("udpin://127.0.0.1:24540", None, None),
+        ("udpin://127.0.0.1:24540", None, 0),
         ("udpin://127.0.0.1:24540", "udpout://127.0.0.1:40001", 40001),
     ],
 )
