@@ -31,6 +31,7 @@ _PASSED_ON = {
 _BENCHES = {
     "demo": ("fly the demo several times and write a table", "groundstation.bench"),
     "sitl": ("what the emulated PX4s cost", "sitl.bench"),
+    "responses": ("the emulator beside PX4: steps, closed loop, errors", "sitl.response_page"),
     "law": ("the law beside other methods, and without each of its ideas", "tests.peers.bench"),
 }
 _BUS_OPTIONS = {

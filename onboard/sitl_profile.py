@@ -11,6 +11,7 @@ class SitlProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     static_gain: float = 1.0
     tilt_bias_deg: float = 0.0
     yaw_wn_rad_s: float = 3.0
+    thrust_delay_s: float = 0.012
     motor_lag_s: float = 0.05
     thrust_noise_frac: float = 0.0
     inertia_kg_m2: tuple[float, float, float] = (0.025, 0.025, 0.03)
@@ -26,6 +27,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "static_gain": (0.1, 2.0),
     "tilt_bias_deg": (0.0, 15.0),
     "yaw_wn_rad_s": (0.3, 30.0),
+    "thrust_delay_s": (0.0, 0.5),
     "motor_lag_s": (0.0, 1.0),
     "thrust_noise_frac": (0.0, 0.5),
     "inertia_kg_m2": (1e-6, 10.0),

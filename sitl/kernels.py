@@ -64,6 +64,7 @@ from sitl.physics import (
     T10,
     T11,
     THRUST,
+    THRUST_DELAY,
     THRUST_NOISE,
     THRUST_NOISE_CORRELATION_S,
     THRUST_NOISE_STD,
@@ -129,7 +130,7 @@ def step(
     rates: Array,
     slot: int,
     is_rate: Bools,
-    thrust_frac: Array,
+    thrusts: Array,
     motors_on: Bools,
     on_ground: Bools,
     motors_dead: Bools,
@@ -176,7 +177,8 @@ def step(
 
         # Lift.
         turning = motors_on[i] and not motors_dead[i]
-        thrust = s[THRUST] + c[MOTOR_BLEND] * (thrust_frac[i] - s[THRUST]) if turning else 0.0
+        heard = thrusts[(slot - counts[i, THRUST_DELAY]) % depth, i]
+        thrust = s[THRUST] + c[MOTOR_BLEND] * (heard - s[THRUST]) if turning else 0.0
         s[THRUST] = thrust
         s[THRUST_NOISE] = (1.0 - _NOISE_BLEND) * s[THRUST_NOISE] + _NOISE_SPREAD * draws[i, 0]
         share = min(h[LIFT_SCALE] * ((1.0 - c[CURVE]) * thrust + c[CURVE] * thrust * thrust), h[LIFT_CAP])

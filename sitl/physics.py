@@ -53,8 +53,8 @@ TUMBLE = slice(2, 4)
 HEALTHS = 4
 
 # Columns of the whole numbers (n, COUNTS): dead times in steps, and for how long body rates have been asked for.
-TILT_DELAY, YAW_DELAY, SWITCH_STEPS, RATE_STEPS = 0, 1, 2, 3
-COUNTS = 4
+TILT_DELAY, YAW_DELAY, THRUST_DELAY, SWITCH_STEPS, RATE_STEPS = 0, 1, 2, 3, 4
+COUNTS = 5
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -69,7 +69,7 @@ def step(
     rates: Array,
     slot: int,
     is_rate: Bools,
-    thrust_frac: Array,
+    thrusts: Array,
     motors_on: Bools,
     on_ground: Bools,
     motors_dead: Bools,
@@ -81,8 +81,8 @@ def step(
 
     Args:
         state, constants, health, counts: matrices (n, ...), columns as above.
-        attitudes, rates: rings (depth, n, 4 or 3) of what was commanded; the newest is at `slot`.
-        is_rate, thrust_frac, motors_on: (n,) commands.
+        attitudes, rates, thrusts: rings (depth, n, ...) of what was commanded; the newest is at `slot`.
+        is_rate, motors_on: (n,) commands.
         on_ground, motors_dead: (n,), updated.
         air_ned_m_s: (n, 3) velocity of the air. push_ned_m_s2: (n, 3) any other acceleration.
         draws: (n, 3) standard normal numbers: thrust, two gusts.
@@ -120,7 +120,8 @@ def step(
     new_yaw_rate = state[:, YAW_RATE] + STEP_S * (filtered - constants[:, YAW_DRAG] * state[:, YAW_RATE])
     new_yaw = yaw + STEP_S * new_yaw_rate
 
-    lift = _lift(state, constants, health, thrust_frac, motors_on & ~motors_dead, draws)
+    heard = thrusts[(slot - counts[:, THRUST_DELAY]) % depth, rows]
+    lift = _lift(state, constants, health, heard, motors_on & ~motors_dead, draws)
     tumbles = (health[:, TUMBLE] != 0.0).any(axis=1)
     counts[:, RATE_STEPS] = np.where(is_rate, counts[:, RATE_STEPS] + 1, 0)
     by_rate = (is_rate & (counts[:, RATE_STEPS] > counts[:, SWITCH_STEPS])) | tumbles

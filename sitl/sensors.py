@@ -229,6 +229,11 @@ class Estimator:
         return self._blocks[:, errors.POSITION]
 
     @property
+    def bias_ned_m(self) -> Array:
+        """Constant errors (n, 3) of the positions: a window, not a copy."""
+        return self._blocks[:, errors.BIAS]
+
+    @property
     def velocity_ned_m_s(self) -> Array:
         """Estimated velocities (n, 3): a window, not a copy."""
         return self._blocks[:, errors.VELOCITY]

@@ -62,6 +62,7 @@ def profile_of(vehicle: Vehicle) -> VehicleProfile:
         static_gain=vehicle.sitl.static_gain,
         tilt_bias_deg=vehicle.sitl.tilt_bias_deg,
         yaw_wn_rad_s=vehicle.sitl.yaw_wn_rad_s,
+        thrust_delay_s=vehicle.sitl.thrust_delay_s,
         motor_lag_s=vehicle.sitl.motor_lag_s,
         thrust_noise_frac=vehicle.sitl.thrust_noise_frac,
         gust_std_m_s2=vehicle.sitl.gust_std_m_s2,

@@ -45,7 +45,7 @@ class VehicleProfile:
         static_gain: tilt reached over tilt asked.
         tilt_bias_deg: largest constant tilt error per axis; the actual one is drawn from the seed.
         yaw_wn_rad_s: quickness of the heading; 3 is as measured, all of its cascade scales with it.
-        motor_lag_s: time constant of the thrust.
+        thrust_delay_s, motor_lag_s: dead time and time constant of the thrust.
         thrust_noise_frac: standard deviation of the relative thrust error.
         gust_std_m_s2: standard deviation of the acceleration by gusts, per horizontal axis.
         max_tilt_rate_deg_s, max_yaw_rate_deg_s: limits of the rates (MC_ROLLRATE_MAX, MC_YAWRATE_MAX).
@@ -61,6 +61,7 @@ class VehicleProfile:
     static_gain: float = 1.0
     tilt_bias_deg: float = 0.0
     yaw_wn_rad_s: float = 3.0
+    thrust_delay_s: float = 0.012
     motor_lag_s: float = 0.05
     thrust_noise_frac: float = 0.0
     gust_std_m_s2: float = 0.0
@@ -182,14 +183,16 @@ class Vehicles:
         for column, seconds in (
             (physics.TILT_DELAY, [p.attitude_delay_s for p in profiles]),
             (physics.YAW_DELAY, [_YAW_DELAY_S * _YAW_WN_RAD_S / p.yaw_wn_rad_s for p in profiles]),
+            (physics.THRUST_DELAY, [p.thrust_delay_s for p in profiles]),
             (physics.SWITCH_STEPS, [p.rate_switch_s for p in profiles]),
         ):
             self._counts[:, column] = np.rint(np.array(seconds) / STEP_S)
-        depth = int(self._counts[:, : physics.YAW_DELAY + 1].max(initial=0)) + 1
+        depth = int(self._counts[:, : physics.THRUST_DELAY + 1].max(initial=0)) + 1
         yaw = np.array(yaw_rad, dtype=np.float64)
         attitude = rotation.yaw_quaternion(yaw)
         self._attitudes = np.repeat(attitude[None], depth, axis=0)
         self._rates = np.zeros((depth, n, 3))
+        self._thrusts = np.zeros((depth, n))
         self._draws = np.zeros((_BLOCK, n, 3))
         self._is_noisy = any(p.thrust_noise_frac > 0.0 or p.gust_std_m_s2 > 0.0 for p in profiles)
         self.air_ned_m_s = np.zeros((n, 3))
@@ -227,6 +230,9 @@ class Vehicles:
         slot = self.steps % self._attitudes.shape[0]
         self._attitudes[slot] = commands.attitude
         self._rates[slot] = commands.rate_rad_s
+        if self.steps == 0:
+            self._thrusts[:] = commands.thrust_frac  # who begins in the air has been commanded before
+        self._thrusts[slot] = commands.thrust_frac
         place = self.steps % _BLOCK
         if place == 0 and self._is_noisy:
             self._rng.standard_normal(out=self._draws)
@@ -240,7 +246,7 @@ class Vehicles:
             self._rates,
             slot,
             commands.is_rate,
-            commands.thrust_frac,
+            self._thrusts,
             commands.motors_on,
             s.on_ground,
             s.motors_dead,
