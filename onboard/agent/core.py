@@ -33,6 +33,7 @@ from onboard.agent.events import (
 from onboard.agent.flight import Flight
 from onboard.agent.neighbours import NeighbourTable
 from onboard.agent.own_state import OwnState
+from onboard.agent.response import ResponseWatch
 from onboard.agent.steps import Step, View
 from onboard.agent.watch import PERIOD_S, POSITION_LOST_S, Watch
 from onboard.bus.schema import Order, OrderReply, Severity, Telemetry, TickBatch, TickSample
@@ -105,6 +106,7 @@ class AgentCore:
         self._hover_frac = self.vehicle.hover_thrust_frac
         self._is_last_finite = True
         self._conflict_check_ns = 0
+        self._response = ResponseWatch(self.vehicle)
         self._shown = (self.flight.state, self.flight.step)
 
     # -- events ------------------------------------------------------------------------------------------------------
@@ -232,6 +234,10 @@ class AgentCore:
         self._memory, self.last_tick = memory, tick
         self._hover_frac = float(tick.hover_thrust_frac)
         self._is_last_finite = bool(tick.is_finite) and is_sendable(tick.attitude, self.vehicle.max_tilt_deg)
+        if self.flight.phase is Phase.FLYING:
+            attitude = self.own.attitude(self._snapshot)
+            for code, sentence in self._response.follow(memory.observer, attitude, self._hover_frac):
+                self.flight.say(self._view, "warning", code, sentence)
         out = self._to_wire(tick, self._action)
         self._publish(tick, self._last_ns, self._period_s, out)
         if self.is_stopping and self.flight.situation in (Situation.GROUND, Situation.SILENT):
@@ -383,7 +389,7 @@ class AgentCore:
                 state=flight.state,
                 active_neighbour=names[active] if 0 <= active < len(names) else "",
                 distances_m=self._distances,
-                ages_s={other: self.neighbours.age_s(other, now_ns) for other in self._distances},
+                ages_s=self.neighbours.known_ages_s(now_ns),
                 attitude_enu_flu=self.own.attitude(self._snapshot),
             )
         )

@@ -59,6 +59,7 @@ def test_a_vehicle_that_the_fleet_file_has_wrong_is_identified_from_its_flight(
     from groundstation.missions.files import load_mission
 
     assert flight.fly(load_mission(mission, believed)).passed
+    assert "lag-differs" in {event.code for event in flight.events}  # the agent has noticed as well
     flight.close()
     config = tmp_path / "fleet.toml"
     config.write_text(_with(FLEETS[kind], kind, wrong))

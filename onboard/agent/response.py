@@ -1,0 +1,38 @@
+"""Says once per flight what the vehicle does otherwise than its fleet file says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from onboard.agent.watch import PERIOD_S
+from onboard.config import Vehicle
+from onboard.control import response_watch
+from onboard.control.disturbance import ObserverMemory
+from onboard.types import Array
+
+_LOOK_EVERY_TICKS = 50
+
+
+class ResponseWatch:
+    """Follows one vehicle's answers to its commands."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self._memory = response_watch.initial()
+        self._ticks = 0
+        self._told: set[str] = set()
+
+    def follow(self, model: ObserverMemory, attitude_wxyz: Array, hover_frac: float) -> Iterator[tuple[str, str]]:
+        """One tick in free flight; code and sentence of what differs and has not been said yet."""
+        self._memory = response_watch.update(
+            self._memory, model.response_enu_m_s2, model.response_rate_enu_m_s3, attitude_wxyz, PERIOD_S
+        )
+        self._ticks += 1
+        if self._ticks % _LOOK_EVERY_TICKS:
+            return
+        vehicle = self._vehicle
+        found = response_watch.differences(self._memory, vehicle.lag_s, hover_frac, vehicle.hover_thrust_frac)
+        for code, sentence in found.items():
+            if code not in self._told:
+                self._told.add(code)
+                yield code, sentence
