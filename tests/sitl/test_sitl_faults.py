@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -301,3 +302,8 @@ def test_equal_seeds_give_equal_flights_with_faults() -> None:
         run_for(emu, 8.0)
         ends.append(np.hstack([emu.estimator.position_ned_m, emu.estimator.velocity_ned_m_s]).copy())
     np.testing.assert_array_equal(ends[0], ends[1])
+
+
+def test_the_readme_names_every_fault() -> None:
+    readme = (Path(__file__).resolve().parents[2] / "sitl" / "README.md").read_text(encoding="utf-8")
+    assert [name for name in KINDS if f"`{name}`" not in readme] == []
