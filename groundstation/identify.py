@@ -34,7 +34,7 @@ from onboard.types import Array
 BOX_M, HEIGHT_M, MOVES = 0.6, 1.0, 14
 _LOW_M = 0.3  # below, the ground bears part of the weight
 _GAP_S = 0.1
-_MOVE_TIMEOUT_S = 8.0
+_MOVE_TIMEOUT_S, _LEG_S = 8.0, 2.2
 # PX4's attitude comes at 50-100 Hz over a link: half a period and the way
 _LINK_AGE_S, _LINK_AGE_STD_S = 0.012, 0.008
 
@@ -169,9 +169,12 @@ async def mission(fleet):
     for goal, duration_s in STEPS:
         intent = Intent("move", (vehicle.name,), position_enu_m=goal, duration_s=duration_s)
         fleet.say(str(intent))
+        begin_ns = fleet.client.now_ns()
         results = await (await fleet.client.submit(intent)).wait({_MOVE_TIMEOUT_S!r})
         if results[vehicle.name].phase not in ("done", "unfinished"):
             raise OrderFailed(intent, results)
+        # where PX4's estimate says so early that it has arrived, the leg is flown to its end all the same
+        await fleet.wait(max(0.0, max(duration_s, {_LEG_S!r}) - 1e-9 * (fleet.client.now_ns() - begin_ns)))
     await fleet.wait(2.0)
     await vehicle.land()
 '''
