@@ -13,15 +13,12 @@ from dataclasses import asdict
 from typing import Any, cast
 
 from groundstation.missions.files import (
-    ExpectStep,
-    FaultStep,
     FormationStep,
     LandStep,
     Mission,
     MoveStep,
     OrderStep,
     TakeoffStep,
-    WaitStep,
     intent_of,
     load_mission,
 )
@@ -125,13 +122,13 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
     spots: dict[str, Vec3] = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
     flying: set[str] = set()
     for index, step in enumerate(mission.steps):
-        if isinstance(step, WaitStep | ExpectStep | FaultStep):
+        if not isinstance(step, TakeoffStep | MoveStep | FormationStep | LandStep):
             continue
         intent = intent_of(step, fleet)
         checked = plan(intent, fleet, None, formation=formation, author="check", now_ns=0)
         formation = checked.formation
         goals = {name: _goal(step, spots[name], order.position_enu_m) for name, order in checked.orders.items()}
-        if not goals or not isinstance(step, TakeoffStep | MoveStep | FormationStep | LandStep):
+        if not goals:
             continue
         where = f"step[{index}] ({step.do})"
         yield worst(_time(fleet, step, name, spots[name], goal, where) for name, goal in goals.items())

@@ -110,6 +110,13 @@ fleet = "{SIH}"
 [[step]]
 do = "takeoff"
 [[step]]
+do = "wait"
+duration_s = 1.0
+[[step]]
+do = "fault"
+name = "battery"
+vehicles = ["mav1"]
+[[step]]
 do = "land"
 vehicles = ["mav1", "mav2"]
 [[step]]
