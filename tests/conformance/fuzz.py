@@ -11,6 +11,13 @@ from pymavlink.dialects.v20 import common
 
 _KINDS = [(number, kind) for number, kind in common.mavlink_map.items() if number < 1 << 24]
 _IDS = {kind.msgname: number for number, kind in _KINDS}
+# Addressed to nobody, and acted upon all the same: external positions.
+_HEARD_BY_ALL = {"VISION_POSITION_ESTIMATE", "ODOMETRY", "ATT_POS_MOCAP", "GLOBAL_VISION_POSITION_ESTIMATE"}
+_UNTARGETED = [
+    (number, kind)
+    for number, kind in _KINDS
+    if "target_system" not in kind.fieldnames and kind.msgname not in _HEARD_BY_ALL
+]
 _TARGETED = [(number, kind) for number, kind in _KINDS if "target_system" in kind.fieldnames]
 # Commands that an autopilot knows; others come by chance.
 _COMMANDS = (
@@ -79,7 +86,7 @@ def _wrong_checksum(r: random.Random, sequence: int) -> bytes:
 
 def _signed(r: random.Random, sequence: int) -> bytes:
     # Signed by nobody: incompat flag, right checksum or not, and thirteen bytes more or fewer.
-    number, kind = r.choice([pair for pair in _KINDS if "target_system" not in pair[1].fieldnames])
+    number, kind = r.choice(_UNTARGETED)
     payload = _payload(r, kind)
     body = bytes((len(payload), 1, 0, sequence & 0xFF, 245, 190)) + number.to_bytes(3, "little") + payload
     checksum = mcrf4xx(body + bytes((kind.crc_extra,))).to_bytes(2, "little")
@@ -87,7 +94,7 @@ def _signed(r: random.Random, sequence: int) -> bytes:
 
 
 def _version_one(r: random.Random, sequence: int) -> bytes:
-    number, kind = r.choice([pair for pair in _KINDS if pair[0] < 256 and "target_system" not in pair[1].fieldnames])
+    number, kind = r.choice([pair for pair in _UNTARGETED if pair[0] < 256])
     return frame(number, _payload(r, kind), sequence, is_v1=True)
 
 
