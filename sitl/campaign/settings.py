@@ -87,7 +87,6 @@ ERRORS = {
         arrival_m=0.30,
         slow_m_s=0.50,
         law={
-            "design_margin_m": 0.37,
             "kappa_1_1_s": 5.0,
             "kappa_2_1_s": 10.0,
             "shortfall_gain": 0.6,
@@ -100,13 +99,6 @@ ERRORS = {
         *("gps", 0.2, 0.2, 5.0, 0.7),
         arrival_m=0.75,
         slow_m_s=0.75,
-        law={
-            "design_margin_m": 1.4,
-            "shortfall_gain": 0.6,
-            "v_perp_m_s": 0.5,
-            "v_perp_crowd_m_s": 0.7,
-            "crowd_count": 5,
-        },
     ),
 }
 
