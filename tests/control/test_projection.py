@@ -6,6 +6,7 @@ import daqp
 import numpy as np
 import pytest
 
+from onboard.control import kernel_projection
 from onboard.control.projection import Rows, least_slack, no_rows, project
 from onboard.types import LawStatus
 from tests.oracles.half_planes import least_common_slack, nearest_in_rows_and_disc
@@ -31,24 +32,106 @@ def by_daqp(u0, normals, bounds):
     return x if flag == 1 else None
 
 
-def test_projection_equals_an_independent_qp_solver():
+def random_and_degenerate_rows(rng, count, height):
+    """By sixths: random; one row twice; a line (two opposed rows); a strip or nothing; one common point; a grid."""
+    normals, bounds = random_rows(rng, count, height)
+    kind = np.arange(count) % 6
+    if height > 1:
+        normals[kind == 1, 1], bounds[kind == 1, 1] = normals[kind == 1, 0], bounds[kind == 1, 0]
+        opposed = (kind == 2) | (kind == 3)
+        normals[opposed, 1], bounds[opposed, 1] = -normals[opposed, 0], -bounds[opposed, 0]
+        bounds[kind == 3, 1] += rng.uniform(-1, 1, (kind == 3).sum())
+        points = rng.normal(size=(count, 2))
+        bounds[kind == 4] = np.einsum("khc,kc->kh", normals, points)[kind == 4]
+        grid = rng.integers(-2, 3, normals.shape).astype(float)
+        grid[..., 0] = np.where(np.abs(grid).max(-1) == 0, 1.0, grid[..., 0])
+        normals[kind == 5] = grid[kind == 5]
+        bounds[kind == 5] = rng.integers(-3, 4, bounds.shape)[kind == 5]
+    return normals, bounds
+
+
+def test_projection_equals_an_independent_qp_solver_on_100_000_random_and_degenerate_cases():
     rng = np.random.default_rng(0)
     compared = infeasible = 0
-    for height in (1, 2, 3, 5, 8, 14):
-        normals, bounds = random_rows(rng, 400, height)
-        u0 = rng.normal(size=(400, 2)) * 3
-        result = project(u0, hard(normals, bounds), no_rows((400,)), radius_m_s2=np.full(400, 1e5))
-        for k in range(400):
+    for height, count in ((1, 10_000), (2, 30_000), (3, 30_000), (5, 20_000), (8, 6_000), (14, 4_000)):
+        normals, bounds = random_and_degenerate_rows(rng, count, height)
+        u0 = rng.normal(size=(count, 2)) * 3
+        result = project(u0, hard(normals, bounds), no_rows((count,)), radius_m_s2=np.full(count, 1e5))
+        for k in range(count):
             reference = by_daqp(u0[k], normals[k], bounds[k])
-            if reference is None or np.abs(reference).max() > 1e4:
-                infeasible += reference is None
-                continue
-            compared += 1
-            assert result.status[k] in (LawStatus.INACTIVE, LawStatus.SATURATED)
-            scale = 1.0 + np.abs(reference).max()
-            np.testing.assert_allclose(result.point_m_s2[k], reference, atol=1e-8 * scale)
-    assert compared > 800
-    assert infeasible > 100
+            if reference is None:
+                infeasible += 1
+                assert result.status[k] == LawStatus.RELAXED
+            elif np.abs(reference).max() < 1e4:
+                compared += 1
+                assert result.status[k] in (LawStatus.INACTIVE, LawStatus.SATURATED)
+                error = np.abs(result.point_m_s2[k] - reference).max()
+                assert error <= 1e-9 * (1.0 + np.abs(reference).max()), (height, k)
+    assert compared > 60_000
+    assert infeasible > 10_000
+
+
+def by_daqp_with_disc(u0, normals, bounds, radius):
+    """The QP with the disc as tangents, one after the other where the solution leaves it; None when infeasible."""
+    for _ in range(60):
+        point = by_daqp(u0, normals, bounds)
+        if point is None or np.hypot(*point) <= radius * (1.0 + 1e-13):
+            return point
+        outward = point / np.hypot(*point)
+        normals, bounds = np.vstack([normals, -outward]), np.append(bounds, -radius)
+    return point
+
+
+def test_projection_with_the_disc_equals_the_qp_solver_with_tangents():
+    rng = np.random.default_rng(9)
+    compared = 0
+    for height in (1, 2, 4, 8):
+        normals, bounds = random_and_degenerate_rows(rng, 300, height)
+        u0, radius = rng.normal(size=(300, 2)) * 4, rng.uniform(0.5, 5.0, 300)
+        result = project(u0, hard(normals, bounds), no_rows((300,)), radius_m_s2=radius)
+        for k in range(300):
+            reference = by_daqp_with_disc(u0[k], normals[k], bounds[k], radius[k])
+            if reference is None:
+                assert result.status[k] == LawStatus.RELAXED
+            elif result.status[k] != LawStatus.RELAXED:
+                compared += 1
+                np.testing.assert_allclose(result.point_m_s2[k], reference, atol=1e-6)
+    assert compared > 500
+
+
+def by_kernel(u0, hard_rows, soft_rows, radius):
+    """kernel_projection.project for one vehicle, rows switched off left out."""
+    rows = [
+        (*normal, bound)
+        for given in (hard_rows, soft_rows)
+        for normal, bound, is_on in zip(given.normals, given.bounds_m_s2, given.is_on, strict=True)
+        if is_on
+    ]
+    count = int(hard_rows.is_on.sum())
+    n_x, n_y, b = ([float(row[c]) for row in rows] for c in range(3))
+    unit = tuple([0.0] * len(rows) for _ in range(3))
+    return kernel_projection.project(
+        *map(float, u0), n_x, n_y, b, count, len(rows) - count, float(radius), unit, [0] * len(rows)
+    )
+
+
+def test_kernel_equals_the_array_form_with_soft_rows_and_slack():
+    rng = np.random.default_rng(12)
+    seen = set()
+    for hard_count, soft_count in ((1, 0), (1, 2), (3, 3), (6, 4), (10, 6)):
+        count = 600
+        first = hard(*random_and_degenerate_rows(rng, count, hard_count))
+        second = hard(*random_rows(rng, count, soft_count), rng.random((count, soft_count)) < 0.8)
+        u0, radius = rng.normal(size=(count, 2)) * 3, rng.uniform(0.5, 6.0, count)
+        result = project(u0, first, second, radius_m_s2=radius)
+        for k in range(count):
+            pick = [Rows(r.normals[k], r.bounds_m_s2[k], r.is_on[k]) for r in (first, second)]
+            x, y, status, slack = by_kernel(u0[k], *pick, radius[k])
+            np.testing.assert_allclose([x, y], result.point_m_s2[k], atol=1e-9)
+            assert status == result.status[k]
+            assert slack == pytest.approx(result.slack_m_s2[k], abs=1e-9)
+            seen.add(status)
+    assert seen == {LawStatus.INACTIVE, LawStatus.SATURATED, LawStatus.RELAXED}
 
 
 def test_projection_with_the_disc_equals_trying_every_active_set():
