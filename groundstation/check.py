@@ -113,6 +113,21 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
                 "Lower expect.min_separation_m, or raise fleet.safety_distance_m.",
             )
         ]
+    near_m = mission.expect.arrived_within_m
+    if near_m is not None:
+        accuracy = ACCURACIES[errors or error_class(mission.fleet)]
+        found["arrival"] = [
+            least(
+                "arrival",
+                near_m,
+                0.05 + 2.0 * accuracy.position_std_m,
+                "m",
+                f"The mission expects arrivals within {{value}}; with the accuracy of '{accuracy.name}' {{relation}} "
+                "{bound} comes true nearly always",
+                "Raise expect.arrived_within_m by {lack}, or fly on a better position.",
+                refuse_below=0.0,
+            )
+        ]
     return worst_first(worst(group) for group in found.values())
 
 

@@ -72,6 +72,7 @@ def test_a_wrong_file_is_status_two_and_the_other_is_still_checked(
         ([("[0.3, 0.0, 1.2]", "[2.95, 0.0, 1.2]")], "fence", "warning"),
         ([("[0.3, 0.0, 1.2]", "[3.1, 0.0, 1.2]")], "fence", "refused"),
         ([("min_separation_m = 0.80", "min_separation_m = 0.95")], "expectation", "refused"),
+        ([("arrived_within_m = 0.15", "arrived_within_m = 0.03")], "arrival", "warning"),
     ],
 )
 def test_each_finding_about_a_missions_steps_fails_on_purpose(
