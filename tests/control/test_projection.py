@@ -72,17 +72,21 @@ def test_projection_equals_an_independent_qp_solver_on_100_000_random_and_degene
 
 
 def by_daqp_with_disc(u0, normals, bounds, radius):
-    """The QP with the disc as tangents, one after the other where the solution leaves it; None when infeasible."""
-    for _ in range(60):
-        point = by_daqp(u0, normals, bounds)
-        if point is None or np.hypot(*point) <= radius * (1.0 + 1e-13):
-            return point
-        outward = point / np.hypot(*point)
-        normals, bounds = np.vstack([normals, -outward]), np.append(bounds, -radius)
+    """The QP with a weight on |u|^2 that is bisected until the disc is met; None when infeasible."""
+    point, middle = by_daqp(u0, normals, bounds), by_daqp(np.zeros(2), normals, bounds)
+    if point is None or np.hypot(*middle) > radius:
+        return None
+    low, high = 0.0, 1.0  # u0 shrinks to the middle as its share goes from 1 to 0
+    if np.hypot(*point) <= radius:
+        return point
+    for _ in range(50):
+        share = 0.5 * (low + high)
+        point = by_daqp(share * u0, normals, bounds)
+        low, high = (share, high) if np.hypot(*point) <= radius else (low, share)
     return point
 
 
-def test_projection_with_the_disc_equals_the_qp_solver_with_tangents():
+def test_projection_with_the_disc_equals_the_qp_solver_with_a_multiplier():
     rng = np.random.default_rng(9)
     compared = 0
     for height in (1, 2, 4, 8):
