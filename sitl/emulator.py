@@ -147,6 +147,7 @@ class Emulator:
         """What one autopilot knows of its vehicle."""
         return self._situation(
             index,
+            self.time_s,
             self.estimator.position_ned_m[index].copy(),
             self.estimator.velocity_ned_m_s[index].copy(),
             self.believed_attitude(index),
@@ -154,32 +155,40 @@ class Emulator:
         )
 
     def _situation(
-        self, index: int, position_ned_m: Array, velocity_ned_m_s: Array, attitude: Array, yaw_rad: float
+        self,
+        index: int,
+        time_s: float,
+        position_ned_m: Array,
+        velocity_ned_m_s: Array,
+        attitude: Array,
+        yaw_rad: float,
     ) -> Situation:
         source = self.estimator.source[index]
         return Situation(
-            time_s=self.clock_s(index),
+            time_s=self.disturbances.clocks[index].at(time_s),
             position_ned_m=position_ned_m,
             velocity_ned_m_s=velocity_ned_m_s,
             attitude=attitude,
             yaw_rad=yaw_rad,
             on_ground=bool(self.world.vehicles.states.on_ground[index]),
-            has_global_position=self._has_global_position(index, source),
+            has_global_position=self._has_global_position(index, source, time_s),
             has_local_position=source is not Source.NONE,
         )
 
     def _tick(self) -> None:
-        states = self.world.vehicles.states
+        states, time_s = self.world.vehicles.states, self.time_s
         positions, velocities = self.estimator.position_ned_m.copy(), self.estimator.velocity_ned_m_s.copy()
         yaws = rotation.wrap(states.yaw_rad + self.estimator.yaw_error_rad)
         attitudes = rotation.from_yaw_and_tilt(yaws, states.tilt_rad)
         for index, (autopilot, yaw_rad) in enumerate(zip(self.autopilots, yaws.tolist(), strict=True)):
             if not self.disturbances.is_hung[index]:
-                autopilot.tick(self._situation(index, positions[index], velocities[index], attitudes[index], yaw_rad))
+                autopilot.tick(
+                    self._situation(index, time_s, positions[index], velocities[index], attitudes[index], yaw_rad)
+                )
 
-    def _has_global_position(self, index: int, source: Source) -> bool:
+    def _has_global_position(self, index: int, source: Source, time_s: float) -> bool:
         # Satellites give it by themselves; a local position becomes one when somebody has said where its origin is.
-        by_satellites = self.estimator.sees_satellites(index, self.time_s)
+        by_satellites = self.estimator.sees_satellites(index, time_s)
         return by_satellites or (source is Source.VISION and self.has_global_origin[index])
 
     def believed_yaw_rad(self, index: int) -> float:

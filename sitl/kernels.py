@@ -48,6 +48,7 @@ from sitl.physics import (
     GUST_CORRELATION_S,
     GUST_STD,
     LARGEST_TUMBLE_RAD_S,
+    LIFT,
     LIFT_CAP,
     LIFT_SCALE,
     MAX_TILT_RATE,
@@ -183,6 +184,7 @@ def step(
         s[THRUST_NOISE] = (1.0 - _NOISE_BLEND) * s[THRUST_NOISE] + _NOISE_SPREAD * draws[i, 0]
         share = min(h[LIFT_SCALE] * ((1.0 - c[CURVE]) * thrust + c[CURVE] * thrust * thrust), h[LIFT_CAP])
         lift = share * c[FULL_LIFT] * (1.0 + c[THRUST_NOISE_STD] * s[THRUST_NOISE])
+        s[LIFT] = lift / GRAVITY_M_S2
 
         # Body rates, asked for or suffered.
         tumbles = h[2] != 0.0 or h[3] != 0.0

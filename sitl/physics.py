@@ -33,7 +33,8 @@ YAW, YAW_RATE, YAW_TORQUE, YAW_INTEGRAL, THRUST = 13, 14, 15, 16, 17
 ATTITUDE = slice(18, 22)
 THRUST_NOISE = 22
 GUST, TILT_OFFSET = slice(23, 25), slice(25, 27)
-STATES = 27
+LIFT = 27  # in units of the weight
+STATES = 28
 
 # Columns of the constants (n, CONSTANTS), from the profile.
 T00, T01, T10, T11 = 0, 1, 2, 3  # transition of the tilt over one step
@@ -164,7 +165,9 @@ def _lift(state: Array, constants: Array, health: Array, thrust_frac: Array, tur
     noise = state[:, THRUST_NOISE] = (1.0 - blend) * state[:, THRUST_NOISE] + math.sqrt(2.0 * blend) * draws[:, 0]
     curve = constants[:, CURVE]
     share = np.minimum(health[:, LIFT_SCALE] * ((1.0 - curve) * thrust + curve * thrust * thrust), health[:, LIFT_CAP])
-    return np.asarray(share * constants[:, FULL_LIFT] * (1.0 + constants[:, THRUST_NOISE_STD] * noise))
+    lift = share * constants[:, FULL_LIFT] * (1.0 + constants[:, THRUST_NOISE_STD] * noise)
+    state[:, LIFT] = lift / GRAVITY_M_S2
+    return np.asarray(lift)
 
 
 def _move(

@@ -256,14 +256,10 @@ class Vehicles:
         )
         self.steps += 1
 
+    @property
     def lift_share(self) -> Array:
-        """Lift of every vehicle (n,) in units of its weight, without noise."""
-        curve = self._constants[:, physics.CURVE]
-        thrust = self.states.thrust_frac
-        share = ((1.0 - curve) * thrust + curve * thrust**2) * self._health[:, physics.LIFT_SCALE]
-        return np.asarray(
-            np.minimum(share, self._health[:, physics.LIFT_CAP]) * self._constants[:, physics.FULL_LIFT] / GRAVITY_M_S2
-        )
+        """Lift of every vehicle (n,) in units of its weight, since the last step: a window, not a copy."""
+        return self._state[:, physics.LIFT]
 
     def set_motor(self, index: int, motor: int, effectiveness: float) -> None:
         """Let motor 1 to 4 of a vehicle give only a share of its thrust from now on.

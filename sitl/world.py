@@ -115,7 +115,7 @@ class World:
             return []
         count = self._meet(
             s.position_ned_m,
-            self.vehicles.lift_share(),
+            self.vehicles.lift_share,
             s.on_ground,
             self._touched,
             self._body_diameter_m,

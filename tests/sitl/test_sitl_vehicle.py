@@ -103,11 +103,11 @@ def test_a_weak_motor_costs_lift_and_leans_the_vehicle_until_its_integral_has_le
     assert leans[60][0] > 0.01  # motor 1 is front right: the vehicle leans to the right
     assert leans[60][1] < -0.01  # and nose down
     assert np.abs(leans[-1]).max() < 0.01
-    assert vehicles.lift_share()[0] == pytest.approx(4.0 / (3.0 + 1.0 / 0.6), rel=1e-6)
+    assert vehicles.lift_share[0] == pytest.approx(4.0 / (3.0 + 1.0 / 0.6), rel=1e-6)
     commands.thrust_frac[:] = 1.0
     for _ in range(250):
         vehicles.step(commands)
-    assert vehicles.lift_share()[0] == pytest.approx(0.6 / SIH.hover_thrust_frac, rel=1e-3)
+    assert vehicles.lift_share[0] == pytest.approx(0.6 / SIH.hover_thrust_frac, rel=1e-3)
 
 
 def test_the_weak_vehicle_keeps_leaning_since_its_loop_has_no_integral() -> None:
@@ -133,11 +133,11 @@ def test_a_quadratic_thrust_curve_hovers_at_the_same_command_and_has_less_below(
     lifts = []
     for profile in (SIH, curved):
         vehicles, commands = hovering(profile)
-        assert vehicles.lift_share()[0] == pytest.approx(1.0, rel=1e-3)
+        assert vehicles.lift_share[0] == pytest.approx(1.0, rel=1e-3)
         commands.thrust_frac[:] = 0.5 * profile.hover_thrust_frac
         for _ in range(250):
             vehicles.step(commands)
-        lifts.append(float(vehicles.lift_share()[0]))
+        lifts.append(float(vehicles.lift_share[0]))
     assert lifts[0] == pytest.approx(0.5, rel=1e-2)
     assert lifts[1] == pytest.approx(0.25, rel=1e-2)
 
