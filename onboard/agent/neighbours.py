@@ -38,31 +38,29 @@ _vectors_of, _scalars_of = attrgetter(*_VECTORS), attrgetter(*_SCALARS)
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """State messages of several vehicles that arrive together, as arrays (M, ...); places are those of the fleet file.
+    """State messages that arrive together, one of each vehicle at most, as arrays (N, ...) over the whole fleet.
 
-    numbers (M, 25): all vectors and scalars of the messages; is_usable (M,): whether they are finite.
+    numbers (N, 25): all vectors and scalars of the messages. whole (3, N): stamp, boot id, sequence. flags (5, N): is
+    there a message, is it finite, is_valid, is_airborne, is_cooperative.
     """
 
-    place: IntArray
     numbers: Array
-    stamp_ns: IntArray
-    boot_id: IntArray
-    sequence: IntArray
-    is_usable: BoolArray
-    is_valid: BoolArray
-    is_airborne: BoolArray
-    is_cooperative: BoolArray
+    whole: IntArray
+    flags: BoolArray
 
     @classmethod
     def of(cls, messages: Sequence[StateMessage], places: Mapping[str, int]) -> Round:
         """Of messages of vehicles that stand in ``places``."""
-        flags = np.array(
-            [(_is_usable(m), m.is_valid, m.is_airborne, m.is_cooperative) for m in messages], dtype=bool
-        ).reshape(-1, 4)
-        whole = np.array([(places[m.vehicle], m.stamp_ns, m.boot_id, m.sequence) for m in messages], dtype=np.int64)
-        whole = whole.reshape(-1, 4)
-        numbers = np.array([_numbers(m) for m in messages], dtype=np.float64).reshape(-1, _WIDTH)
-        return cls(whole[:, 0], numbers, *whole[:, 1:].T, *flags.T)
+        count = len(places)
+        numbers, whole = np.zeros((count, _WIDTH)), np.zeros((3, count), dtype=np.int64)
+        flags = np.zeros((5, count), dtype=bool)
+        at = [places[m.vehicle] for m in messages]
+        numbers[at] = [_numbers(m) for m in messages]
+        whole[:, at] = np.array([(m.stamp_ns, m.boot_id, m.sequence) for m in messages], dtype=np.int64).T
+        flags[:, at] = np.array(
+            [(True, _is_usable(m), m.is_valid, m.is_airborne, m.is_cooperative) for m in messages]
+        ).T
+        return cls(numbers, whole, flags)
 
 
 @dataclass(slots=True)
@@ -124,24 +122,23 @@ class NeighbourTable:
         self._flags[:, place] = True, message.is_airborne, message.is_cooperative
         return True
 
-    def hear_round(self, whole: Round, received_ns: int) -> None:
-        """:meth:`hear` of a message from every vehicle of the fleet, in the order of the fleet file, ours left out."""
+    def hear_round(self, arrived: Round, received_ns: int) -> None:
+        """:meth:`hear` of every message of a round but our own."""
         others = self._others
-        self.last_heard_ns = max(self.last_heard_ns, received_ns)
-        boot_id, sequence = whole.boot_id[others], whole.sequence[others]
+        stamp_ns, boot_id, sequence = arrived.whole[:, others]
+        is_here, is_usable, is_valid, is_airborne, is_cooperative = arrived.flags[:, others]
+        if is_here.any():
+            self.last_heard_ns = max(self.last_heard_ns, received_ns)
         is_repeated = (self._newest[0] == boot_id) & (sequence <= self._newest[1])
-        is_news = whole.is_usable[others] & ~is_repeated
-        self.ignored_messages += len(others) - int(np.count_nonzero(is_news))
-        self._newest[0, is_news], self._newest[1, is_news] = boot_id[is_news], sequence[is_news]
-        taken = is_news & whole.is_valid[others]
-        stamp_ns = whole.stamp_ns[others]
+        is_news = is_here & is_usable & ~is_repeated
+        self.ignored_messages += int(np.count_nonzero(is_here & ~is_news))
+        np.copyto(self._newest, arrived.whole[1:, others], where=is_news)
+        taken = is_news & is_valid
         delay_ns = received_ns - stamp_ns
         is_shared = (delay_ns >= 0) & (delay_ns < _SAME_CLOCK_NS)
         np.copyto(self._stamp_ns, np.where(is_shared, stamp_ns, received_ns - _OTHER_CLOCK_DELAY_NS), where=taken)
-        np.copyto(self._numbers, whole.numbers[others], where=taken[:, None])
-        self._flags[0] |= taken
-        np.copyto(self._flags[1], whole.is_airborne[others], where=taken)
-        np.copyto(self._flags[2], whole.is_cooperative[others], where=taken)
+        np.copyto(self._numbers, arrived.numbers[others], where=taken[:, None])
+        np.copyto(self._flags, [is_valid, is_airborne, is_cooperative], where=taken)
 
     def ages_s(self, now_ns: int) -> Array:
         """Age (K,) of the newest state of each; inf when never heard."""

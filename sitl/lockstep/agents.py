@@ -6,11 +6,14 @@ executed in their order. The process around the core can be stopped, continued, 
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 from onboard.agent import events as ev
 from onboard.agent.core import AgentCore, Pass
+from onboard.agent.neighbours import Round
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessage, Telemetry
 from onboard.bus.topics import Topic
@@ -21,10 +24,32 @@ from sitl.lockstep.bus import Node, SimBus
 from sitl.lockstep.link import EmulatedLink
 
 CONNECT_AFTER_NS = 1_000_000_000  # discovery and parameters of a real link
+BULK_FROM = 8  # vehicles, from which it is cheaper to take what the others say all at once
 _MAX_EVENTS = 2000
 _STATISTICS_TICKS = 25
 _PERIOD_MS = 20.0
 _LATE_MS = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class News:
+    """What vehicles said at one instant; ``round`` holds the states as arrays."""
+
+    received_ns: int
+    states: list[StateMessage]
+    telemetries: list[Telemetry]
+    round: Round | None
+
+
+def sorted_news(messages: Sequence[tuple[int, Message]], places: Mapping[str, int]) -> list[News]:
+    """News by the time of arrival, with the states made into arrays once for all who hear them."""
+    found = []
+    for received_ns, group in itertools.groupby(messages, key=lambda one: one[0]):
+        both = [message for _, message in group]
+        states = [message for message in both if isinstance(message, StateMessage)]
+        telemetries = [message for message in both if isinstance(message, Telemetry)]
+        found.append(News(received_ns, states, telemetries, Round.of(states, places) if states else None))
+    return found
 
 
 class AgentShell:
@@ -36,9 +61,11 @@ class AgentShell:
 
     def __init__(self, fleet: FleetConfig, name: str, link: EmulatedLink, bus: SimBus) -> None:
         self.fleet, self.name, self.link, self._bus = fleet, name, link, bus
+        self._reads_in_bulk = len(fleet.enabled_names) >= BULK_FROM
         self.is_hung = self.is_running = False
         self._lives = 0
         self._inbox: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)
+        self._news: Sequence[News] = ()
         self._orders: list[tuple[Order | Malformed, Callable[[OrderReply], None]]] = []
         self._replies: dict[str, Callable[[OrderReply], None]] = {}
         self._periods_ms: deque[float] = deque(maxlen=500)
@@ -113,8 +140,12 @@ class AgentShell:
             if isinstance(message, MocapPose):
                 inbox.append(ev.PoseArrived(message, now_ns()))
 
-        node.subscribe(Topic.STATE, "*", neighbour)
-        node.subscribe(Topic.TELEMETRY, "*", neighbour)
+        self._on_neighbour = neighbour
+        if self._reads_in_bulk:
+            self._bus.read_news(node, neighbour)
+        else:
+            node.subscribe(Topic.STATE, "*", neighbour)
+            node.subscribe(Topic.TELEMETRY, "*", neighbour)
         if vehicle.mocap_required and vehicle.body:
             node.subscribe(Topic.MOCAP, vehicle.body, pose)
         node.serve_orders(name, self._ordered)
@@ -129,6 +160,19 @@ class AgentShell:
             self.core.handle(ev.AutopilotHeard(self.link.snapshot()), now_ns)
             self._execute(self.core.handle(ev.OrderArrived(message), now_ns))
 
+    def hear(self, news: Sequence[News]) -> None:
+        """What has arrived in bulk since the last tick of all."""
+        if not self.is_running:
+            return
+        if self.is_hung:
+            for one in news:
+                for state in one.states:
+                    self._on_neighbour(Topic.STATE, state.vehicle, state)
+                for telemetry in one.telemetries:
+                    self._on_neighbour(Topic.TELEMETRY, telemetry.vehicle, telemetry)
+            return
+        self._news = news  # after what is older and still waits
+
     # -- a tick ------------------------------------------------------------------------------------------------------
 
     def begin_tick(self, now_ns: int) -> Pass:
@@ -138,6 +182,13 @@ class AgentShell:
             commands = handle(inbox.popleft(), now_ns)
             if commands:
                 self._execute(commands)
+        table = self.core.neighbours
+        for one in self._news:
+            if one.round is not None:
+                table.hear_round(one.round, one.received_ns)
+            for telemetry in one.telemetries:
+                table.hear(telemetry, one.received_ns)
+        self._news = ()
         handle(ev.AutopilotHeard(self.link.snapshot()), now_ns)
         return self.core.begin_tick(now_ns)
 

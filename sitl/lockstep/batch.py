@@ -64,6 +64,25 @@ class _Row:
     stacked: PipelineMemory
     place: int
 
+    def __getattr__(self, name: str) -> Any:
+        part = getattr(self.stacked, name)
+        return stacker_of(part).row(part, self.place) if is_dataclass(part) else part[self.place]
+
+    def taken_out(self) -> Any:
+        """The memory by itself."""
+        return stacker_of(self.stacked).row(self.stacked, self.place)
+
+
+_stackers: dict[type, Stacker] = {}
+
+
+def stacker_of(example: Any) -> Stacker:
+    """The stacker for values of this kind, made once."""
+    found = _stackers.get(type(example))
+    if found is None:
+        found = _stackers[type(example)] = Stacker(example)
+    return found
+
 
 class Batch:
     """Runs the passes that are due together.
@@ -75,7 +94,6 @@ class Batch:
     def __init__(self, is_batched: bool) -> None:
         self._is_batched = is_batched
         self._kinds: list[PipelineParams] = []
-        self._stackers: dict[str, Stacker] = {}
 
     def tick(self, agents: Sequence[AgentShell], now_ns: int) -> None:
         """One tick of each agent; what one publishes is heard by the others in later ticks."""
@@ -87,7 +105,7 @@ class Batch:
         results: list[Any] = [None] * len(agents)
         for places in groups.values():
             params, dues = agents[places[0]].core.params, [passes[place] for place in places]
-            together = self._together(params, dues) if len(places) > 1 else [self._alone(params, dues[0])]
+            together = self._together(params, dues) if len(places) > 1 else [_alone(params, dues[0])]
             for place, result in zip(places, together, strict=True):
                 results[place] = result
         for agent, (memory, tick) in zip(agents, results, strict=True):
@@ -105,14 +123,14 @@ class Batch:
         first = dues[0]
         memory, tick = pipeline.step(
             self._stacked_memory(dues),
-            self._stack("state", dues),
-            self._stack("goal", dues),
-            self._stack("neighbours", dues),
+            _stack("state", dues),
+            _stack("goal", dues),
+            _stack("neighbours", dues),
             params=params,
             dt_s=first.dt_s,
             phase=first.phase,
         )
-        ticks = self._stacker("tick", tick).rows(tick)
+        ticks = stacker_of(tick).rows(tick)
         return [(_Row(memory, place), row) for place, row in enumerate(ticks)]
 
     def _stacked_memory(self, dues: list[Pass]) -> PipelineMemory:
@@ -126,25 +144,27 @@ class Batch:
                 for place, one in enumerate(held)
             ):
                 return stacked
-        whole = [self._taken_out(memory) for memory in held]
-        stacked_memory: PipelineMemory = self._stacker("memory", whole[0]).stack(whole)
-        return stacked_memory
+        whole = [_taken_out(memory) for memory in held]
+        together: PipelineMemory = stacker_of(whole[0]).stack(whole)
+        return together
 
-    def _taken_out(self, memory: Any) -> Any:
-        if not isinstance(memory, _Row):
-            return memory
-        return self._stacker("memory", memory.stacked).row(memory.stacked, memory.place)
 
-    def _alone(self, params: PipelineParams, due: Pass) -> Any:
-        memory = self._taken_out(due.memory)
-        return pipeline.step(memory, due.state, due.goal, due.neighbours, params=params, dt_s=due.dt_s, phase=due.phase)
+def _alone(params: PipelineParams, due: Pass) -> Any:
+    return pipeline.step(
+        _taken_out(due.memory),
+        due.state,
+        due.goal,
+        due.neighbours,
+        params=params,
+        dt_s=due.dt_s,
+        phase=due.phase,
+    )
 
-    def _stack(self, name: str, dues: list[Pass]) -> Any:
-        values = [getattr(due, name) for due in dues]
-        return self._stacker(name, values[0]).stack(values)
 
-    def _stacker(self, name: str, example: Any) -> Stacker:
-        found = self._stackers.get(name)
-        if found is None:
-            found = self._stackers[name] = Stacker(example)
-        return found
+def _taken_out(memory: Any) -> Any:
+    return memory.taken_out() if isinstance(memory, _Row) else memory
+
+
+def _stack(name: str, dues: list[Pass]) -> Any:
+    values = [getattr(due, name) for due in dues]
+    return stacker_of(values[0]).stack(values)

@@ -13,6 +13,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from heapq import heappop, heappush
+from typing import cast
 
 import numpy as np
 
@@ -83,6 +84,8 @@ class SimBus:
         self.nodes: dict[str, Node] = {}
         self.subscribers: dict[tuple[Topic, str], list[tuple[Node, OnMessage]]] = defaultdict(list)
         self.lost = 0
+        self._readers: list[tuple[Node, OnMessage]] = []
+        self._news: list[tuple[int, Message]] = []
 
     def node(self, name: str) -> Node:
         """A new node; it takes part from its ``start`` on."""
@@ -179,6 +182,35 @@ class SimBus:
             if node.name != sender:
                 heappush(queue, (due_ns, next(count), (sender, node.name), on_message, args))
 
+    def read_news(self, node: Node, on_message: OnMessage) -> None:
+        """Let a node hear states and telemetry in bulk, by :meth:`take_news`; over a bad bus one by one, as the others.
+
+        In a big fleet these are nearly all messages, and every node gets the same ones.
+        """
+        self._readers.append((node, on_message))
+
+    def take_news(self) -> list[tuple[int, Message]]:
+        """What has arrived since the last call, for all who read in bulk."""
+        news, self._news = self._news, []
+        return news
+
+    def post(self, sender: str, args: tuple[Topic, str, Message]) -> None:
+        """A message for all who read in bulk."""
+        if self._cut or self._links or self._settings.is_random:
+            self.send_latest(sender, self._readers, args)
+        elif self._readers:
+            self._push(self.now_ns() + self._delay_ns, (sender, ""), self._arrive, (args[2],))
+
+    def _arrive(self, message: object) -> None:
+        self._news.append((self.now_ns(), cast(Message, message)))
+
+    def leave(self, node: Node) -> None:
+        """Forget a node."""
+        self.nodes.pop(node.name, None)
+        self._readers = [entry for entry in self._readers if entry[0] is not node]
+        for listeners in self.subscribers.values():
+            listeners[:] = [entry for entry in listeners if entry[0] is not node]
+
     def _resends(self, loss: float) -> int:
         count = 0
         while count < _MAX_RESENDS and self._rng.random() < loss:
@@ -235,17 +267,17 @@ class Node:
         if not self._is_open:
             return
         self._is_open = False
-        self.bus.nodes.pop(self.name, None)
+        self.bus.leave(self)
         for other in self.bus.nodes:
             self.bus.send((self.name, other), Delivery.TOKEN, self.bus.tell, other, self.name, False)
-        for listeners in self.bus.subscribers.values():
-            listeners[:] = [entry for entry in listeners if entry[0] is not self]
         self.alive_listeners.clear()
         self.order_server = None
 
     def publish(self, topic: Topic, name: str, message: Message) -> None:
         """Send to all who subscribed."""
         delivery = TOPICS[topic].delivery
+        if topic is Topic.STATE or topic is Topic.TELEMETRY:
+            self.bus.post(self.name, (topic, name, message))
         for key in ((topic, "*"), (topic, name)):
             receivers = self.bus.subscribers.get(key)
             if receivers and delivery is Delivery.LATEST:

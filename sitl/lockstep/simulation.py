@@ -16,7 +16,7 @@ from onboard.bus.topics import Topic
 from onboard.config import FleetConfig
 from sitl.emulator import Emulator, VehicleSpec
 from sitl.faults import Fault
-from sitl.lockstep.agents import AgentShell
+from sitl.lockstep.agents import AgentShell, sorted_news
 from sitl.lockstep.batch import Batch
 from sitl.lockstep.bus import BusSettings, SimBus
 from sitl.lockstep.link import LinkBank
@@ -69,6 +69,7 @@ class Simulation:
             for name, link in zip(self.names, self.links.links, strict=True)
         }
         self._batch = Batch(is_batched)
+        self._places = {name: place for place, name in enumerate(self.names)}
         self._asked: list[tuple[int, int, Callable[[], object]]] = []
         self._count = itertools.count()
         self._sequence = 0
@@ -102,6 +103,11 @@ class Simulation:
             self._publish()
         self.bus.deliver()
         if steps % TICK_STEPS == 0:
+            messages = self.bus.take_news()
+            if messages:
+                news = sorted_news(messages, self._places)
+                for agent in self.agents.values():
+                    agent.hear(news)
             self._batch.tick([agent for agent in self.agents.values() if agent.ticks], self.now_ns)
 
     def _publish(self) -> None:

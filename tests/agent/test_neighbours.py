@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import msgspec
+import numpy as np
 import pytest
 
-from onboard.agent.neighbours import NeighbourTable
+from onboard.agent.neighbours import NeighbourTable, Round
 from onboard.bus.schema import StateMessage
 from tests.agent.rig import fleet
 
@@ -108,3 +109,38 @@ def test_a_stamp_of_another_clock_or_of_the_future_counts_from_its_arrival(stamp
 
 def test_strangers_are_ignored() -> None:
     assert not _table().hear(_state(vehicle="stranger"), 5 * S)
+
+
+def test_a_round_of_messages_is_heard_like_one_after_the_other() -> None:
+    rng = np.random.default_rng(0)
+    names = ("mav0", "mav1", "mav2")
+    single, whole = (NeighbourTable(fleet(names), "mav1") for _ in range(2))
+    for step in range(40):
+        now_ns = 5 * S + step * 20_000_000
+        messages = [
+            _state(
+                vehicle=name,
+                sequence=int(rng.integers(step, step + 3)),
+                boot_id=int(rng.integers(1, 3)) if step % 9 == 0 else 1,
+                stamp_ns=now_ns - int(rng.choice([1_000_000, 3 * S, -S])),
+                is_valid=bool(rng.random() < 0.8),
+                is_airborne=bool(rng.random() < 0.5),
+                is_cooperative=bool(rng.random() < 0.5),
+                position_enu_m=tuple(rng.normal(size=3).tolist()) if rng.random() < 0.9 else (math.nan, 0.0, 0.0),
+                crowd_count=float(rng.integers(0, 4)),
+            )
+            for name in names
+        ]
+        messages = [message for message in messages if rng.random() < 0.9]
+        for message in messages:
+            single.hear(message, now_ns)
+        whole.hear_round(Round.of(messages, {name: place for place, name in enumerate(names)}), now_ns)
+        now_ns += int(rng.integers(0, S))
+        one, other = single.snapshot(now_ns), whole.snapshot(now_ns)
+        for name in one.__slots__:
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+        assert single.silent(now_ns) == whole.silent(now_ns)
+        assert single.distances_m((0.0, 0.0, 0.0), now_ns) == whole.distances_m((0.0, 0.0, 0.0), now_ns)
+        assert single.known_ages_s(now_ns) == whole.known_ages_s(now_ns)
+        assert (single.ignored_messages, single.last_heard_ns) == (whole.ignored_messages, whole.last_heard_ns)
+    assert single.ignored_messages > 10
