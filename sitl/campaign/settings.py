@@ -165,7 +165,8 @@ def choose(
         ConfigError: unknown law, type, errors or key, or a value out of bounds.
     """
     data = read_toml(fleet_path, "fleet file")[0] if fleet_path else _examples()
-    tables = {name: dict(table) for name, table in data.get("types", {}).items()}
+    common = {key: value for key, value in data.get("defaults", {}).items() if key not in ("type", "enabled")}
+    tables = {name: {**common, **table} for name, table in data.get("types", {}).items()}
     names = tuple((types or ("sih" if "sih" in tables else next(iter(tables), ""))).split(","))
     for name in names:
         if name not in tables:

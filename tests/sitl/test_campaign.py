@@ -1,6 +1,7 @@
 """``covey simulate``: the same digits for the same seed, honest judgement, sentences for bad input."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -230,11 +231,23 @@ def test_table_counts_flights_and_bounds_the_rate_of_violations(capsys):
     assert results.upper_bound(20, 20) == 1.0
 
 
-def test_fleet_file_gives_types_law_and_distances():
-    setup = settings.choose(fleet_path="configs/fleets/paper.toml")
+def test_fleet_file_gives_types_law_and_distances(tmp_path):
+    text = Path("configs/fleets/paper.toml").read_text(encoding="utf-8")
+    text = text.replace("safety_distance_m = 0.80", "safety_distance_m = 0.90")
+    text = text.replace('name = "covey"', 'name = "covey"\nkappa_1_1_s = 3.5').replace(
+        "[defaults]", "[defaults]\nmax_acceleration_m_s2 = 1.25"
+    )
+    (tmp_path / "fleet.toml").write_text(text, encoding="utf-8")
+    setup = settings.choose(fleet_path=str(tmp_path / "fleet.toml"))
     assert setup.types == ("ardrone",)
     fleet = setup.fleet(4)
-    assert [vehicle.hover_thrust_frac for vehicle in fleet.vehicles.values()] == [0.75] * 4
+    assert {vehicle.hover_thrust_frac for vehicle in fleet.vehicles.values()} == {0.75}
+    assert {vehicle.max_acceleration_m_s2 for vehicle in fleet.vehicles.values()} == {1.25}
+    assert fleet.fleet.safety_distance_m == 0.9
+    assert fleet.law.kappa_1_1_s == 3.5
+    changed = settings.choose(fleet_path=str(tmp_path / "fleet.toml"), changes=["law.kappa_1_1_s=4", "tilt_deg=20"])
+    assert changed.fleet(2).law.kappa_1_1_s == 4.0
+    assert changed.fleet(2).vehicles["v1"].max_tilt_deg == 20.0
     assert settings.choose(types="sih,ardrone").fleet(3).vehicles["v1"].type == "ardrone"
 
 
