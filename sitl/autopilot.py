@@ -175,6 +175,15 @@ class Autopilot:
         self._choose_mode(now_s)
         return Result.ACCEPTED
 
+    def request_takeoff(self, now_s: float, height_m: float) -> Result:
+        """MAV_CMD_NAV_TAKEOFF to a height above home; NaN for the default, which is also the least."""
+        result = self.request(now_s, Mode.TAKEOFF)
+        if result is Result.ACCEPTED:
+            self.flight.takeoff_height_m = height_m if math.isfinite(height_m) else None
+            if self.is_armed:
+                self._say_takeoff_height(now_s)
+        return result
+
     def request_termination(self, now_s: float) -> Result:
         """MAV_CMD_DO_FLIGHTTERMINATION: motors off, still armed, until somebody disarms or it lies on the ground."""
         if not self.is_armed:
@@ -245,10 +254,18 @@ class Autopilot:
         why, number = REASONS["command"]
         self.journal.say(now_s, "armed", number, why=why)
         if self.intent is Mode.TAKEOFF:
-            self.journal.say(now_s, "takeoff height", height=self.params["MIS_TAKEOFF_ALT"])
+            self._say_takeoff_height(now_s)
         self._choose_mode(now_s)
         if self.mode is Mode.OFFBOARD and self.setpoint is not None:
             self.flight.take_setpoint(self.setpoint)
+
+    def _say_takeoff_height(self, now_s: float) -> None:
+        least_m, asked_m = self.params["MIS_TAKEOFF_ALT"], self.flight.takeoff_height_m
+        if asked_m is None:
+            self.journal.say(now_s, "takeoff height", height=least_m)
+        elif asked_m < least_m:
+            self.flight.takeoff_height_m = None
+            self.journal.say(now_s, "least takeoff height", height=least_m)
 
     def _disarm(self, now_s: float, reason: str) -> None:
         self.is_armed = False
@@ -257,6 +274,7 @@ class Autopilot:
         self.intent = self._after_disarm
         why, number = REASONS[reason]
         self.journal.say(now_s, "disarmed", number, why=why)
+        self.flight.takeoff_height_m = None
         self._choose_mode(now_s)
         self.flight.disarmed()
 

@@ -12,6 +12,7 @@ import numpy as np
 from sitl.mavlink import ID_BY_NAME, Message
 from sitl.modes import Mode, Result
 from sitl.streams import BUILDERS
+from sitl.view import HOME_ALTITUDE_M
 
 if TYPE_CHECKING:
     from sitl.link import Link
@@ -21,6 +22,7 @@ _REQUEST_MESSAGE, _REQUEST_PROTOCOL_VERSION = 512, 519
 # Answered also when they are sent to everybody, and to any component.
 FOR_EVERYBODY = frozenset({_REQUEST_MESSAGE, _REQUEST_PROTOCOL_VERSION})
 _LARGEST = 2**31
+_HIGHEST_M = 1e5
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +79,12 @@ def _enter(mode: Mode, said: str | None = None) -> Handler:
 
 def _accept(link: Link, command: Command) -> Answer:
     return Result.ACCEPTED, []
+
+
+def _take_off(link: Link, command: Command) -> Answer:
+    above_sea_m = command.numbers[6]  # as PX4 takes it, whatever the frame
+    height_m = above_sea_m - HOME_ALTITUDE_M if abs(above_sea_m) < _HIGHEST_M else math.nan
+    return link.autopilot.request_takeoff(link.view.now_s, height_m), []
 
 
 def _arm(link: Link, command: Command) -> Answer:
@@ -163,7 +171,7 @@ def _request(name: str) -> Handler:
 _COMMANDS: dict[int, Handler] = {
     20: _enter(Mode.RTL, "returning"),  # NAV_RETURN_TO_LAUNCH
     21: _enter(Mode.LAND),  # NAV_LAND
-    22: _enter(Mode.TAKEOFF),  # NAV_TAKEOFF
+    22: _take_off,  # NAV_TAKEOFF
     _DO_SET_MODE: _set_mode,
     178: _change_speed,  # DO_CHANGE_SPEED
     179: _set_home,  # DO_SET_HOME

@@ -61,6 +61,7 @@ SAYINGS: dict[str, Saying] = {
     ),
     "disarm denied": Saying(_CRITICAL, "Disarming denied: not landed\t", "commander_disarm_denied_not_landed"),
     "takeoff height": Saying(_INFO, "Using default takeoff altitude: {height:.1f} m\t"),
+    "least takeoff height": Saying(_CRITICAL, "Using minimum takeoff altitude: {height:.2f} m\t"),
     "takeoff": Saying(_INFO, "Takeoff detected\t", "commander_takeoff_detected"),
     "landed": Saying(_INFO, "Landing detected\t", "commander_landing_detected"),
     "landing": Saying(_INFO, "Landing at current position\t", "commander_landing_current_pos"),

@@ -38,6 +38,7 @@ class Flight:
         actuation: the newest output.
         goal: where PX4's own control flies to; None while there is no such place.
         home_ned_m: (3,) where it was armed.
+        takeoff_height_m: asked for by a command; None for MIS_TAKEOFF_ALT.
     """
 
     actuation: Actuation = field(
@@ -45,6 +46,7 @@ class Flight:
     )
     goal: Goal | None = None
     home_ned_m: Array = field(default_factory=lambda: np.zeros(3))
+    takeoff_height_m: float | None = None
     _control: PositionControl = field(default_factory=PositionControl)
     _armed_time_s: float = 0.0
     _entry: Situation | None = None
@@ -154,7 +156,8 @@ class Flight:
         return self._entry or situation
 
     def _takeoff_down_m(self, params: Parameters) -> float:
-        return float(self.home_ned_m[2]) - params["MIS_TAKEOFF_ALT"]
+        height_m = params["MIS_TAKEOFF_ALT"] if self.takeoff_height_m is None else self.takeoff_height_m
+        return float(self.home_ned_m[2]) - height_m
 
     def _descend(self, situation: Situation, at_ned_m: Array, yaw_rad: float, params: Parameters) -> None:
         place = np.array([at_ned_m[0], at_ned_m[1], math.nan])

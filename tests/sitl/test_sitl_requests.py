@@ -175,6 +175,28 @@ def test_hold_flies_to_a_place_on_earth_when_told_so() -> None:
     assert emu.world.vehicles.states.position_ned_m[0, 2] < -1.5
 
 
+@pytest.mark.parametrize(
+    ("above_sea_m", "height_m", "said"),
+    [
+        (math.nan, 2.5, "Using default takeoff altitude: 2.5 m\t"),
+        (3.0, 2.5, "Using minimum takeoff altitude: 2.50 m\t"),
+        (493.4, 4.0, None),
+    ],
+)
+def test_a_take_off_goes_to_the_altitude_asked_for_but_not_below_the_default(
+    above_sea_m: float, height_m: float, said: str | None
+) -> None:
+    emu = emulator()
+    client = Client(emu)
+    run_for(emu, 5.0)
+    assert client.command(22, 0, 0, 0, math.nan, math.nan, math.nan, above_sea_m) == [ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    pilot = emu.autopilots[0]
+    assert [text.text for text in pilot.texts if "altitude" in text.text] == ([said] if said else [])
+    until(emu, lambda: pilot.mode is Mode.LOITER, 15.0)
+    assert -float(emu.estimator.position_ned_m[0, 2]) == pytest.approx(height_m, abs=0.4)
+
+
 def test_the_ground_link_streams_less_and_events_as_well() -> None:
     emu = emulator()
     from sitl.link import Link
