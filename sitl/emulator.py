@@ -5,6 +5,7 @@ Truth flows one way: world -> estimator -> autopilot -> world. What is published
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -72,6 +73,7 @@ class Emulator:
         environment: Environment | None = None,
         seed: int = 0,
     ) -> None:
+        _compile_loops()
         around = environment or Environment()
         self.specs = list(specs)
         start_enu_m = np.array([spec.start_enu_m for spec in specs], dtype=np.float64).reshape(-1, 3)
@@ -303,6 +305,17 @@ class Emulator:
         commands.thrust_frac[index] = actuation.thrust_frac
         commands.motors_on[index] = actuation.motors_on
         self._applied[index] = actuation
+
+
+@functools.cache
+def _compile_loops() -> None:
+    """Have every compiled loop ready before time runs: the first start on a machine takes seconds, later ones none."""
+    profile = VehicleProfile()
+    world = World([profile, profile], np.array([[0.0, 0.0, 5.0], [3.0, 0.0, 5.0]]))
+    world.step()
+    states = world.vehicles.states
+    estimator = Estimator(states.position_ned_m, seed=0)
+    estimator.step(0.0, states.position_ned_m, states.velocity_ned_m_s, states.on_ground)
 
 
 def _turned(attitude: Array, half_rad: float) -> Array:
