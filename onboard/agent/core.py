@@ -95,6 +95,7 @@ class AgentCore:
         self._loop = LoopTimed(0.0, 0.0, 0.0, 0)
         self._param_problems: tuple[str, ...] | None = None
         self._nodes: set[str] = set()
+        self._has_ground = False
         self._answered: dict[str, OrderReply] = {}
         self._conditions: set[Condition] = set()
         self._distances: dict[str, float] = {}
@@ -126,6 +127,7 @@ class AgentCore:
                 self.neighbours.hear(message, received_ns)
             case NodeSeen(node, is_alive):
                 (self._nodes.add if is_alive else self._nodes.discard)(node)
+                self._has_ground = any(other.startswith("ground") for other in self._nodes)
             case OrderArrived(order):
                 return self._take_order(order, now_ns)
             case ParamsRead(problems):
@@ -335,10 +337,6 @@ class AgentCore:
         return out
 
     # -- what it says ------------------------------------------------------------------------------------------------
-
-    @property
-    def _has_ground(self) -> bool:
-        return any(node.startswith("ground") for node in self._nodes)
 
     @property
     def _is_airborne(self) -> bool:

@@ -83,6 +83,8 @@ class NeighbourTable:
     _newest: IntArray = field(init=False)  # boot id and sequence of the newest message, (2, K)
     _flags: BoolArray = field(init=False)  # is there one at all, is_airborne, is_cooperative, (3, K)
     _telemetry: dict[str, Telemetry] = field(default_factory=dict)
+    _aged_ns: int = -1  # the time of the ages below, which several ask for at each tick
+    _ages_s: Array = field(init=False)
 
     def __post_init__(self) -> None:
         order = self.fleet.enabled_names
@@ -97,6 +99,7 @@ class NeighbourTable:
         self._stamp_ns = np.zeros(count, dtype=np.int64)
         self._newest = np.array([[0], [-1]], dtype=np.int64).repeat(count, axis=1)
         self._flags = np.zeros((3, count), dtype=bool)
+        self._ages_s = np.full(count, np.inf)
 
     def hear(self, message: StateMessage | Telemetry, received_ns: int) -> bool:
         """Take a message; False when it is from nobody we know, repeated, out of order or not finite."""
@@ -120,11 +123,12 @@ class NeighbourTable:
         self._stamp_ns[place] = message.stamp_ns if shared else received_ns - _OTHER_CLOCK_DELAY_NS
         self._numbers[place] = _numbers(message)
         self._flags[:, place] = True, message.is_airborne, message.is_cooperative
+        self._aged_ns = -1
         return True
 
     def hear_round(self, arrived: Round, received_ns: int) -> None:
         """:meth:`hear` of every message of a round but our own."""
-        others = self._others
+        others, self._aged_ns = self._others, -1
         stamp_ns, boot_id, sequence = arrived.whole[:, others]
         is_here, is_usable, is_valid, is_airborne, is_cooperative = arrived.flags[:, others]
         if is_here.any():
@@ -142,8 +146,10 @@ class NeighbourTable:
 
     def ages_s(self, now_ns: int) -> Array:
         """Age (K,) of the newest state of each; inf when never heard."""
-        ages = np.maximum(now_ns - self._stamp_ns, 0) * 1e-9
-        return np.where(self._flags[0], ages, np.inf)
+        if self._aged_ns != now_ns:
+            ages = np.maximum(now_ns - self._stamp_ns, 0) * 1e-9
+            self._aged_ns, self._ages_s = now_ns, np.where(self._flags[0], ages, np.inf)
+        return self._ages_s
 
     def known_ages_s(self, now_ns: int) -> dict[str, float]:
         """Age of the newest state of each that was ever heard."""
