@@ -139,6 +139,16 @@ def _start_mission(link: Link, command: Command) -> Answer:
     return Result.DENIED, []  # there is none
 
 
+def _reboot(link: Link, command: Command) -> Answer:
+    wanted = command.integer(1)
+    if wanted == 0:
+        return Result.ACCEPTED, []
+    if wanted != 1 or link.autopilot.is_armed:
+        return Result.DENIED, []
+    link.emulator.reboot(link.index)
+    return Result.ACCEPTED, []
+
+
 def _set_interval(link: Link, command: Command) -> Answer:
     done = link.schedule.set_interval(command.integer(1), command[2], link.view.now_s)
     return (Result.ACCEPTED if done else Result.FAILED), []
@@ -179,6 +189,7 @@ _COMMANDS: dict[int, Handler] = {
     189: _accept,  # DO_LAND_START: the landing part of a mission; without one nothing happens
     192: _reposition,  # DO_REPOSITION
     245: _accept,  # PREFLIGHT_STORAGE: parameters are kept for the run
+    246: _reboot,  # PREFLIGHT_REBOOT_SHUTDOWN
     300: _start_mission,  # MISSION_START
     400: _arm,  # COMPONENT_ARM_DISARM
     410: _request("HOME_POSITION"),  # GET_HOME_POSITION

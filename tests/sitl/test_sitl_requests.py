@@ -143,6 +143,21 @@ def test_parameters_of_the_wrong_type_and_for_everybody_are_met_with_silence() -
     assert changed.fields["param_value"] != value.fields["param_value"]
 
 
+def test_a_reboot_on_command_keeps_the_parameters_and_is_denied_to_an_armed_vehicle() -> None:
+    emu = emulator()
+    client = Client(emu)
+    run_for(emu, 5.0)
+    client.send("PARAM_SET", param_id=b"COM_OF_LOSS_T", param_value=0.5, param_type=9, target_system=1)
+    assert client.command(400, 1) == [ACCEPTED]
+    assert client.command(246, 1) == [DENIED]
+    assert client.command(400, 0) == [ACCEPTED]
+    assert client.command(246, 1) == [ACCEPTED]
+    assert client.command(400, 1) == [REJECTED]  # it starts again
+    run_for(emu, 5.0)
+    assert client.command(400, 1) == [ACCEPTED]
+    assert emu.autopilots[0].params["COM_OF_LOSS_T"] == 0.5
+
+
 def test_a_ground_station_that_knows_the_parameters_stops_the_list() -> None:
     client = Client(emulator())
     client.send("PARAM_REQUEST_LIST", target_system=1)
