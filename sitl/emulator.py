@@ -179,6 +179,9 @@ class Emulator:
 
     def _tick(self) -> None:
         states, time_s = self.world.vehicles.states, self.time_s
+        for index, shift_ned_m in self.estimator.jumps:
+            self.autopilots[index].flight.frame_jumped(shift_ned_m)
+        self.estimator.jumps.clear()
         positions, velocities = self.estimator.position_ned_m.copy(), self.estimator.velocity_ned_m_s.copy()
         yaws = rotation.wrap(states.yaw_rad + self.estimator.yaw_error_rad)
         attitudes = rotation.from_yaw_and_tilt(yaws, states.tilt_rad)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -78,6 +78,14 @@ class Flight:
     def hold_at(self, position_ned_m: Array) -> None:
         """Let Hold fly to another place (DO_REPOSITION); NaN keeps a coordinate."""
         self._hold_ned_m = position_ned_m
+
+    def frame_jumped(self, shift_ned_m: Array) -> None:
+        """Move what is remembered along with a jump of the local frame, so that the vehicle stays where it is."""
+        self.home_ned_m = self.home_ned_m + shift_ned_m
+        if self._entry is not None:
+            self._entry = replace(self._entry, position_ned_m=self._entry.position_ned_m + shift_ned_m)
+        if self._hold_ned_m is not None:
+            self._hold_ned_m = self._hold_ned_m + shift_ned_m
 
     def terminate(self) -> None:
         """Motors off for good, though still armed."""

@@ -80,6 +80,7 @@ class Estimator:
         gps_blocked: (list) satellites are not received, whatever the parameters say.
         resets: (n, 5) counters XY, VXY, Z, VZ, HEADING.
         reset_ned_m: (n, 3) by how much the position jumped at its newest reset.
+        jumps: which vehicle's position jumped by how much, until somebody takes them.
     """
 
     def __init__(
@@ -128,6 +129,7 @@ class Estimator:
         self.vision_noise_m = [0.1] * n
         self.resets = np.tile(np.array(_RESETS_AT_START, dtype=np.int64), (n, 1))
         self.reset_ned_m = np.zeros((n, 3))
+        self.jumps: list[tuple[int, Array]] = []
         self._levels: list[ErrorLevel | None] = [None] * n
         self._rests = [True] * n
 
@@ -196,13 +198,12 @@ class Estimator:
         if not lifts:
             ez = 0.0 if is_refused else _FUSE_GAIN * ez
         self._correct(index, (ex, ey, ez))
-        if jumps:
-            self.resets[index, XY] += 1
-            self.reset_ned_m[index] = ex, ey, ez if lifts else 0.0
-        if lifts:
-            self.resets[index, Z] += 1
-            if not jumps:
-                self.reset_ned_m[index] = 0.0, 0.0, ez
+        self.resets[index, XY] += jumps
+        self.resets[index, Z] += lifts
+        if jumps or lifts:
+            shift = np.array([ex if jumps else 0.0, ey if jumps else 0.0, ez if lifts else 0.0])
+            self.reset_ned_m[index] = shift
+            self.jumps.append((index, shift))
 
     def restart(self, index: int, time_s: float, position_ned_m: Array) -> None:
         """Begin anew, as after a reboot: a new origin where the vehicle is, no source yet, counters as at a start."""

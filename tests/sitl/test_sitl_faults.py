@@ -249,6 +249,29 @@ def test_what_the_autopilot_is_told_from_outside_can_freeze_jump_be_swapped_late
     assert lost.estimator.source[0] is Source.NONE
 
 
+def test_a_vehicle_that_holds_on_vision_stays_where_it_is_when_vision_jumps() -> None:
+    emu = emulator(seed=5)
+    emu.has_global_origin[0] = True
+    jump_m = 0.0
+
+    def see() -> None:
+        if emu.world.vehicles.steps % 5 == 0:
+            place = emu.world.vehicles.states.position_ned_m[0] + [jump_m, 0.0, 0.0]
+            vision_follower(emu, 0, tuple(place.tolist()))
+
+    run_for(emu, 6.0, see)
+    emu.autopilots[0].request(emu.time_s, Mode.TAKEOFF)
+    assert emu.autopilots[0].request_arm(emu.time_s, True, 0.0).value == 0
+    until(emu, lambda: emu.autopilots[0].mode is Mode.LOITER, 15.0, see)
+    run_for(emu, 3.0, see)
+    before = emu.world.vehicles.states.position_ned_m[0].copy()
+    jump_m = 3.0
+    run_for(emu, 4.0, see)
+    moved = emu.world.vehicles.states.position_ned_m[0] - before
+    assert np.hypot(*moved[:2]) < 1.0
+    assert emu.estimator.local(0).position_ned_m[0] - before[0] == pytest.approx(3.0, abs=1.0)
+
+
 def poses(line: str, duration_s: float = 2.0) -> list[tuple[float, Pose]]:
     """What a motion capture without noise gives of two bodies that move east with 1 m/s, 3 m apart."""
     emu = emulator((0.0, 0.0, 0.0), (3.0, 0.0, 0.0))
