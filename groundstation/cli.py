@@ -29,6 +29,7 @@ _PASSED_ON = {
     "plot": ("figures of a recorded flight", "groundstation.plot"),
 }
 _BENCHES = {
+    "lockstep": ("how much faster than time flights in lockstep are, and where the time goes", "sitl.lockstep.bench"),
     "demo": ("fly the demo several times and write a table", "groundstation.bench"),
     "sitl": ("what the emulated PX4s cost", "sitl.bench"),
     "responses": ("the emulator beside PX4: steps, closed loop, errors", "sitl.response_page"),
