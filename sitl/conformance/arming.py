@@ -54,8 +54,10 @@ def run(pilot: Pilot, report: Report) -> None:
 
 def _refusals(pilot: Pilot, report: Report) -> None:
     grounded(pilot)
+    was_ground_station = pilot.is_ground_station
     pilot.greet(as_ground_station=False)
-    pilot.spend(5.2 if report.wants("text.*") else 0.5)  # older texts and the last ground station are forgotten
+    # Until older texts and the last ground station are forgotten.
+    pilot.spend(5.2 if was_ground_station else 0.5)
     report.add("mode.two-acks", pilot.set_mode("OFFBOARD"))
     pilot.next_heartbeat()
     beat = pilot.newest("HEARTBEAT")
@@ -79,7 +81,7 @@ def _refusals(pilot: Pilot, report: Report) -> None:
         report.add("text.chunks", str(pieces))
     if report.wants("text.stops"):
         pilot.greet(as_ground_station=False)
-        pilot.spend(6.0)
+        pilot.spend(5.0)
         since_s = pilot.now_s
         pilot.command(ARM, 1.0)
         pilot.spend(0.5)

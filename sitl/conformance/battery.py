@@ -10,7 +10,7 @@ from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import Pilot
 
 _HEIGHT_M = 2.5
-_FAST_DRAIN_S = 15.0
+_FAST_DRAIN_S = 12.0
 DRAIN = (
     number("battery.drain", "9", "drains while armed by 100 % a minute", 1.45, 1.9, "%/s"),
     number(

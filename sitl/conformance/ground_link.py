@@ -25,7 +25,7 @@ def run(pilot: Pilot, report: Report) -> None:
         if not pilot.listen(5.0, lambda: pilot.seen.newest("HEARTBEAT") is not None):
             report.fail(FACTS, "nobody is heard there")
             return
-    pilot.spend(6.0)
+    pilot.spend(4.2)
     beats = [packet for packet in pilot.seen.of("HEARTBEAT") if packet.system_id == wanted]
     report.add("gcs.system", "yes" if beats else "no")
     span_s = beats[-1].at_s - beats[0].at_s if len(beats) > 1 else math.nan

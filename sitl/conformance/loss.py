@@ -11,7 +11,7 @@ from sitl.conformance.pilot import ARM, Pilot, quaternion
 
 _HEIGHT_M = 3.0
 _TEXT = "Failsafe activated"
-_TOLD = ("loss.status", "loss.text", "loss.severity", "loss.event")
+_TOLD = ("loss.status", "loss.base-mode", "loss.text", "loss.severity", "loss.event")
 _ACTIONS = {1: "ALTCTL", 3: "AUTO.RTL", 4: "AUTO.LAND", 5: "AUTO.LOITER", 0: "POSCTL"}
 
 
@@ -27,6 +27,7 @@ AIR = (
     word("loss.short-gap", "6", "setpoints pause for 0.8 s", "nothing"),
     *(fact for action, mode in _ACTIONS.items() for fact in _action_facts(action, mode)),
     word("loss.status", "6", "system_status in failsafe", "CRITICAL"),
+    word("loss.base-mode", "5", "base_mode in POSCTL, armed", "209"),
     word("loss.text", "6", "text", repr("Failsafe activated\t")),
     word("loss.severity", "6", "its severity", "2"),
     word("loss.event", "6", "EVENT (410) about it", "sent"),
@@ -118,6 +119,7 @@ def _act(pilot: Pilot, report: Report, hover: Hover, action: int) -> None:
     if action == 0:
         text = pilot.text(_TEXT, since_s)
         report.add("loss.status", pilot.status)
+        report.add("loss.base-mode", str(pilot.newest("HEARTBEAT").base_mode))
         report.add("loss.text", repr(text[2]) if text else "none")
         report.add("loss.severity", str(text[1]) if text else "none")
         events = list(pilot.seen.of("EVENT", since_s + 0.9))

@@ -207,8 +207,8 @@ def _wire(pilot: Pilot, report: Report, since_s: float) -> None:
     beats = [packet.at_s for packet in seen.of("HEARTBEAT", since_s)]
     between = [after - before for before, after in itertools.pairwise(beats)]
     slack = 0.02 * max(0.0, pilot.clock.pace - 1.0)  # arrival is seen by the wall clock
-    report.add("heartbeat.interval-min", min(between) + slack if between else math.nan)
-    report.add("heartbeat.interval-max", max(between) - slack if between else math.nan)
+    report.add("heartbeat.interval-min", min(1.0, min(between) + slack) if between else math.nan)
+    report.add("heartbeat.interval-max", max(1.0, max(between) - slack) if between else math.nan)
 
 
 def _checksums(pilot: Pilot) -> str:

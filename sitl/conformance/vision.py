@@ -30,7 +30,7 @@ FUSED = (
 LOST = (
     word("vision.lost-streams", "10", "LOCAL_POSITION_NED after vision stopped", "streams"),
     word("vision.lost-flags", "10", "ESTIMATOR_STATUS.flags then, one after the other", "0x1ef 0xef 0xe5", "0xef 0xe5"),
-    word("vision.mocap-ignored", "10", "ATT_POS_MOCAP is not fused: flags stay", "0xe5"),
+    word("vision.mocap-ignored", "10", "ATT_POS_MOCAP all the while is not fused: flags at the end", "0xe5"),
     word("vision.lost-arming", "10", "arming in AUTO.LOITER after it stopped", "TEMPORARILY_REJECTED"),
     word("vision.offboard-arming", "10", "attitude OFFBOARD arms without any position source", "ACCEPTED"),
     word("vision.offboard-prearm", "10", "and shows ready before", "set"),
@@ -89,9 +89,10 @@ def _lost(pilot: Pilot, report: Report) -> None:
     if pilot.vision_duty.act is None:
         pilot.vision_duty.act = _vision(pilot, list(_PLACE))
         pilot.spend(_SETTLE_S)
-    pilot.vision_duty.act = None
+    # Poses that are not fused are as good as none.
+    pilot.vision_duty.act = _mocap(pilot, list(_PLACE)) if report.wants("vision.mocap-ignored") else None
     since_s = pilot.now_s
-    pilot.spend(7.5)
+    pilot.spend(8.0)
     report.add("vision.lost-streams", _streams(pilot))
     flags: list[str] = []
     for packet in pilot.seen.of("ESTIMATOR_STATUS", since_s):
@@ -99,11 +100,8 @@ def _lost(pilot: Pilot, report: Report) -> None:
         if not flags or flags[-1] != shown:
             flags.append(shown)
     report.add("vision.lost-flags", " ".join(flags))
-    if report.wants("vision.mocap-ignored"):
-        pilot.vision_duty.act = _mocap(pilot, list(_PLACE))
-        pilot.spend(3.0)
-        report.add("vision.mocap-ignored", hex(pilot.newest("ESTIMATOR_STATUS").flags))
-        pilot.vision_duty.act = None
+    report.add("vision.mocap-ignored", flags[-1] if flags else "none")
+    pilot.vision_duty.act = None
     report.add("vision.lost-arming", pilot.command(ARM, 1.0))
     if report.wants("vision.offboard-*"):
         hover = Hover(pilot)

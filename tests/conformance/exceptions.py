@@ -5,7 +5,6 @@ from __future__ import annotations
 _VISION = "the estimate keeps the errors that vision was measured to leave in flight, also on the ground"
 _YAW_DRIFT = "the compass's error drifts as fast on the ground as in flight, and during a step of yaw"
 DIFFERENCES: dict[str, str] = {
-    "offboard.no-spool": "SERVO_OUTPUT_RAW shows the thrust behind the motors' lag",
     "pad.yaw-noise": _YAW_DRIFT,
     "step.yaw-170-overshoot": "large steps of yaw overshoot less: the rate limit holds the integral back",
     "vision.estimate": _VISION,

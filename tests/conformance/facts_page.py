@@ -40,9 +40,10 @@ def page(report: Report) -> str:
     """The page as text."""
     differing = [name for name, finding in report.findings.items() if finding.verdict is not Verdict.AGREES]
     agree = len(report.findings) - len(differing)
-    differ = "\n\nNot emulated, or not quite:\n\n" if differing else ""
-    lines = [f"- `{name}`: {DIFFERENCES.get(name, 'unexplained')}" for name in differing]
-    out = [_HEAD.format(agree=agree, all=len(report.findings), differ=differ + "\n".join(lines))]
+    differ = "\n\nNot emulated, or not quite:\n\n" if DIFFERENCES or differing else ""
+    named = dict.fromkeys((*DIFFERENCES, *differing))
+    lines = [f"- `{name}`: {DIFFERENCES.get(name, 'unexplained')}" for name in named]
+    out = [_HEAD.format(agree=agree, all=len(report.findings), differ=differ + "\n".join(lines)).rstrip()]
     done: set[str] = set()
     for phase in (*PHASES, None):
         facts = [f for f in (FACTS if phase is None else phase.facts) if f.name not in done]

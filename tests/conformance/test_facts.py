@@ -16,7 +16,7 @@ from sitl.conformance.facts import Fact, Report, Verdict, chosen, number, word
 from sitl.conformance.suite import FACTS, Terms, check
 from tests.conformance.exceptions import DIFFERENCES
 from tests.conformance.facts_page import PAGE, whole_check
-from tests.conformance.virtual import Wires
+from tests.conformance.virtual import VirtualPort, Wires
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +99,38 @@ def test_parameters_are_what_they_were_after_a_check() -> None:
     check(wires.companion(), None, asked, Terms(may_turn_motors=True), lambda line: None)
     assert dict(wires.emulator.autopilots[0].params.values) == before
     assert not wires.emulator.autopilots[0].is_armed
+
+
+class _Quick:
+    """A port whose clock sees the vehicle run four times as fast as real time."""
+
+    def __init__(self, port: VirtualPort) -> None:
+        self._port = port
+
+    def now_s(self) -> float:
+        return self._port.now_s() / 4.0
+
+    def receive(self, timeout_s: float) -> list[bytes]:
+        return self._port.receive(4.0 * timeout_s)
+
+    def send(self, datagram: bytes) -> None:
+        self._port.send(datagram)
+
+    def stranger(self) -> _Quick:
+        return _Quick(self._port.stranger())
+
+    def close(self) -> None:
+        self._port.close()
+
+
+def test_a_simulator_that_runs_faster_than_time_is_judged_in_its_own_time() -> None:
+    facts = ["boot", "stream.attitude", "heartbeat", "rate.odometry", "arm", "loss.action-4", "hover", "clock.pace"]
+    asked = Report(chosen(FACTS, facts))
+    pilot = check(_Quick(Wires().companion()), None, asked, Terms(), lambda line: None)
+    differing = {name: f.measured for name, f in asked.findings.items() if f.verdict is Verdict.DIFFERS}
+    assert pilot.clock.pace == pytest.approx(4.0, rel=0.02)
+    assert differing == {}
+    assert asked.findings["clock.pace"].verdict is Verdict.SKIPPED
 
 
 @pytest.mark.parametrize(
