@@ -2,7 +2,7 @@
 
 One vehicle is computed by the interpreted kernels: a drone's process never loads numba (130 MiB and a second of
 imports) and has nothing to compile in flight. Batches use the compiled kernels, or the array forms where numba is
-missing or ``COVEY_NUMBA=0``. ``COVEY_NUMBA=1`` compiles for single vehicles too.
+missing or ``COVEY_NUMBA=0``. Without fused or reordered arithmetic both ways give the same bits.
 
 Compiled code is kept on disk by numba beside the source, or in the user's cache folder where that is read-only; where
 neither can be written, each process compiles anew. ``warm_up`` does it at a moment of the caller's choice.
@@ -41,8 +41,8 @@ def uses_kernel(size: int) -> bool:
 
 
 def is_compiled(size: int) -> bool:
-    """Whether a kernel is to be run compiled for this size."""
-    return size != 1 or os.environ.get(ENVIRONMENT, "") == "1"
+    """Whether a kernel is run compiled for this size, and not interpreted."""
+    return size > 1
 
 
 @lru_cache(maxsize=1)

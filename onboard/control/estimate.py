@@ -281,7 +281,7 @@ def correct(
     covariance[..., 5] = bb - k_b * g_b
     covariance[..., (0, 3, 5)] = np.maximum(covariance[..., (0, 3, 5)], 1e-12)
     ages = np.where(np.isfinite(memory.ring_age_s), memory.ring_age_s, 0.0)[:, None]
-    if compiled.uses_kernel(age.size):
+    if compiled.is_compiled(age.size) and compiled.uses_kernel(age.size):
         change = np.stack([d_p, d_v, d_b], axis=-2).reshape(-1, 3, 3)
         remembered_all = compiled.flat(memory.ring_position_enu_m, age.size, len(ages), 3)
         ring = compiled.moved_back_batch(remembered_all, ages[:, 0], change).reshape(memory.ring_position_enu_m.shape)

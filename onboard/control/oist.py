@@ -47,7 +47,7 @@ def predict(memory: LawMemory, state: State, *, params: LawParams) -> tuple[Arra
     """
     if params.name == "paper" or params.config.prediction == "none":
         return state.position_enu_m, state.velocity_enu_m_s
-    if state.position_enu_m.ndim == 1:
+    if state.age_s.size == 1:
         return prediction.predict_one(memory.history, state, params.lag_s, min(params.vertical_lag_s, params.lag_s))
     age = np.clip(np.nan_to_num(state.age_s, nan=0.0), 0.0, prediction.MAX_MESSAGE_AGE_S)
     if compiled.uses_kernel(age.size):
@@ -271,7 +271,13 @@ def _covey(
     turn, turn_bound = rows.rotation_rows(e, w, wish, own_velocity, d, count >= n.crowd_count, is_full, n=n)
     speed, speed_bound, is_moving = rows.speed_row(velocity, n=n)
     soft = np.concatenate([speed, turn, obstacle_turn], axis=-2)
-    soft_bounds = _net(np.concatenate([speed_bound, turn_bound, obstacle_turn_bound], axis=-1), soft, shift)
+    turn_bound = _net(turn_bound, turn, shift)
+    if n.rotation == ROTATION["violated"]:
+        given = np.einsum("...kc,...c->...k", turn, wanted)
+        fade = np.clip(lack[..., : turn.shape[-2]] / max(n.rotation_fade_m_s2, 1e-9), 0.0, 1.0)
+        turn_bound = given + fade * (turn_bound - given)
+    speed_bound, obstacle_turn_bound = _net(speed_bound, speed, shift), _net(obstacle_turn_bound, obstacle_turn, shift)
+    soft_bounds = np.concatenate([speed_bound, turn_bound, obstacle_turn_bound], axis=-1)
     turning = slice(None, lack.shape[-1] - 4)  # walls are not turned about
     has_turn = np.where(n.rotation == ROTATION["always"], is_on, is_violated & (n.rotation != ROTATION["never"]))
     is_soft = np.concatenate([is_moving & is_avoiding[..., None], has_turn[..., turning]], axis=-1)

@@ -73,23 +73,24 @@ def predict_own(
 
 def predict_one(history: CommandHistory, state: State, lag_s: float, vertical_lag_s: float) -> tuple[Array, Array]:
     """Own state over the lag, the vertical axis over its own and then straight on, for one vehicle, in floats."""
-    age = float(state.age_s)
+    shape = state.position_enu_m.shape
+    age = float(state.age_s.reshape(()))
     age = min(max(age, 0.0), MAX_MESSAGE_AGE_S) if math.isfinite(age) else 0.0
-    durations = history.duration_s.tolist()
+    durations = history.duration_s.ravel().tolist()
     count, covered = 0, 0.0
     while count < len(durations) and covered < lag_s + age:
         covered += durations[count]
         count += 1
     position, velocity = kernel_motion.predicted(
-        history.acceleration_enu_m_s2[:count].ravel().tolist(),
+        history.acceleration_enu_m_s2[..., :count, :].ravel().tolist(),
         durations[:count],
-        state.position_enu_m.tolist(),
-        state.velocity_enu_m_s.tolist(),
+        state.position_enu_m.ravel().tolist(),
+        state.velocity_enu_m_s.ravel().tolist(),
         lag_s + age,
         vertical_lag_s + age,
         lag_s - vertical_lag_s,
     )
-    return np.array(position), np.array(velocity)
+    return np.array(position).reshape(shape), np.array(velocity).reshape(shape)
 
 
 def predict_batch(

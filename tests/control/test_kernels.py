@@ -137,6 +137,24 @@ def test_every_stage_in_floats_equals_the_same_in_arrays_over_a_flight(monkeypat
                 np.testing.assert_allclose(a[k], b, atol=1e-9, err_msg=path)
 
 
+def test_a_batch_of_one_vehicle_is_that_vehicle_and_needs_no_numba(monkeypatch):
+    monkeypatch.setattr(compiled, "numba", lambda: None)
+    together = flown(3, 25)
+    for batch, alone in zip(together, flown(3, 25, pick=slice(1, 2)), strict=True):
+        for (path, a), (_, b) in zip(leaves(batch), leaves(alone), strict=True):
+            np.testing.assert_allclose(a[1:2], b, atol=1e-9, err_msg=path)
+
+
+def test_interpreted_and_compiled_law_agree_to_the_last_bit():
+    params = LawParams(fence_enu_m=FENCE, capsules_enu_m=CAPSULES)
+    given = random_law_input(8, 150, 6)
+    together = oist._covey(*given, params)
+    for k in range(150):
+        alone = oist._covey(*(one_of(part, slice(k, k + 1)) for part in given), params)
+        for one, two in zip(together, alone, strict=True):
+            assert one[k].tobytes() == two[0].tobytes()
+
+
 def test_compiled_runs_repeat_bit_by_bit():
     params = LawParams(fence_enu_m=FENCE, capsules_enu_m=CAPSULES)
     given = random_law_input(3, 200, 5)
