@@ -232,7 +232,11 @@ def covey(
             else:
                 bound = 0.5 * (braking - k_4 * (spin - 2.0 * d * v_perp + k_3 * outside))
             f_x, f_y = -e_y[k] * sign / d, e_x[k] * sign / d
-            m_x[turns], m_y[turns], m_b[turns] = f_x, f_y, bound / d + f_x * s_x + f_y * s_y
+            bound = bound / d + f_x * s_x + f_y * s_y
+            if n.rotation == 1 and lack < n.rotation_fade_m_s2:
+                given = f_x * u_x + f_y * u_y
+                bound = given + lack / n.rotation_fade_m_s2 * (bound - given)
+            m_x[turns], m_y[turns], m_b[turns] = f_x, f_y, bound
             turns += 1
     for c in range(len(capsules) // 5):
         t_x, t_y = capsules[5 * c + 2] - capsules[5 * c], capsules[5 * c + 3] - capsules[5 * c + 1]

@@ -53,6 +53,7 @@ class LawNumbers(NamedTuple):
     v_perp_m_s: float
     v_perp_crowd_m_s: float
     crowd_count: int
+    rotation_fade_m_s2: float
     max_neighbours: int
     range_m: float
     clearance_m: float
@@ -127,7 +128,7 @@ def _numbers(params: LawParams) -> LawNumbers:
     top_speed_m_s = c.avoid_speed_frac * params.max_speed_m_s
     brake_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(params.max_tilt_rad)
     low_x, high_x, low_y, high_y = params.fence_enu_m
-    return LawNumbers(
+    numbers = LawNumbers(
         is_full=int(c.responsibility == "full"),
         shortfall_gain=c.shortfall_gain if c.responsibility == "shortfall" else 0.0,
         rotation=ROTATION[c.rotation],
@@ -148,6 +149,7 @@ def _numbers(params: LawParams) -> LawNumbers:
         v_perp_m_s=c.v_perp_m_s,
         v_perp_crowd_m_s=c.v_perp_crowd_m_s,
         crowd_count=c.crowd_count,
+        rotation_fade_m_s2=c.rotation_fade_m_s2,
         max_neighbours=c.max_neighbours,
         range_m=c.range_m,
         clearance_m=params.body_radius_m + c.obstacle_margin_m,
@@ -156,6 +158,12 @@ def _numbers(params: LawParams) -> LawNumbers:
         fence_high_x_m=high_x - c.fence_margin_m,
         fence_low_y_m=low_y + c.fence_margin_m,
         fence_high_y_m=high_y - c.fence_margin_m,
+    )
+    # a fleet file may say 1 for 1.0, and compiled code is made for kinds of numbers
+    kinds = LawNumbers.__annotations__
+    return LawNumbers._make(
+        int(value) if kinds[name] == "int" else float(value)
+        for name, value in zip(LawNumbers._fields, numbers, strict=True)
     )
 
 
