@@ -19,7 +19,7 @@ Address = tuple[str, int]
 ONBOARD_PORT_OFFSET = 40
 GROUND_STATION: Address = ("127.0.0.1", 14550)
 # First companion port, first port of the ground link, and how many: PX4's own ports collide from the eleventh on.
-_LAYOUT: tuple[tuple[int, int, range], ...] = ((14540, 18570, range(10)), (15540, 19570, range(10, 1000)))
+_LAYOUT: tuple[tuple[int, int, range], ...] = ((14540, 18570, range(10)), (15540, 19570, range(10, 255)))
 _ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*|\[[^\]]*\]):(\d{1,5})")
 _MOST_READ_AT_ONCE = 64
 _LARGEST_DATAGRAM = 65535
@@ -70,8 +70,7 @@ def ground_port_of(autopilot: str) -> int | None:
         return None
     for companion, ground, instances in _LAYOUT:
         instance = int(match[3]) - companion
-        # The second block is numbered on from where the first one ends, or from zero: both have been used.
-        if instance in instances or (ground == 19570 and 0 <= instance < 10):
+        if instance in instances:
             return ground + instance
     return None
 
