@@ -7,7 +7,7 @@ import math
 from sitl.conformance.pilot import ARM, FORCE, LAND, Pilot, Quaternion, Stuck, quaternion
 
 _GRAVITY = 9.81
-HOVER_THRUST = 0.49
+_PERIOD_S, _LEARN_BELOW_M_S, _LEARN_1_M = 0.02, 0.4, 0.04
 _CLIMB_LIMIT, _SINK_LIMIT, _SPEED_LIMIT, _ACCEL_LIMIT = 2.5, 1.5, 1.5, 3.0
 _RATES_HZ = {"LOCAL_POSITION_NED": 100.0, "ATTITUDE": 250.0, "ATTITUDE_TARGET": 250.0, "EXTENDED_SYS_STATE": 20.0}
 
@@ -18,6 +18,7 @@ class Hover:
     Attributes:
         goal: north, east, down in the vehicle's local frame [m].
         yaw_rad: heading.
+        thrust: what carries the weight; begins at the SIH quadrotor's and is learnt for others.
         tilt: roll and pitch instead of the horizontal hold, when given [rad].
     """
 
@@ -28,6 +29,7 @@ class Hover:
         self.goal = [float(place.x), float(place.y), float(place.z)]
         self.yaw_rad = pilot.euler()[2]
         self.tilt: tuple[float, float] | None = None
+        self.thrust = 0.49
         self.is_resting = True
 
     @property
@@ -57,7 +59,10 @@ class Hover:
         down = _clip(self.goal[2] - place.z, _CLIMB_LIMIT, _SINK_LIMIT)
         lift = _GRAVITY + 3.0 * (place.vz - down)
         roll, pitch = self.tilt or self._tilt(place)
-        thrust = HOVER_THRUST * lift / _GRAVITY / (math.cos(roll) * math.cos(pitch))
+        if abs(place.vz) < _LEARN_BELOW_M_S:
+            learnt = self.thrust + _LEARN_1_M * _PERIOD_S * (place.vz - down)
+            self.thrust = min(0.8, max(0.2, learnt))
+        thrust = self.thrust * lift / _GRAVITY / (math.cos(roll) * math.cos(pitch))
         return quaternion(roll, pitch, self.yaw_rad), min(1.0, max(0.12, thrust))
 
     def _tilt(self, place: object) -> tuple[float, float]:

@@ -84,7 +84,7 @@ def _in_the_air(pilot: Pilot, report: Report, hover: Hover) -> None:
         since_s = _stop(pilot, hover)
         wrong = pilot.system_id % 250 + 3
         level = quaternion(0.0, 0.0, hover.yaw_rad)
-        pilot.stream(lambda: pilot.attitude(level, 0.49, target=wrong))
+        pilot.stream(lambda: pilot.attitude(level, hover.thrust, target=wrong))
         report.add("loss.wrong-target", _until_failsafe(pilot, since_s))
         _resume(pilot, hover)
         pilot.next_heartbeat()
@@ -94,7 +94,7 @@ def _in_the_air(pilot: Pilot, report: Report, hover: Hover) -> None:
 def _stop(pilot: Pilot, hover: Hover) -> float:
     """Stop sending; when the last setpoint went out. It is a level one: it is held."""
     level = quaternion(0.0, 0.0, hover.yaw_rad)
-    pilot.attitude(level, 0.49)
+    pilot.attitude(level, hover.thrust)
     pilot.stream(None)
     return pilot.now_s
 

@@ -6,7 +6,7 @@ import math
 import statistics
 
 from sitl.conformance.facts import Report, number, word
-from sitl.conformance.hover import HOVER_THRUST, Hover, airborne, fast_streams, grounded, settle
+from sitl.conformance.hover import Hover, airborne, fast_streams, grounded, settle
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import ARM, Pilot, Stuck, quaternion
 
@@ -152,7 +152,7 @@ def _odometry(pilot: Pilot, report: Report, hover: Hover) -> None:
 
 def _slowly(pilot: Pilot, report: Report, hover: Hover) -> None:
     level = quaternion(0.0, 0.0, hover.yaw_rad)
-    pilot.stream(lambda: pilot.attitude(level, HOVER_THRUST), hz=2.0)
+    pilot.stream(lambda: pilot.attitude(level, hover.thrust), hz=2.0)
     pilot.spend(3.0)
     report.add("offboard.two-hertz", pilot.mode)
     pilot.stream(hover)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from sitl.conformance.facts import Fact, Report, number
-from sitl.conformance.hover import HOVER_THRUST, Hover, airborne, settle
+from sitl.conformance.hover import Hover, airborne, settle
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import Pilot, quaternion, wrap
 
@@ -176,10 +176,10 @@ def _record(pilot: Pilot, axis: str, step_rad: float, go: Callable[[], None], fo
 
 def _thrust(pilot: Pilot, report: Report, hover: Hover) -> None:
     level = quaternion(0.0, 0.0, hover.yaw_rad)
-    pilot.stream(lambda: pilot.attitude(level, HOVER_THRUST))
+    pilot.stream(lambda: pilot.attitude(level, hover.thrust))
     pilot.spend(0.6)
     before = pilot.newest("LOCAL_POSITION_NED").vz
-    pilot.stream(lambda: pilot.attitude(level, HOVER_THRUST + 0.1))
+    pilot.stream(lambda: pilot.attitude(level, hover.thrust + 0.1))
     pilot.spend(0.6)
     report.add("step.thrust", before - pilot.newest("LOCAL_POSITION_NED").vz)
     hover.here()

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 
 from sitl.conformance.facts import Report, number, word
-from sitl.conformance.hover import HOVER_THRUST, Hover, airborne, settle
+from sitl.conformance.hover import Hover, airborne, settle
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import ATTITUDE_AND_THRUST, Pilot, Quaternion, quaternion
 
@@ -54,7 +54,7 @@ def run(pilot: Pilot, report: Report) -> None:
     tripled = (3.0 * tilted[0], 3.0 * tilted[1], 3.0 * tilted[2], 3.0 * tilted[3])
     for name, thrust, mask in (
         ("setpoint.nan-thrust", math.nan, ATTITUDE_AND_THRUST),
-        ("setpoint.ignored-thrust", HOVER_THRUST, ATTITUDE_AND_THRUST | _IGNORE_THRUST),
+        ("setpoint.ignored-thrust", hover.thrust, ATTITUDE_AND_THRUST | _IGNORE_THRUST),
         ("setpoint.negative-thrust", -0.5, ATTITUDE_AND_THRUST),
     ):
         if report.wants(name):
@@ -70,7 +70,7 @@ def run(pilot: Pilot, report: Report) -> None:
         ("setpoint.mask-zero", tilted, 0),
     ):
         if report.wants(name):
-            _for_a_moment(pilot, partial(pilot.attitude, q, HOVER_THRUST, mask=mask), _BAD_S)
+            _for_a_moment(pilot, partial(pilot.attitude, q, hover.thrust, mask=mask), _BAD_S)
             report.add(name, math.degrees(pilot.euler()[0]))
             if name == "setpoint.mask-zero":
                 echoed = pilot.newest("ATTITUDE_TARGET").q
@@ -79,7 +79,7 @@ def run(pilot: Pilot, report: Report) -> None:
             _recover(pilot, hover)
     for name, q in (("setpoint.zero-quaternion", (0.0,) * 4), ("setpoint.nan-quaternion", (math.nan,) * 4)):
         if report.wants(name):
-            _for_a_moment(pilot, partial(pilot.attitude, q, HOVER_THRUST), _BAD_S)
+            _for_a_moment(pilot, partial(pilot.attitude, q, hover.thrust), _BAD_S)
             roll, pitch, _ = pilot.euler()
             report.add(name, math.degrees(math.hypot(roll, pitch)))
             _recover(pilot, hover)
@@ -121,11 +121,11 @@ def _rates(pilot: Pilot, report: Report, hover: Hover) -> None:
     nothing: Quaternion = (1.0, 0.0, 0.0, 0.0)
     still = (0.0, 0.0, 0.0)
     rolling = (math.radians(25.0), 0.0, 0.0)
-    pilot.stream(lambda: pilot.attitude(nothing, HOVER_THRUST, mask=_RATES, rates=still))
+    pilot.stream(lambda: pilot.attitude(nothing, hover.thrust, mask=_RATES, rates=still))
     pilot.next_heartbeat(2)
     report.add("setpoint.rates-base-mode", str(pilot.newest("HEARTBEAT").base_mode))
     _recover(pilot, hover)
-    pilot.stream(lambda: pilot.attitude(nothing, HOVER_THRUST, mask=_RATES, rates=rolling))
+    pilot.stream(lambda: pilot.attitude(nothing, hover.thrust, mask=_RATES, rates=rolling))
     pilot.spend(0.45)
     speeds = [packet.message.rollspeed for packet in pilot.seen.of("ATTITUDE", pilot.now_s - 0.06)]
     report.add("setpoint.rates", math.degrees(sum(speeds) / len(speeds)) if speeds else math.nan)
