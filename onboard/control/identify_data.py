@@ -57,15 +57,19 @@ def tilt_vector_rad(quaternion_wxyz: Array) -> Array:
 
 
 def sandwich(jacobian: Array, residual: Array, cluster: IntArray) -> tuple[Array, int]:
-    """Standard deviations (p,) that allow for residuals that are correlated within a cluster."""
+    """Standard deviations (p,) by the jackknife over clusters (r,), and the number of clusters.
+
+    Residuals may be correlated within a cluster, and between neighbours (numbers that differ by one), which enter with
+    half their product. Leaving out whole clusters is honest where few of them carry most of what is known.
+    """
     names, index = np.unique(cluster, return_inverse=True)
-    scores = np.zeros((names.size, jacobian.shape[1]))
+    count, size = names.size, jacobian.shape[1]
+    scores, weights = np.zeros((count, size)), np.zeros((count, size, size))
     np.add.at(scores, index, jacobian * residual[:, None])
-    bread = np.linalg.pinv(jacobian.T @ jacobian)
-    count, free = names.size, jacobian.shape[1]
-    next_to = np.diff(names) == 1  # what is slower than a cluster: Bartlett's half of the products of neighbours
-    between = scores[:-1][next_to].T @ scores[1:][next_to]
-    meat = scores.T @ scores + 0.5 * (between + between.T)
-    covariance = bread @ meat @ bread * (count / max(count - free, 1))
-    plain = bread @ (scores.T @ scores) @ bread
-    return np.sqrt(np.maximum(np.diag(covariance), np.diag(plain))), count
+    np.add.at(weights, index, jacobian[:, :, None] * jacobian[:, None, :])
+    moved = (np.linalg.pinv(weights.sum(0) - weights) @ scores[..., None])[..., 0]
+    own = np.einsum("ci,ci->i", moved, moved)
+    is_next = np.diff(names) == 1
+    between = np.einsum("ci,ci->i", moved[:-1][is_next], moved[1:][is_next])
+    variance = (count - 1) / count * np.maximum(own + between, own)
+    return np.sqrt(variance), count
