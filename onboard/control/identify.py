@@ -7,8 +7,8 @@ position and velocity are free; it is linear in hover throttle, drag, lean and i
 before the attitude's own time stamps. That time, together with what is known of the attitude's age, takes out of the
 lag L, from a command to the acceleration it causes, how old the attitude was when it was written down.
 
-Residuals are correlated (gusts, thrust noise, model error): covariances are sandwiches over windows taken as clusters,
-with Student's factor for their number, and never below a floor for what the model leaves out.
+Residuals are correlated (gusts, thrust noise, model error): standard deviations are a jackknife over windows, with
+Student's factor for their number, and never below a floor for what the model leaves out.
 """
 
 from __future__ import annotations

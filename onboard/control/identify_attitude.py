@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from onboard.control.identify_data import MEMORY_S, Fit, Log, sandwich, tilt_vector_rad
+from onboard.control.identify_data import MEMORY_S, Fit, Log, jackknife, tilt_vector_rad
 from onboard.types import Array
 
 _CLUSTER_S = 1.0
@@ -73,7 +73,7 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> Fit:
         jacobian = slopes(theta, shape)
         if is_done:
             break
-    std, clusters = sandwich(jacobian, residual, cluster)
+    std, clusters = jackknife(jacobian, residual, cluster)
     return Fit(theta, std, float(np.sqrt(np.mean(residual**2))), clusters)
 
 

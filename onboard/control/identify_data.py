@@ -56,7 +56,7 @@ def tilt_vector_rad(quaternion_wxyz: Array) -> Array:
     return np.asarray(up[..., :2] * np.where(horizontal > 1e-9, angle / np.maximum(horizontal, 1e-9), 1.0)[..., None])
 
 
-def sandwich(jacobian: Array, residual: Array, cluster: IntArray) -> tuple[Array, int]:
+def jackknife(jacobian: Array, residual: Array, cluster: IntArray) -> tuple[Array, int]:
     """Standard deviations (p,) by the jackknife over clusters (r,), and the number of clusters.
 
     Residuals may be correlated within a cluster, and between neighbours (numbers that differ by one), which enter with

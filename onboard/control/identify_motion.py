@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from onboard.control.identify_attitude import asked_tilt, response
-from onboard.control.identify_data import Fit, Log, TooLittleFlown, sandwich
+from onboard.control.identify_data import Fit, Log, TooLittleFlown, jackknife
 from onboard.types import GRAVITY_M_S2, Array, IntArray
 
 _WINDOW_S = 2.0
 _GRID_S = 0.005
 _MOTOR_LAG_S = 0.05
-_GUST_M_S2, _GUST_TIME_S, POSITION_NOISE_M = 0.03, 1.0, 0.003  # only weights: the sandwich does not believe them
+_GUST_M_S2, _GUST_TIME_S, POSITION_NOISE_M = 0.03, 1.0, 0.003  # only weights: the jackknife does not believe them
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ def _covariance_m2(time_s: Array, gust_m_s2: float) -> Array:
 def _solve(columns: Array, right: Array, cluster: IntArray) -> Fit:
     theta, *_ = np.linalg.lstsq(columns, right, rcond=None)
     residual = right - columns @ theta
-    std, clusters = sandwich(columns, residual, cluster)
+    std, clusters = jackknife(columns, residual, cluster)
     return Fit(np.asarray(theta, dtype=np.float64), std, float(np.sqrt(np.mean(residual**2))), clusters)
 
 
