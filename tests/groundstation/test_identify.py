@@ -96,9 +96,7 @@ def test_the_manoeuvre_stays_in_its_box_inside_the_fence_and_clear_of_the_others
     fleet = load_fleet(FLEETS["sih"])
     x, y, _ = fleet.vehicles["mav1"].start_enu_m
     steps = manoeuvre(fleet, "mav1", half_m=5.0)
-    assert (
-        max(max(abs(goal[0] - x), abs(goal[1] - y)) for goal, _ in steps) <= 0.5
-    )  # 1.5 m to the next one
+    assert max(max(abs(goal[0] - x), abs(goal[1] - y)) for goal, _ in steps) <= 0.5  # 1.5 m to the next one
     assert {duration > 0.0 for _, duration in steps} == {True, False}  # quick and slow
     assert manoeuvre(fleet, "mav1") == manoeuvre(fleet, "mav1")
     assert manoeuvre(fleet, "mav1", seed=1) != manoeuvre(fleet, "mav1")
