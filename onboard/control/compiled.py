@@ -201,17 +201,17 @@ def flat(array: NDArray[_T], size: int, *inner: int) -> NDArray[_T]:
     return np.require(array.reshape(size, *inner), requirements=["C", "W"])
 
 
-def warm_up(params: LawParams) -> bool:
+def warm_up() -> bool:
     """Compile, or load from numba's cache, all that batches use; False when nothing is to be compiled.
 
-    Takes a few tenths of a second from the cache, and about twenty seconds the first time on a machine.
+    Takes under a second from the cache, and about ten seconds of a processor the first time on a machine.
     """
     if not is_wanted() or numba() is None:
         return False
     two = np.zeros((2, 3))
     scalar = np.zeros((2, 1))
     floats = np.zeros((2, 13))
-    covey_batch(floats, [two] * 6, [scalar] * 5, [scalar > 1.0] * 2, params)
+    covey_batch(floats, [two] * 6, [scalar] * 5, [scalar > 1.0] * 2, LawParams())
     predicted_batch(two, scalar, two, two, np.zeros((2, 2)), 0.0)
     moved_back_batch(two[:, None], np.zeros(1), np.zeros((2, 3, 3)))
     return True

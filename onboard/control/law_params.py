@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import msgspec
 
@@ -62,6 +62,9 @@ class LawNumbers(NamedTuple):
     fence_high_x_m: float
     fence_low_y_m: float
     fence_high_y_m: float
+
+
+_KINDS = tuple(get_type_hints(LawNumbers).values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,11 +163,7 @@ def _numbers(params: LawParams) -> LawNumbers:
         fence_high_y_m=high_y - c.fence_margin_m,
     )
     # a fleet file may say 1 for 1.0, and compiled code is made for kinds of numbers
-    kinds = LawNumbers.__annotations__
-    return LawNumbers._make(
-        int(value) if kinds[name] == "int" else float(value)
-        for name, value in zip(LawNumbers._fields, numbers, strict=True)
-    )
+    return LawNumbers._make(kind(value) for kind, value in zip(_KINDS, numbers, strict=True))
 
 
 def _sigmas(c: LawConfig) -> tuple[float, float]:

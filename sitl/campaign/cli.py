@@ -6,10 +6,12 @@ import argparse
 import re
 import sys
 import tempfile
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 
 from onboard.config import ConfigError
+from onboard.control import compiled
 from sitl.campaign import batch, results, scenarios, settings
 
 EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT, EXIT_INTERRUPTED = 0, 1, 2, 130
@@ -86,9 +88,19 @@ def _run(options: argparse.Namespace) -> int:
     return EXIT_OK if all(results.is_flawless(values) for values in records) else EXIT_FAILED
 
 
+def _warm_up() -> None:
+    """Have the law compiled before the first flight, and say so where that is not done in a moment."""
+    sentence = "covey: compiling the law for this machine; it is kept, and takes some ten seconds this time only"
+    notice = threading.Timer(2.0, print, [sentence], {"file": sys.stderr})
+    notice.start()
+    compiled.warm_up()
+    notice.cancel()
+
+
 def _fly(
     names: list[str], seeds: range, setup: settings.Setup, options: argparse.Namespace, folder: Path | None
 ) -> list[results.Record]:
+    _warm_up()
     chunks = batch.campaign(names, seeds, setup, jobs=options.jobs, trace_folder=folder)
     records: list[results.Record] = []
     if options.json:

@@ -194,9 +194,15 @@ def test_who_loads_numba(size, pick, environment, loads):
 
 
 def test_warming_up_says_whether_there_is_anything_to_compile(monkeypatch):
-    assert compiled.warm_up(LawParams())
+    assert compiled.warm_up()
     monkeypatch.setenv(compiled.ENVIRONMENT, "0")
-    assert not compiled.warm_up(LawParams())
+    assert not compiled.warm_up()
+
+
+def test_whole_numbers_in_a_fleet_file_make_no_other_kind_of_numbers():
+    kinds = [type(value) for value in LawParams().numbers]
+    other = LawParams(safety_distance_m=1, max_speed_m_s=2, lag_s=0).changed(kappa_1_1_s=4, range_m=8)
+    assert [type(value) for value in other.numbers] == kinds
 
 
 def test_state_has_nothing_left_of_numba_types():
