@@ -40,7 +40,8 @@ class View:
         self.system_id = emulator.specs[index].system_id
         self._rng = np.random.default_rng([seed, 7, index])
         self._noise: list[float] = []
-        self._step = -1
+        self._step = self._clock_step = -1
+        self._clock_s = 0.0
         self._attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)
         self._rates: Vector = (0.0, 0.0, 0.0)
         self._position: Vector = (0.0, 0.0, 0.0)
@@ -54,7 +55,10 @@ class View:
     @property
     def now_s(self) -> float:
         """The autopilot's clock: simulated time, unless a fault lets it drift."""
-        return self.emulator.clock_s(self.index)
+        step = self.emulator.world.vehicles.steps
+        if step != self._clock_step:
+            self._clock_step, self._clock_s = step, self.emulator.clock_s(self.index)
+        return self._clock_s
 
     @property
     def time_s(self) -> float:
