@@ -46,7 +46,7 @@ def test_every_mission_of_the_repository_is_valid_for_both_fleets(path: Path) ->
         ([{"do": "formation", "name": "star", "position_enu_m": [0, 0, 1]}], {}, "star"),
         ([{"do": "move", "position_enu_m": [3.9, 0, 1]}], {}, "outside the fence"),
         ([{"do": "move", "position_enu_m": [0, 0]}], {}, "step[0].position_enu_m"),
-        ([{"do": "fault"}], {}, "faults"),
+        ([{"do": "fault"}], {}, "vehicles"),
         (HOP, {"expect": {"min_distance_m": 1.0}}, "expect.min_distance_m"),
         (HOP, {"expect": {"min_separation_m": -1.0}}, "expect.min_separation_m"),
         (HOP, {"on_failure": {"do": "panic"}}, "on_failure.do"),
