@@ -125,7 +125,11 @@ def _profile(vehicle: Vehicle, p: Perturbation, luck: Array) -> VehicleProfile:
         drag_1_s=vehicle.drag_1_s * (1.0 + p.drag_mismatch * float(luck[2])),
         static_gain=vehicle.sitl.static_gain * (1.0 + p.gain * float(luck[1])),
         yaw_wn_rad_s=vehicle.sitl.yaw_wn_rad_s,
+        thrust_delay_s=vehicle.sitl.thrust_delay_s,
         motor_lag_s=vehicle.sitl.motor_lag_s,
+        thrust_curve_frac=vehicle.sitl.thrust_curve_frac,
+        max_tilt_rate_deg_s=vehicle.sitl.max_tilt_rate_deg_s,
+        max_yaw_rate_deg_s=vehicle.sitl.max_yaw_rate_deg_s,
     )
 
 

@@ -24,8 +24,9 @@ class Radio:
         first = fleet_step.message(state, None)
         flights, count = first.shape[:2]
         self._p = perturbation
-        self._late = math.ceil(round(perturbation.delay_s / TICK_S, 6))
-        self._sent: deque[Array] = deque([first] * (self._late + 1), self._late + 1)
+        # what is published in a tick can be heard in the next one at the earliest
+        self._late = max(1, math.ceil(round(perturbation.delay_s / TICK_S, 6)))
+        self._sent: deque[Array] = deque([first] * self._late, self._late)
         self._inbox = np.repeat(first[:, None], count, axis=1)
         self._age_s = np.full((flights, count, count), self._late * TICK_S)
         self._silence_s = np.zeros((flights, count))
@@ -76,6 +77,6 @@ class Radio:
 
     def keep(self, flights: IntArray) -> None:
         """Go on with these flights of the batch only."""
-        self._sent = deque([message[flights] for message in self._sent], self._late + 1)
+        self._sent = deque([message[flights] for message in self._sent], self._late)
         self._inbox, self._age_s = self._inbox[flights], self._age_s[flights]
         self._silence_s, self._is_stranger = self._silence_s[flights], self._is_stranger[flights]

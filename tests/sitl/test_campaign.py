@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from groundstation.cli import main as covey
-from sitl.campaign import batch, flight, results, scenarios, settings
+from onboard.control import fleet_step
+from onboard.control.pipeline import pipeline_params
+from onboard.types import Goal, State
+from sitl.campaign import batch, flight, radio, results, scenarios, settings
 from sitl.campaign.cli import main
 
 KEYS = {
@@ -141,6 +144,29 @@ def test_messages_that_never_arrive_let_the_vehicles_fly_into_each_other(changes
     assert outcome.is_collision
 
 
+@pytest.mark.parametrize(("delay_s", "ticks"), [(0.0, 1), (0.04, 2), (0.05, 3), (0.2, 10)])
+def test_message_is_as_old_as_it_says(delay_s, ticks):
+    def moved(tick):
+        still, zero = np.zeros((1, 2, 3)), np.zeros((1, 2))
+        position = np.full((1, 2, 3), float(tick))
+        return State(position, still, still, zero, zero, zero, zero)
+
+    nobody = np.zeros((1, 2), bool)
+    station = radio.Radio(moved(0), nobody, settings.Perturbation(delay_s=delay_s, loss_share=0.0))
+    vehicles = settings.choose().fleet(2)
+    pilots = fleet_step.FleetPipeline(
+        [pipeline_params(vehicles, name) for name in vehicles.vehicles], np.zeros((1, 2, 3))
+    )
+    goal = Goal(np.zeros((1, 2, 3)), np.zeros((1, 2)), np.zeros((1, 2), np.int64))
+    law = pilots.step(moved(0), goal, station.receive(np.ones((1, 2, 2)), nobody, nobody), dt_s=0.02).law
+    for tick in range(30):
+        heard = station.receive(np.full((1, 2, 2), 0.5), nobody, nobody)
+        if tick > ticks:
+            assert heard.position_enu_m[0, 0, 0, 0] == tick - ticks
+            assert heard.age_s[0, 0, 0] == pytest.approx(0.02 * ticks)
+        station.publish(moved(tick), law)
+
+
 def test_intruder_moves_as_announced_and_the_formation_makes_way():
     flown = fly("intruder4@2", [3])[0]
     trace, plan = flown.outcome.trace, flown.plan
@@ -163,8 +189,6 @@ class _Hover:
     """A controller of somebody else: everybody stays where they are."""
 
     def __init__(self, params, start_enu_m):
-        from onboard.control import fleet_step
-
         self.inner, self.start = fleet_step.FleetPipeline(params, start_enu_m), start_enu_m
 
     def step(self, state, goal, neighbours, *, dt_s):
