@@ -43,7 +43,7 @@ from onboard.control import pipeline
 from onboard.control.pipeline import Phase, PipelineMemory
 from onboard.link.autopilot import Landed, Snapshot, Vec3
 from onboard.safety import preflight
-from onboard.safety.failsafe import TABLE, WORDS, Action, Condition, Situation, decide
+from onboard.safety.failsafe import TABLE, WORDS, Action, Condition, Situation, decide, in_order
 from onboard.safety.wire import is_sendable
 from onboard.types import AttitudeSetpoint, Goal, Neighbours, State, Tick
 
@@ -96,6 +96,7 @@ class AgentCore:
         self._param_problems: tuple[str, ...] | None = None
         self._nodes: set[str] = set()
         self._has_ground = False
+        self._has_peers = len(fleet.enabled_names) > 1 or self.vehicle.mocap_required
         self._answered: dict[str, OrderReply] = {}
         self._conditions: set[Condition] = set()
         self._distances: dict[str, float] = {}
@@ -260,7 +261,6 @@ class AgentCore:
 
     def _failsafe(self, period_s: float) -> Action:
         view, flight = self._view, self.flight
-        has_peers = len(self.fleet.enabled_names) > 1 or self.vehicle.mocap_required
         heard_ns = self.neighbours.last_heard_ns
         self._conditions, before = (
             self.watch.conditions(
@@ -270,7 +270,9 @@ class AgentCore:
                 is_last_tick_finite=self._is_last_finite,
                 must_be_offboard=flight.must_be_offboard,
                 offboard_since_ns=self._offboard_since_ns,
-                bus_age_s=(view.now_ns - heard_ns) * 1e-9 if heard_ns and has_peers and not self._has_ground else 0.0,
+                bus_age_s=(view.now_ns - heard_ns) * 1e-9
+                if heard_ns and self._has_peers and not self._has_ground
+                else 0.0,
                 has_ground=self._has_ground,
                 nearest_m=min(self._distances.values(), default=math.inf) if self._is_airborne else math.inf,
                 silent_neighbours=bool(self.neighbours.silent(view.now_ns)),
@@ -282,7 +284,7 @@ class AgentCore:
         situation = flight.situation
         action, condition = decide(situation, self._conditions)
         if situation not in (Situation.GROUND, Situation.SILENT):
-            for new in sorted(self._conditions - before - _QUIET, key=list(Condition).index):
+            for new in in_order(self._conditions - before - _QUIET):
                 asked = TABLE[situation, new]
                 severity: Severity = "critical" if asked >= Action.LAND else "warning"
                 flight.say(view, severity, new.name.lower().replace("_", "-"), self._sentence(new, asked))

@@ -153,8 +153,8 @@ class NeighbourTable:
 
     def known_ages_s(self, now_ns: int) -> dict[str, float]:
         """Age of the newest state of each that was ever heard."""
-        found = zip(self.names, self.ages_s(now_ns).tolist(), self._flags[0].tolist(), strict=True)
-        return {name: age_s for name, age_s, is_known in found if is_known}
+        rows = zip(self.names, self.ages_s(now_ns).tolist(), strict=True)
+        return {name: age_s for name, age_s in rows if age_s < math.inf}
 
     def age_s(self, name: str, now_ns: int) -> float:
         """Age of the newest state; inf when never heard."""
@@ -177,8 +177,8 @@ class NeighbourTable:
 
     def silent(self, now_ns: int) -> tuple[str, ...]:
         """Vehicles that were in the air when last heard and have been silent too long."""
-        is_silent = self._flags[1] & (self.ages_s(now_ns) > SILENT_S)
-        return tuple(self.names[place] for place in np.flatnonzero(is_silent).tolist())
+        late = [place for place, age_s in enumerate(self.ages_s(now_ns).tolist()) if age_s > SILENT_S]
+        return tuple(self.names[place] for place in late if self._flags[1, place])
 
     def other_hashes(self, own_hash: str) -> dict[str, str]:
         """Configuration hashes that differ from ours."""
@@ -194,12 +194,14 @@ class NeighbourTable:
 
     def distances_m(self, position_enu_m: tuple[float, float, float], now_ns: int) -> dict[str, float]:
         """Horizontal distance to each neighbour ever heard, extrapolated over at most the silence limit."""
-        ahead_s = np.minimum(self.ages_s(now_ns), SILENT_S)[:, None]
-        numbers = self._numbers
-        p, v = numbers[:, _COLUMNS["position_enu_m"]], numbers[:, _COLUMNS["velocity_enu_m_s"]]
-        offset = p[:, :2] + ahead_s * v[:, :2] - position_enu_m[:2]
-        found = zip(self.names, np.hypot(offset[:, 0], offset[:, 1]).tolist(), self._flags[0].tolist(), strict=True)
-        return {name: distance_m for name, distance_m, is_known in found if is_known}
+        x, y, _ = position_enu_m
+        found = {}
+        rows = zip(self.names, self.ages_s(now_ns).tolist(), self._numbers[:, :6].tolist(), strict=True)
+        for name, age_s, (px, py, _, vx, vy, _) in rows:
+            if age_s < math.inf:
+                ahead_s = min(age_s, SILENT_S)
+                found[name] = math.hypot(px + ahead_s * vx - x, py + ahead_s * vy - y)
+        return found
 
     def snapshot(self, now_ns: int) -> Neighbours:
         """The frozen picture for one tick, (K, 3); a silent or grounded neighbour does not cooperate."""

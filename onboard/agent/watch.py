@@ -34,8 +34,9 @@ class Watch:
     def lasting(self, condition: Condition, is_seen: bool, now_ns: int) -> tuple[int, float]:
         """How many ticks in a row and for how many seconds a condition has been seen; (0, 0) when it is not."""
         if not is_seen:
-            self._since_ns.pop(condition, None)
-            self._ticks.pop(condition, None)
+            if self._ticks:
+                self._since_ns.pop(condition, None)
+                self._ticks.pop(condition, None)
             return 0, 0.0
         since = self._since_ns.setdefault(condition, now_ns)
         ticks = self._ticks[condition] = self._ticks.get(condition, 0) + 1

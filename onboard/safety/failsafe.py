@@ -103,20 +103,25 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
     for situation, action in zip(Situation, row, strict=True)
 }
 
+_PLACES = {condition: place for place, condition in enumerate(Condition)}
+
 
 def decide(situation: Situation, conditions: Iterable[Condition]) -> tuple[Action, Condition | None]:
     """The strongest action of all conditions that hold, and the condition that asks for it.
 
     Of equal actions the condition named first in the table speaks. Without conditions: GO_ON and None.
     """
-    present = set(conditions)
     best: tuple[Action, Condition | None] = (Action.GO_ON, None)
-    for condition in Condition:
-        if condition in present:
-            action = TABLE[situation, condition]
-            if best[1] is None or action > best[0]:
-                best = action, condition
+    for condition in in_order(conditions):
+        action = TABLE[situation, condition]
+        if best[1] is None or action > best[0]:
+            best = action, condition
     return best
+
+
+def in_order(conditions: Iterable[Condition]) -> list[Condition]:
+    """Conditions in the order of the table."""
+    return sorted(conditions, key=_PLACES.__getitem__)
 
 
 def table_text() -> str:

@@ -94,6 +94,7 @@ class Batch:
     def __init__(self, is_batched: bool) -> None:
         self._is_batched = is_batched
         self._kinds: list[PipelineParams] = []
+        self._known: dict[str, tuple[PipelineParams, int]] = {}
 
     def tick(self, agents: Sequence[AgentShell], now_ns: int) -> None:
         """One tick of each agent; what one publishes is heard by the others in later ticks."""
@@ -112,12 +113,14 @@ class Batch:
             agent.end_tick(memory, tick, now_ns)
 
     def _kind(self, agent: AgentShell) -> int:
+        """A number that is equal for equal parameters."""
         params = agent.core.params
-        for index, known in enumerate(self._kinds):
-            if known is params or known == params:
-                return index
-        self._kinds.append(params)
-        return len(self._kinds) - 1
+        known = self._known.get(agent.name)
+        if known is None or known[0] is not params:
+            if params not in self._kinds:
+                self._kinds.append(params)
+            known = self._known[agent.name] = params, self._kinds.index(params)
+        return known[1]
 
     def _together(self, params: PipelineParams, dues: list[Pass]) -> list[Any]:
         first = dues[0]

@@ -16,7 +16,6 @@ from typing import Any, cast
 import numpy as np
 
 from onboard.config import Vehicle
-from onboard.frames import quaternion_enu_flu_from_ned_frd, quaternion_multiply
 from onboard.link import modes
 from onboard.link.autopilot import Landed, Snapshot, Vec3, Vec4
 from onboard.link.params import differences, required_params
@@ -60,6 +59,10 @@ class LinkBank:
         self.links = [EmulatedLink(self, index, vehicle) for index, vehicle in enumerate(vehicles)]
         self._delay_steps = max(1, int(np.ceil(delay_s / STEP_S - 1e-9)))
         self._rng = np.random.default_rng([seed, 12])
+        self._wires = [
+            (link, wires["companion", "in"], wires["companion", "out"])
+            for link, wires in zip(self.links, emulator.disturbances.wires, strict=True)
+        ]
         self._up: deque[tuple[int, int, Call]] = deque()
         self._down: deque[tuple[int, list[Fields | None]]] = deque()
 
@@ -69,10 +72,10 @@ class LinkBank:
 
     def step(self) -> None:
         """Everything that arrives at this physics step, then what the PX4s send."""
-        steps, wires = self._steps, self.emulator.disturbances.wires
+        steps, wires = self._steps, self._wires
         while self._up and self._up[0][0] <= steps:
             _, index, call = self._up.popleft()
-            wire = wires[index]["companion", "in"]
+            _, wire, _ = wires[index]
             if wire.is_clear:
                 call()
             else:
@@ -81,7 +84,7 @@ class LinkBank:
             _, rows = self._down.popleft()
             for index, fields in enumerate(rows):
                 if fields is not None:
-                    wire = wires[index]["companion", "out"]
+                    _, _, wire = wires[index]
                     if wire.is_clear:
                         self.links[index].receive(fields)
                     else:
@@ -97,8 +100,9 @@ class LinkBank:
     def _disturbed(self) -> None:
         """What arrives from wires that hold something back."""
         now_s = self.emulator.time_s
-        for link, wires in zip(self.links, self.emulator.disturbances.wires, strict=True):
-            up, down = wires["companion", "in"], wires["companion", "out"]
+        for link, up, down in self._wires:
+            if up.is_clear and down.is_clear:
+                continue
             if not up.is_clear:
                 for call in up.pop(now_s):
                     cast(Call, call)()
@@ -109,20 +113,20 @@ class LinkBank:
     def _sample(self, steps: int) -> None:
         emulator, count = self.emulator, len(self.links)
         frame = steps - _ATTITUDE_PHASE_STEPS
-        half = 0.5 * emulator.estimator.yaw_error_rad
-        wrong = np.zeros((count, 4))
-        wrong[:, 0], wrong[:, 3] = np.cos(half), np.sin(half)
-        small = np.ones((count, 4))
-        small[:, 1:] = _HALF_NOISE_RAD * self._rng.standard_normal((count, 3))  # its square is far below the noise
-        attitude = quaternion_multiply(quaternion_multiply(wrong, emulator.world.vehicles.states.attitude), small)
-        quaternions = quaternion_enu_flu_from_ned_frd(attitude).tolist()
+        turns = zip(
+            emulator.world.vehicles.states.attitude.tolist(),
+            emulator.estimator.yaw_error_rad.tolist(),
+            (_HALF_NOISE_RAD * self._rng.standard_normal((count, 3))).tolist(),
+            strict=True,
+        )
+        quaternions = [_measured(attitude, yaw_error, noise) for attitude, yaw_error, noise in turns]
         positions = emulator.estimator.position_ned_m.tolist()
         velocities = emulator.estimator.velocity_ned_m_s.tolist()
         rows: list[Fields | None] = [
             None
             if emulator.disturbances.is_hung[index]
             else {
-                "quaternion_enu_flu_wxyz": tuple(quaternions[index]),
+                "quaternion_enu_flu_wxyz": quaternions[index],
                 "px4_boot_ms": round(emulator.clock_s(index) * 1e3),
                 "position_local_ned_m": tuple(positions[index]),
                 "velocity_local_ned_m_s": tuple(velocities[index]),
@@ -245,3 +249,19 @@ class EmulatedLink:
 def _px4_attitude(w: float, x: float, y: float, z: float) -> list[float]:
     """FLU to ENU as FRD to NED, wxyz: ``onboard.frames`` in plain floats."""
     return [_SQRT_HALF * (w + z), _SQRT_HALF * (x + y), _SQRT_HALF * (x - y), _SQRT_HALF * (w - z)]
+
+
+def _measured(attitude: list[float], yaw_error_rad: float, half_noise_rad: list[float]) -> Vec4:
+    """The attitude NED <- FRD that an autopilot believes in, with a sample of noise, as FLU to ENU."""
+    c, s = math.cos(0.5 * yaw_error_rad), math.sin(0.5 * yaw_error_rad)
+    w, x, y, z = attitude
+    w, x, y, z = c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w
+    a, b, d = half_noise_rad
+    w, x, y, z = (
+        w - x * a - y * b - z * d,
+        x + w * a + y * d - z * b,
+        y + w * b + z * a - x * d,
+        z + w * d + x * b - y * a,
+    )
+    size = _SQRT_HALF / math.sqrt(w * w + x * x + y * y + z * z)
+    return size * (w + z), size * (x + y), size * (x - y), size * (w - z)
