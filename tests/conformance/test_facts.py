@@ -101,6 +101,27 @@ def test_parameters_are_what_they_were_after_a_check() -> None:
     assert not wires.emulator.autopilots[0].is_armed
 
 
+def test_an_interrupted_check_puts_the_vehicle_down_and_its_parameters_back() -> None:
+    wires = Wires()
+    before = dict(wires.emulator.autopilots[0].params.values)
+    interrupted: list[float] = []
+
+    def incoming(frame: bytes) -> list[bytes]:
+        autopilot = wires.emulator.autopilots[0]
+        if autopilot.params["COM_OBL_RC_ACT"] == 4 and autopilot.mode.name == "LAND" and not interrupted:
+            interrupted.append(wires.emulator.time_s)
+            raise KeyboardInterrupt
+        return [frame]
+
+    wires.incoming = incoming
+    asked = Report(chosen(FACTS, ["loss.action-4", "loss.action-5"]))
+    with pytest.raises(KeyboardInterrupt):
+        check(wires.companion(), None, asked, Terms(may_turn_motors=True), lambda line: None)
+    assert interrupted
+    assert not wires.emulator.autopilots[0].is_armed
+    assert dict(wires.emulator.autopilots[0].params.values) == before
+
+
 class _Quick:
     """A port whose clock sees the vehicle run four times as fast as real time."""
 
