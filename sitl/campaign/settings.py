@@ -31,7 +31,8 @@ class Perturbation:
     delay_s: age of a message when it arrives, in whole ticks of 20 ms, one at least. loss_share: of each link's
     messages. burst_s, burst_every_s: length and mean interval of a sender's silences (0: none). gust_m_s2: std per
     horizontal axis, correlated over 1 s. lag_mismatch, gain, drag_mismatch, hover_mismatch: half widths of uniform
-    relative errors of attitude lag, attitude gain, drag and hover throttle, constant per vehicle. lag_error_s: added to the dead time.
+    relative errors of attitude lag, attitude gain, drag and hover throttle, constant per vehicle.
+    lag_error_s: added to the dead time.
     """
 
     delay_s: float = 0.04
