@@ -294,16 +294,6 @@ class Estimator:
             counted = [VXY, VZ] if source is Source.VISION else [XY, VXY, Z, VZ]
             self.resets[i, counted] += 1
 
-    def attitude_noise(self) -> tuple[float, float, float]:
-        """Errors of roll, pitch and yaw of one sample [rad]."""
-        a, b, c = self._luck_of_drift.standard_normal(3).tolist()
-        return math.radians(0.06) * a, math.radians(0.06) * b, math.radians(0.11) * c
-
-    def gyro_noise(self) -> tuple[float, float, float]:
-        """Errors of the three body rates of one sample [rad/s]."""
-        a, b, c = (math.radians(0.33) * self._luck_of_drift.standard_normal(3)).tolist()
-        return a, b, c
-
     def _drift(self) -> Array:
         heading = self._luck_of_drift.uniform(0.0, 2.0 * math.pi)
         most_m = self._luck_of_drift.uniform(_DRIFT_LEAST_M, _DRIFT_MOST_M)
