@@ -14,14 +14,14 @@ Student's factor for their number, and never below a floor for what the model le
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from onboard.control.identify_attitude import fit_attitude
+from onboard.control.identify_attitude import fit_attitude, unexplained_times_s
 from onboard.control.identify_data import MEMORY_S, Log, TooLittleFlown, tilt_vector_rad
-from onboard.control.identify_motion import POSITION_NOISE_M, fit_horizontal, fit_vertical
-from onboard.types import GRAVITY_M_S2
+from onboard.control.identify_motion import POSITION_NOISE_M, WINDOW_S, fit_horizontal, fit_vertical
+from onboard.types import GRAVITY_M_S2, Array, BoolArray
 
 MIN_DURATION_S = 8.0
 MIN_TILT_RMS_DEG = 0.5
@@ -65,6 +65,10 @@ def identify(log: Log) -> Identified:
     """Parameters of the vehicle that flew ``log``. TooLittleFlown when it is too short or too still."""
     begin_s, end_s = _span(log)
     attitude = fit_attitude(log, begin_s, end_s)
+    bad_s = unexplained_times_s(log, attitude, begin_s, end_s)
+    if bad_s.size:
+        log = _without(log, bad_s)
+        attitude = fit_attitude(log, begin_s, end_s)
     scale, scale_std = fit_vertical(log, attitude, begin_s, end_s)
     if not scale > GRAVITY_M_S2:
         raise TooLittleFlown(
@@ -100,6 +104,29 @@ def identify(log: Log) -> Identified:
         duration_s=end_s - begin_s,
         attitude_rms_deg=attitude.rms * degree,
         position_rms_m=motion.rms * POSITION_NOISE_M,
+    )
+
+
+def _without(log: Log, bad_s: Array) -> Log:
+    """The log without the times at which it does not tell the whole story, unless that is most of it.
+
+    A position counts until a whole window later, since the model of its window has integrated over the bad time.
+    """
+
+    def is_kept(time_s: Array, after_s: float) -> BoolArray:
+        place = np.searchsorted(bad_s, time_s + 0.1)
+        last = np.where(place > 0, bad_s[np.maximum(place - 1, 0)], -np.inf)
+        return np.asarray(time_s - last > after_s)
+
+    attitude, position = is_kept(log.attitude_time_s, 0.4), is_kept(log.position_time_s, WINDOW_S)
+    if min(attitude.mean(), position.mean()) < 0.5:
+        return log
+    return replace(
+        log,
+        attitude_time_s=log.attitude_time_s[attitude],
+        attitude_quaternion_wxyz=log.attitude_quaternion_wxyz[attitude],
+        position_time_s=log.position_time_s[position],
+        position_enu_m=log.position_enu_m[position],
     )
 
 

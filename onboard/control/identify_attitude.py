@@ -13,6 +13,7 @@ from onboard.types import Array
 _CLUSTER_S = 1.0
 _GRID_DELAYS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2)
 _GRID_WN = (4.0, 6.0, 9.0, 14.0, 22.0)
+_OUTLIER = 6.0  # times the median
 _STEPS = np.array([1e-3, 1e-2, 1e-3])
 
 
@@ -75,6 +76,15 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> Fit:
             break
     std, clusters = jackknife(jacobian, residual, cluster)
     return Fit(theta, std, float(np.sqrt(np.mean(residual**2))), clusters)
+
+
+def unexplained_times_s(log: Log, fit: Fit, begin_s: float, end_s: float) -> Array:
+    """When the attitude did something else than what the log says was asked: a failsafe's command, a push, a fall."""
+    used = (log.attitude_time_s >= begin_s) & (log.attitude_time_s <= end_s)
+    time_s = log.attitude_time_s[used]
+    modelled = fit.theta[3] * response(asked_tilt(log, time_s), fit.theta) + fit.theta[4:6]
+    off = np.abs(tilt_vector_rad(log.attitude_quaternion_wxyz[used]) - modelled).max(-1)
+    return np.asarray(time_s[off > _OUTLIER * np.median(off)])
 
 
 @dataclass(frozen=True, slots=True)

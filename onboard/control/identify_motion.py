@@ -11,7 +11,7 @@ from onboard.control.identify_attitude import asked_tilt, response
 from onboard.control.identify_data import Fit, Log, TooLittleFlown, jackknife
 from onboard.types import GRAVITY_M_S2, Array, IntArray
 
-_WINDOW_S = 2.0
+WINDOW_S = 2.0
 _GRID_S = 0.005
 _MOTOR_LAG_S = 0.05
 _GUST_M_S2, _GUST_TIME_S, POSITION_NOISE_M = 0.03, 1.0, 0.003  # only weights: the jackknife does not believe them
@@ -54,17 +54,17 @@ def _windows(
     rows: list[Array] = []
     right: list[Array] = []
     clusters: list[IntArray] = []
-    count = math.floor((drive.time_s[-1] - drive.time_s[0]) / _WINDOW_S)
+    count = math.floor((drive.time_s[-1] - drive.time_s[0]) / WINDOW_S)
     for number in range(count):
-        begin_s = drive.time_s[0] + number * _WINDOW_S
-        used = (log.position_time_s >= begin_s) & (log.position_time_s < begin_s + _WINDOW_S)
+        begin_s = drive.time_s[0] + number * WINDOW_S
+        used = (log.position_time_s >= begin_s) & (log.position_time_s < begin_s + WINDOW_S)
         if used.sum() < 20:
             continue
         time_s = log.position_time_s[used]
         whiten = np.linalg.inv(np.linalg.cholesky(_covariance_m2(time_s, gust_m_s2)))
         basis, _ = np.linalg.qr(whiten @ np.stack([np.ones_like(time_s), time_s - begin_s], axis=1))
         first = np.searchsorted(drive.time_s, begin_s)
-        last = np.searchsorted(drive.time_s, begin_s + _WINDOW_S) + 1
+        last = np.searchsorted(drive.time_s, begin_s + WINDOW_S) + 1
         grid_s = drive.time_s[first:last]
         for place, axis in enumerate(axes):
             columns = [np.interp(time_s, grid_s, one[first:last, place]) for one in inputs]

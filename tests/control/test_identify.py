@@ -164,6 +164,16 @@ def test_gaps_in_the_mocap_cost_precision_and_nothing_else() -> None:
     assert all(abs(miss) < 0.4 for miss, _ in misses(found, WEAK).values())
 
 
+def test_a_second_in_which_something_else_was_sent_than_the_log_says_changes_nothing() -> None:
+    log = logs(Truth(), range(7, 8))[0]
+    told = log.command_quaternion_wxyz.copy()
+    told[700:750] = quaternion(np.full((50, 2), 0.2))
+    found = identify(replace(log, command_quaternion_wxyz=told))
+    assert abs(found.static_gain.value - 1.0) < 0.02
+    assert found.static_gain.std < 0.01
+    assert all(is_covered for _, is_covered in misses(found, Truth()).values())
+
+
 @pytest.mark.parametrize("zeta", [0.4, 1.0, 1.8])
 def test_the_step_response_is_that_of_the_differential_equation(zeta: float) -> None:
     wn, h = 7.0, 1e-4
