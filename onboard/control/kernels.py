@@ -63,7 +63,9 @@ def received(
     own_lead_s: float,
 ) -> tuple[bool, float, float, float, float, float, float]:
     """Neighbour k at our own time: whether it is usable, position, velocity, command; see oist._received."""
-    age = min(max(age_s, 0.0), _MAX_AGE_S) if math.isfinite(age_s) else _MAX_AGE_S
+    age = age_s
+    if not 0.0 <= age <= _MAX_AGE_S:
+        age = 0.0 if age < 0.0 and math.isfinite(age) else _MAX_AGE_S
     i = 3 * k
     x, y, z = predicted_position[i], predicted_position[i + 1], predicted_position[i + 2]
     v_x, v_y, v_z = predicted_velocity[i], predicted_velocity[i + 1], predicted_velocity[i + 2]
@@ -77,17 +79,21 @@ def received(
         x, y, v_x, v_y = bounded(x), bounded(y), bounded(v_x), bounded(v_y)
         u_x, u_y, s_x, s_y = bounded(u_x), bounded(u_y), bounded(s_x), bounded(s_y)
     if is_cooperative and own_word:
-        lead = min(max(lead_s, 0.0), _LONGEST_LEAD_S) if math.isfinite(lead_s) else own_lead_s
+        lead = lead_s
+        if not 0.0 <= lead <= _LONGEST_LEAD_S:
+            lead = min(max(lead, 0.0), _LONGEST_LEAD_S) if math.isfinite(lead) else own_lead_s
         ahead = age + (own_lead_s - lead)
-        held = min(max(ahead, 0.0), _MAX_COMMAND_AGE_S)
-        back = min(ahead, 0.0)
+        if ahead >= 0.0:
+            held = min(ahead, _MAX_COMMAND_AGE_S)
+            share = held * (ahead - 0.5 * held)
+            x, y = x + ahead * v_x + share * u_x, y + ahead * v_y + share * u_y
+            return True, x, y, v_x + held * u_x, v_y + held * u_y, u_x, u_y
         m_x, m_y = 0.0, 0.0
         if lead > 1e-3:
             m_x, m_y = (v_x - s_x) / lead, (v_y - s_y) / lead
-        share = held * (ahead - 0.5 * held)
-        x = x + ahead * v_x + share * u_x + 0.5 * back * back * m_x
-        y = y + ahead * v_y + share * u_y + 0.5 * back * back * m_y
-        return True, x, y, v_x + held * u_x + back * m_x, v_y + held * u_y + back * m_y, u_x, u_y
+        share = 0.5 * ahead * ahead
+        x, y = x + ahead * v_x + share * m_x, y + ahead * v_y + share * m_y
+        return True, x, y, v_x + ahead * m_x, v_y + ahead * m_y, u_x, u_y
     usable = is_finite_3(position, k) and is_finite_3(velocity, k)
     ahead = age + own_lead_s
     return usable, bounded(position[i]) + ahead * s_x, bounded(position[i + 1]) + ahead * s_y, s_x, s_y, 0.0, 0.0
@@ -95,6 +101,8 @@ def received(
 
 def known(std: float) -> float:
     """A standard deviation, 0 if unknown."""
+    if 0.0 <= std <= 1e3:
+        return std
     return min(abs(std), 1e3) if math.isfinite(std) else 0.0
 
 
@@ -160,38 +168,41 @@ def covey(
     crowd = 0.0
     part_p, part_v = n.sigma_position * known(std_p), n.sigma_velocity_s * known(std_v)
     own_variance = part_p * part_p + part_v * part_v
+    range_2, sigma_p, sigma_v, own_lead = n.range_m * n.range_m, n.sigma_position, n.sigma_velocity_s, n.lead_time_s
+    is_full, direction, rotation, fade = n.is_full, n.direction, n.rotation, n.rotation_fade_m_s2
     for k in range(len(age)):
         if not is_present[k]:
             continue
         usable, q_x, q_y, r_x, r_y, a_x, a_y = received(
             k, position, velocity, predicted_position, predicted_velocity, command,
-            age[k], lead[k], is_cooperative[k], n.lead_time_s,
+            age[k], lead[k], is_cooperative[k], own_lead,
         )  # fmt: skip
         if not usable:
             is_flagged = True
             continue
         d_x, d_y, z_x, z_y = p_x - q_x, p_y - q_y, v_x - r_x, v_y - r_y
         distance_2 = d_x * d_x + d_y * d_y
-        if not distance_2 <= n.range_m * n.range_m:
+        if not distance_2 <= range_2:
             continue
         if distance_2 < _COINCIDENT_M * _COINCIDENT_M:
             is_flagged = True
             d_x, d_y = way_out(z_x, z_y)
         margin = n.margin_m
-        if n.sigma_position > 0.0:
-            part_p, part_v = n.sigma_position * known(their_std_p[k]), n.sigma_velocity_s * known(their_std_v[k])
+        if sigma_p > 0.0:
+            part_p, part_v = sigma_p * known(their_std_p[k]), sigma_v * known(their_std_v[k])
             spread = math.sqrt(own_variance + part_p * part_p + part_v * part_v)
             margin = min(max(margin, n.margin_floor_m + spread), _LARGEST_MARGIN_M)
         d = n.safety_distance_m + margin + (0.0 if is_cooperative[k] else n.uncooperative_margin_m)
-        j_x, j_y = intent[3 * k], intent[3 * k + 1]
-        is_told = n.direction == 3 and is_cooperative[k] and is_finite_3(intent, k)
-        j_x, j_y = bounded(j_x), bounded(j_y)
+        is_told = direction == 3 and is_cooperative[k] and is_finite_3(intent, k)
+        j_x, j_y = 0.0, 0.0
+        if is_told:
+            j_x, j_y = bounded(intent[3 * k]), bounded(intent[3 * k + 1])
         if distance_2 < 4.0 * d * d and not (is_told and j_x * j_x + j_y * j_y <= _SETTLED_M_S * _SETTLED_M_S):
             crowd += 1.0
         h_x[k], h_y[k] = (i_x - j_x, i_y - j_y) if is_told else (z_x, z_y)
         e_x[k], e_y[k], w_x[k], w_y[k], c_x[k], c_y[k] = d_x, d_y, z_x, z_y, a_x, a_y
         gap[k], reach[k] = distance_2, d
-        full[k] = 1.0 if n.is_full or not is_cooperative[k] else 0.0
+        full[k] = 1.0 if is_full or not is_cooperative[k] else 0.0
         ranked(rank, seen, gap, k)
         seen += 1
     seen = min(seen, n.max_neighbours)
@@ -201,16 +212,17 @@ def covey(
     most, active = -math.inf, -1
     is_avoiding = False
     k_3, k_4 = n.kappa_3_1_s, n.kappa_4_1_s
+    k_sum, k_product, gain = n.kappa_1_1_s + n.kappa_2_1_s, 0.5 * n.kappa_1_1_s * n.kappa_2_1_s, n.shortfall_gain
     for place in range(seen):
         k = rank[place]
-        d = reach[k]
-        closing = e_x[k] * w_x[k] + e_y[k] * w_y[k]
-        outside = e_x[k] * e_x[k] + e_y[k] * e_y[k] - d * d
-        need = -(w_x[k] * w_x[k] + w_y[k] * w_y[k]) - (n.kappa_1_1_s + n.kappa_2_1_s) * closing
-        need -= 0.5 * n.kappa_1_1_s * n.kappa_2_1_s * outside
-        pulled = e_x[k] * c_x[k] + e_y[k] * c_y[k]
-        bound = need + pulled if full[k] > 0.0 else 0.5 * need + n.shortfall_gain * max(0.0, 0.5 * need + pulled)
-        f_x, f_y = e_x[k] / d, e_y[k] / d
+        d, d_x, d_y, z_x, z_y = reach[k], e_x[k], e_y[k], w_x[k], w_y[k]
+        closing = d_x * z_x + d_y * z_y
+        outside = d_x * d_x + d_y * d_y - d * d
+        need = -(z_x * z_x + z_y * z_y) - k_sum * closing
+        need -= k_product * outside
+        pulled = d_x * c_x[k] + d_y * c_y[k]
+        bound = need + pulled if full[k] > 0.0 else 0.5 * need + gain * max(0.0, 0.5 * need + pulled)
+        f_x, f_y = d_x / d, d_y / d
         bound = bound / d + f_x * s_x + f_y * s_y
         lack = bound - f_x * u_x - f_y * u_y
         if lack > most:
@@ -220,22 +232,22 @@ def covey(
             hard += 1
         is_violated = lack > _TOLERANCE
         is_avoiding = is_avoiding or is_violated
-        if n.rotation == 2 or (n.rotation == 1 and is_violated):
+        if rotation == 2 or (rotation == 1 and is_violated):
             is_crowded = max(crowd, their_crowd[k] if math.isfinite(their_crowd[k]) else 0.0) >= n.crowd_count
-            sign = turn_sign(e_x[k], e_y[k], h_x[k], h_y[k], d, is_crowded, n.direction)
-            g_x, g_y = (v_x, v_y) if n.is_full else (w_x[k], w_y[k])
-            spin = sign * (e_x[k] * g_y - e_y[k] * g_x)
-            v_perp = n.v_perp_crowd_m_s if is_crowded and n.direction >= 2 else n.v_perp_m_s
+            sign = turn_sign(d_x, d_y, h_x[k], h_y[k], d, is_crowded, direction)
+            g_x, g_y = (v_x, v_y) if is_full else (z_x, z_y)
+            spin = sign * (d_x * g_y - d_y * g_x)
+            v_perp = n.v_perp_crowd_m_s if is_crowded and direction >= 2 else n.v_perp_m_s
             braking = -2.0 * k_3 * closing
             if full[k] > 0.0:
-                bound = braking - k_4 * (spin - d * v_perp + k_3 * outside) - sign * (w_x[k] * g_y - w_y[k] * g_x)
+                bound = braking - k_4 * (spin - d * v_perp + k_3 * outside) - sign * (z_x * g_y - z_y * g_x)
             else:
                 bound = 0.5 * (braking - k_4 * (spin - 2.0 * d * v_perp + k_3 * outside))
-            f_x, f_y = -e_y[k] * sign / d, e_x[k] * sign / d
+            f_x, f_y = -d_y * sign / d, d_x * sign / d
             bound = bound / d + f_x * s_x + f_y * s_y
-            if n.rotation == 1 and lack < n.rotation_fade_m_s2:
+            if rotation == 1 and lack < fade:
                 given = f_x * u_x + f_y * u_y
-                bound = given + lack / n.rotation_fade_m_s2 * (bound - given)
+                bound = given + lack / fade * (bound - given)
             m_x[turns], m_y[turns], m_b[turns] = f_x, f_y, bound
             turns += 1
     for c in range(len(capsules) // 5):

@@ -213,7 +213,7 @@ def step(
     )
     wanted = Thrust(law.thrust.thrust_enu_m_s2 + compensation)
     sent = allocation.limit(wanted, hover, params=params.allocation)
-    yaw = np.broadcast_to(np.asarray(yaw_rad, dtype=np.float64), batch)
+    yaw = np.broadcast_to(np.asarray(yaw_rad, dtype=np.float64), batch) if batch else np.array(float(yaw_rad))
     attitude = allocation.allocate(sent, yaw, hover, params=params.allocation)
     thrust = sent.thrust_enu_m_s2
     size = np.sqrt(np.einsum("...c,...c->...", thrust, thrust))
@@ -285,6 +285,10 @@ def intent(position_enu_m: Array, goal: Goal, *, params: PipelineParams) -> Arra
     """Velocity (..., 3) that would lead straight to the goal, horizontal and at most as fast as is allowed."""
     way = goal.position_enu_m - position_enu_m
     way[..., 2] = 0.0
+    if way.ndim == 1:
+        x, y, _ = way.tolist()
+        top = params.law.max_speed_m_s
+        return way * (_INTENT_1_S * top / max(_INTENT_1_S * math.sqrt(x * x + y * y), top))
     far = np.sqrt(np.einsum("...c,...c->...", way, way))
     top = params.law.max_speed_m_s
     return np.asarray(way * (_INTENT_1_S * top / np.maximum(_INTENT_1_S * far, top))[..., None])
@@ -303,7 +307,8 @@ def _pursuit(
 ) -> backstepping.BacksteppingParams:
     """Backstepping whose error clamp keeps setpoint speed plus pursuit below the limit; gentle at lift-off."""
     base = params.backstepping
-    speed = np.sqrt(np.einsum("...c,...c->...", setpoint.velocity_enu_m_s, setpoint.velocity_enu_m_s))
+    velocity = setpoint.velocity_enu_m_s
+    speed = np.sqrt(np.einsum("...c,...c->...", velocity, velocity))
     room = (params.pursuit_speed_m_s - speed) / base.position_gain_1_s
     clamp = np.minimum(np.maximum(room, 0.15), base.max_position_error_m) * share
     # while a leg still touches the ground, tilt turns the vehicle over instead of moving it
