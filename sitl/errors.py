@@ -21,12 +21,16 @@ from sitl.rotation import Array
 UNIT_V, UNIT_P, STD_P, STD_V, BIAS, STD_P_GOAL, STD_V_GOAL, BIAS_GOAL = range(8)
 RATIO, PULL, OFFSET, DRIFT_V, DRIFT_A, BASE, POSITION, VELOCITY = range(8, 16)
 BLOCKS = 16
-# Columns of its scalars (n, SCALARS): correlation of velocity over a step; unit process, size and mean of the compass's
-# error; how much of it counts, and should; error of the vision's heading; whether it drifts; heading error, the result.
-KEEP, YAW_UNIT, YAW_STD, YAW_MEAN, YAW_SHARE, YAW_SHARE_GOAL, VISION_YAW, DRIFTS, YAW_ERROR = range(9)
-SCALARS = 9
+# Columns of its scalars (n, SCALARS): correlation of velocity over a step; unit process, smoothed process, size and
+# mean of the compass's error; how much of it counts, and should; error of the vision's heading; whether the position
+# drifts; whether the vehicle flies; heading error, the result.
+KEEP, YAW_UNIT, YAW_SMOOTH, YAW_STD, YAW_MEAN, YAW_SHARE, YAW_SHARE_GOAL = range(7)
+VISION_YAW, DRIFTS, FLIES, YAW_ERROR = range(7, 11)
+SCALARS = 11
 
-YAW_CORRELATION_S = 10.0  # not measured; slower than a manoeuvre
+# Not measured. The error wanders in flight only, and smoothly, as the heading of a filter that integrates a gyro does:
+# white noise through two such lags.
+YAW_CORRELATION_S = 6.0
 BLEND_S = 0.5  # in which one kind of error gives way to another
 
 
@@ -100,7 +104,7 @@ def advance(
         blocks, scalars: (n, BLOCKS, 3) and (n, SCALARS), updated.
         draws: (n, 4) standard normal numbers.
         position, velocity: (n, 3) truth, NED, position relative to the origin of the local frame.
-        yaw_keep: correlation of the compass's error over a step.
+        yaw_keep: what a lag of the compass's error keeps over a step.
     """
     keep = scalars[:, KEEP, None]
     unit = blocks[:, UNIT_V] = keep * blocks[:, UNIT_V] + np.sqrt(1.0 - keep * keep) * draws[:, :3]
@@ -114,9 +118,10 @@ def advance(
     blocks[:, BASE] = position + blocks[:, OFFSET]
     blocks[:, POSITION] = blocks[:, BASE] + blocks[:, BIAS] + blocks[:, STD_P] * blocks[:, UNIT_P]
     blocks[:, VELOCITY] = velocity + blocks[:, DRIFT_V] + blocks[:, STD_V] * unit
-    spread = math.sqrt(1.0 - yaw_keep * yaw_keep)
-    scalars[:, YAW_UNIT] = yaw_keep * scalars[:, YAW_UNIT] + spread * draws[:, 3]
+    lag = scalars[:, FLIES] * (1.0 - yaw_keep)
+    scalars[:, YAW_SMOOTH] += lag * (math.sqrt(2.0) * scalars[:, YAW_UNIT] - scalars[:, YAW_SMOOTH])
+    scalars[:, YAW_UNIT] = (1.0 - lag) * scalars[:, YAW_UNIT] + np.sqrt(1.0 - (1.0 - lag) ** 2) * draws[:, 3]
     scalars[:, YAW_SHARE] += blend * (scalars[:, YAW_SHARE_GOAL] - scalars[:, YAW_SHARE])
-    compass = scalars[:, YAW_MEAN] + scalars[:, YAW_STD] * scalars[:, YAW_UNIT]
+    compass = scalars[:, YAW_MEAN] + scalars[:, YAW_STD] * scalars[:, YAW_SMOOTH]
     share = scalars[:, YAW_SHARE]
     scalars[:, YAW_ERROR] = share * compass + (1.0 - share) * scalars[:, VISION_YAW]

@@ -18,6 +18,7 @@ from sitl.errors import (
     DRIFT_A,
     DRIFT_V,
     DRIFTS,
+    FLIES,
     KEEP,
     OFFSET,
     POSITION,
@@ -35,6 +36,7 @@ from sitl.errors import (
     YAW_MEAN,
     YAW_SHARE,
     YAW_SHARE_GOAL,
+    YAW_SMOOTH,
     YAW_STD,
     YAW_UNIT,
 )
@@ -105,6 +107,7 @@ except ImportError:
 
 
 _TWO_PI = 2.0 * math.pi
+_ROOT_TWO = math.sqrt(2.0)
 _NOISE_BLEND = STEP_S / THRUST_NOISE_CORRELATION_S
 _NOISE_SPREAD = math.sqrt(2.0 * _NOISE_BLEND)
 _GUST_BLEND = STEP_S / GUST_CORRELATION_S
@@ -303,7 +306,6 @@ def advance(
 ) -> None:
     """See :func:`sitl.errors.advance`."""
     blend = dt_s / BLEND_S
-    yaw_spread = math.sqrt(1.0 - yaw_keep * yaw_keep)
     for i in range(blocks.shape[0]):
         b, s = blocks[i], scalars[i]
         keep = s[KEEP]
@@ -320,7 +322,9 @@ def advance(
             b[BASE, k] = position[i, k] + b[OFFSET, k]
             b[POSITION, k] = b[BASE, k] + b[BIAS, k] + b[STD_P, k] * b[UNIT_P, k]
             b[VELOCITY, k] = velocity[i, k] + b[DRIFT_V, k] + b[STD_V, k] * unit
-        s[YAW_UNIT] = yaw_keep * s[YAW_UNIT] + yaw_spread * draws[i, 3]
+        lag = s[FLIES] * (1.0 - yaw_keep)
+        s[YAW_SMOOTH] += lag * (_ROOT_TWO * s[YAW_UNIT] - s[YAW_SMOOTH])
+        s[YAW_UNIT] = (1.0 - lag) * s[YAW_UNIT] + math.sqrt(1.0 - (1.0 - lag) * (1.0 - lag)) * draws[i, 3]
         s[YAW_SHARE] += blend * (s[YAW_SHARE_GOAL] - s[YAW_SHARE])
-        compass = s[YAW_MEAN] + s[YAW_STD] * s[YAW_UNIT]
+        compass = s[YAW_MEAN] + s[YAW_STD] * s[YAW_SMOOTH]
         s[YAW_ERROR] = s[YAW_SHARE] * compass + (1.0 - s[YAW_SHARE]) * s[VISION_YAW]

@@ -276,6 +276,7 @@ class Estimator:
             errors.set_level(self._blocks, self._scalars, i, level, self._luck[i], PERIOD_S)
             if self._scale != 1.0:
                 self._blocks[i, [errors.STD_P_GOAL, errors.STD_V_GOAL]] *= self._scale
+        self._scalars[i, errors.FLIES] = float(not is_resting)
         self._scalars[i, errors.DRIFTS] = float(source is Source.NONE and not is_resting)
         if source is before:
             return
