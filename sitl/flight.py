@@ -18,7 +18,8 @@ from sitl.signals import Actuation, Setpoint, SetpointKind, Situation
 TICK_S = 0.02
 _SPOOL_S = 1.0
 _FIRST_SHARE = 0.25
-_TAKEOFF_REACHED_M = 0.1
+_TAKEOFF_REACHED_M, _TAKEOFF_NEAR_M = 0.1, 0.4
+_TAKEOFF_PATIENCE_S = 6.5
 _RTL_NEAR_M = 0.5
 _HOVER_LEARN_S = 2.0
 _NOWHERE = np.full(3, math.nan)
@@ -119,7 +120,10 @@ class Flight:
         _FLOWN[mode](self, situation, params)
         if mode is not Mode.TAKEOFF or rests:
             return False
-        return abs(float(situation.position_ned_m[2]) - self._takeoff_down_m(params)) < _TAKEOFF_REACHED_M
+        # The slow errors of the estimate keep the last centimetres away for seconds.
+        is_patient = situation.time_s - self._armed_time_s < _TAKEOFF_PATIENCE_S
+        left_m = abs(float(situation.position_ned_m[2]) - self._takeoff_down_m(params))
+        return left_m < (_TAKEOFF_REACHED_M if is_patient else _TAKEOFF_NEAR_M)
 
     # -- modes --------------------------------------------------------------------------------------------------
 
