@@ -30,10 +30,12 @@ def size(scenario: str) -> int:
     return scenarios.vehicle_count(scenario)
 
 
-def fly(contestant: Contestant, scenario: str, seeds: Sequence[int], *, errors: str = "mocap") -> Flights:
-    """The flights of a scenario, one for each seed."""
+def fly(
+    contestant: Contestant, scenario: str, seeds: Sequence[int], *, errors: str = "mocap", types: str | None = None
+) -> Flights:
+    """The flights of a scenario, one for each seed; ``types`` are given to the vehicles in turn (None: sih)."""
     made: list[TimedPipeline] = []
-    flown = _flown(contestant, scenario, seeds, errors, made)
+    flown = _flown(contestant, scenario, seeds, errors, made, types=types)
     outcomes = [
         Outcome(
             scenario=scenario,

@@ -108,7 +108,8 @@ def ablation(run: Run, rows: Mapping[str, Summary], contestants: Mapping[str, Co
         [
             "# What each idea of the law is worth",
             "",
-            run.sentence() + " Vehicles of type `sih`. One thing is changed at a time; the rest stays as it is flown.",
+            run.sentence() + " Vehicles of type `sih` and "
+            "`ardrone`, the paper's weak one, in turn. One thing is changed at a time; the rest stays as it is flown.",
             "",
             worth(rows, contestants),
             "",
