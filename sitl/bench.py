@@ -115,7 +115,7 @@ async def _fly(emulator: Emulator, addresses: Sequence[Address], duration_s: flo
     """CPU seconds of this thread, wall seconds and simulated seconds of a real-time run."""
     loop = asyncio.get_running_loop()
     sockets: list[Socket] = []
-    for (index, address), rates_hz in itertools.product(enumerate(addresses), (ONBOARD_RATES_HZ, GCS_RATES_HZ)):
+    for index, rates_hz in itertools.product(range(len(addresses)), (ONBOARD_RATES_HZ, GCS_RATES_HZ)):
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         sock.bind(("127.0.0.1", 0))
         sock.setblocking(False)
