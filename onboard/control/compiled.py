@@ -58,15 +58,19 @@ def numba() -> Any:
     return module
 
 
+_MODULES = (kernel_projection, kernels, kernel_motion)
+
+
 def _functions() -> list[FunctionType]:
-    modules = (kernel_projection, kernels, kernel_motion)
-    return [f for m in modules for f in vars(m).values() if isinstance(f, FunctionType) and f.__module__ == m.__name__]
+    return [f for m in _MODULES for f in vars(m).values() if isinstance(f, FunctionType) and f.__module__ == m.__name__]
 
 
 @lru_cache(maxsize=1)
 def _digest() -> int:
     """Changes with any kernel: numba's own check sees only the file of the function that it is told to compile."""
-    return zlib.crc32(b"".join(marshal.dumps(f.__code__) for f in _functions()) + repr(LawNumbers._fields).encode())
+    constants = [item for m in _MODULES for item in sorted(vars(m).items()) if isinstance(item[1], (int, float))]
+    code = b"".join(marshal.dumps(f.__code__) for f in _functions())
+    return zlib.crc32(code + repr((LawNumbers._fields, constants)).encode())
 
 
 def _jit(function: Kernel) -> Kernel:

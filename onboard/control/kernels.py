@@ -15,34 +15,30 @@ from typing import Any
 
 from onboard.control.kernel_projection import INACTIVE, INFEASIBLE, project
 from onboard.control.law_params import LawNumbers
+from onboard.control.rows import COINCIDENT_M, LARGEST_MARGIN_M, MAX_OBSTACLES, SETTLED_M_S, SPEED_GAIN_1_S
 
 # lists when interpreted, arrays when compiled; of K vectors all 3 K components
 Vectors = Any
 Scalars = Any
 Point = tuple[float, float]
 
-_HUGE = 1e5
-_COINCIDENT_M = 1e-6
-_MAX_AGE_S = 0.30
-_MAX_COMMAND_AGE_S = 0.25
-_LONGEST_LEAD_S = 1.0
-_LARGEST_MARGIN_M = 5.0
-_MAX_OBSTACLES = 6
-_SPEED_GAIN_1_S = 4.0
-_TOLERANCE = 1e-10
-_SETTLED_M_S = 0.1
+HUGE = 1e5  # positions, velocities and accelerations beyond this are clipped: squares must stay finite
+MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour further than this gains nothing
+MAX_COMMAND_AGE_S = 0.25  # a neighbour's last command says little about what it does later
+LONGEST_LEAD_S = 1.0
+VIOLATED_M_S2 = 1e-10
 
 
 def work_sizes(neighbours: int, capsules: int) -> tuple[int, int]:
     """Lengths of the scratch memory: per neighbour or capsule, and per row."""
-    return max(1, neighbours, capsules), 2 * neighbours + 2 * _MAX_OBSTACLES + 5
+    return max(1, neighbours, capsules), 2 * neighbours + 2 * MAX_OBSTACLES + 5
 
 
 def bounded(value: float) -> float:
     """Clipped so that squares stay finite; 0 for what is no number."""
     if value != value:
         return 0.0
-    return min(max(value, -_HUGE), _HUGE)
+    return min(max(value, -HUGE), HUGE)
 
 
 def is_finite_3(v: Vectors, k: int) -> bool:
@@ -64,15 +60,15 @@ def received(
 ) -> tuple[bool, float, float, float, float, float, float]:
     """Neighbour k at our own time: whether it is usable, position, velocity, command; see oist._received."""
     age = age_s
-    if not 0.0 <= age <= _MAX_AGE_S:
-        age = 0.0 if age < 0.0 and math.isfinite(age) else _MAX_AGE_S
+    if not 0.0 <= age <= MAX_MESSAGE_AGE_S:
+        age = 0.0 if age < 0.0 and math.isfinite(age) else MAX_MESSAGE_AGE_S
     i = 3 * k
     x, y, z = predicted_position[i], predicted_position[i + 1], predicted_position[i + 2]
     v_x, v_y, v_z = predicted_velocity[i], predicted_velocity[i + 1], predicted_velocity[i + 2]
     u_x, u_y, u_z = command[i], command[i + 1], command[i + 2]
     s_x, s_y = velocity[i], velocity[i + 1]
     total = abs(x) + abs(y) + abs(z) + abs(v_x) + abs(v_y) + abs(v_z) + abs(u_x) + abs(u_y) + abs(u_z)
-    is_plain = total + abs(s_x) + abs(s_y) < _HUGE  # then all are finite, and nothing has to be bounded
+    is_plain = total + abs(s_x) + abs(s_y) < HUGE  # then all are finite, and nothing has to be bounded
     own_word = is_plain
     if not is_plain:
         own_word = is_finite_3(predicted_position, k) and is_finite_3(predicted_velocity, k) and is_finite_3(command, k)
@@ -80,11 +76,11 @@ def received(
         u_x, u_y, s_x, s_y = bounded(u_x), bounded(u_y), bounded(s_x), bounded(s_y)
     if is_cooperative and own_word:
         lead = lead_s
-        if not 0.0 <= lead <= _LONGEST_LEAD_S:
-            lead = min(max(lead, 0.0), _LONGEST_LEAD_S) if math.isfinite(lead) else own_lead_s
+        if not 0.0 <= lead <= LONGEST_LEAD_S:
+            lead = min(max(lead, 0.0), LONGEST_LEAD_S) if math.isfinite(lead) else own_lead_s
         ahead = age + (own_lead_s - lead)
         if ahead >= 0.0:
-            held = min(ahead, _MAX_COMMAND_AGE_S)
+            held = min(ahead, MAX_COMMAND_AGE_S)
             share = held * (ahead - 0.5 * held)
             x, y = x + ahead * v_x + share * u_x, y + ahead * v_y + share * u_y
             return True, x, y, v_x + held * u_x, v_y + held * u_y, u_x, u_y
@@ -118,8 +114,8 @@ def way_out(w_x: float, w_y: float) -> Point:
     """A tiny separation where there is none: onwards along the relative velocity."""
     speed = math.sqrt(w_x * w_x + w_y * w_y)
     if speed > 1e-6:
-        return _COINCIDENT_M * (w_x / speed), _COINCIDENT_M * (w_y / speed)
-    return _COINCIDENT_M, 0.0
+        return COINCIDENT_M * (w_x / speed), COINCIDENT_M * (w_y / speed)
+    return COINCIDENT_M, 0.0
 
 
 def ranked(rank: Scalars, count: int, key: Scalars, place: int) -> None:
@@ -184,20 +180,20 @@ def covey(
         distance_2 = d_x * d_x + d_y * d_y
         if not distance_2 <= range_2:
             continue
-        if distance_2 < _COINCIDENT_M * _COINCIDENT_M:
+        if distance_2 < COINCIDENT_M * COINCIDENT_M:
             is_flagged = True
             d_x, d_y = way_out(z_x, z_y)
         margin = n.margin_m
         if sigma_p > 0.0:
             part_p, part_v = sigma_p * known(their_std_p[k]), sigma_v * known(their_std_v[k])
             spread = math.sqrt(own_variance + part_p * part_p + part_v * part_v)
-            margin = min(max(margin, n.margin_floor_m + spread), _LARGEST_MARGIN_M)
+            margin = min(max(margin, n.margin_floor_m + spread), LARGEST_MARGIN_M)
         d = n.safety_distance_m + margin + (0.0 if is_cooperative[k] else n.uncooperative_margin_m)
         is_told = direction == 3 and is_cooperative[k] and is_finite_3(intent, k)
         j_x, j_y = 0.0, 0.0
         if is_told:
             j_x, j_y = bounded(intent[3 * k]), bounded(intent[3 * k + 1])
-        if distance_2 < 4.0 * d * d and not (is_told and j_x * j_x + j_y * j_y <= _SETTLED_M_S * _SETTLED_M_S):
+        if distance_2 < 4.0 * d * d and not (is_told and j_x * j_x + j_y * j_y <= SETTLED_M_S * SETTLED_M_S):
             crowd += 1.0
         h_x[k], h_y[k] = (i_x - j_x, i_y - j_y) if is_told else (z_x, z_y)
         e_x[k], e_y[k], w_x[k], w_y[k], c_x[k], c_y[k] = d_x, d_y, z_x, z_y, a_x, a_y
@@ -230,7 +226,7 @@ def covey(
         if bound > -radius * math.sqrt(f_x * f_x + f_y * f_y):
             n_x[hard], n_y[hard], b[hard] = f_x, f_y, bound
             hard += 1
-        is_violated = lack > _TOLERANCE
+        is_violated = lack > VIOLATED_M_S2
         is_avoiding = is_avoiding or is_violated
         if rotation == 2 or (rotation == 1 and is_violated):
             is_crowded = max(crowd, their_crowd[k] if math.isfinite(their_crowd[k]) else 0.0) >= n.crowd_count
@@ -260,10 +256,10 @@ def covey(
         full[c] = 1.0 if 0.0 < along < 1.0 else 0.0
         gap[c] = math.sqrt(e_x[c] * e_x[c] + e_y[c] * e_y[c]) - capsules[5 * c + 4]
         ranked(rank, c, gap, c)
-    for place in range(min(len(capsules) // 5, _MAX_OBSTACLES)):
+    for place in range(min(len(capsules) // 5, MAX_OBSTACLES)):
         c = rank[place]
         d_x, d_y = e_x[c], e_y[c]
-        if d_x * d_x + d_y * d_y < _COINCIDENT_M * _COINCIDENT_M:
+        if d_x * d_x + d_y * d_y < COINCIDENT_M * COINCIDENT_M:
             d_x, d_y = way_out(v_x, v_y)
         d = capsules[5 * c + 4] + n.clearance_m
         closing, distance_2 = d_x * v_x + d_y * v_y, d_x * d_x + d_y * d_y
@@ -278,7 +274,7 @@ def covey(
         if bound > -radius * math.sqrt(f_x * f_x + f_y * f_y):
             n_x[hard], n_y[hard], b[hard] = f_x, f_y, bound
             hard += 1
-        is_violated = lack > _TOLERANCE
+        is_violated = lack > VIOLATED_M_S2
         is_avoiding = is_avoiding or is_violated
         if n.rotation == 2 or (n.rotation == 1 and is_violated):
             sign = turn_sign(d_x, d_y, i_x, i_y, d, False, n.direction)
@@ -307,7 +303,7 @@ def covey(
         if bound > -radius:
             n_x[hard], n_y[hard], b[hard] = f_x, f_y, bound
             hard += 1
-        is_avoiding = is_avoiding or lack > _TOLERANCE
+        is_avoiding = is_avoiding or lack > VIOLATED_M_S2
     if not is_avoiding:
         active = -1
         if n.rotation != 2:
@@ -319,7 +315,7 @@ def covey(
     if is_avoiding and speed > 1e-6:
         f_x, f_y = -v_x / speed, -v_y / speed
         n_x[hard], n_y[hard] = f_x, f_y
-        b[hard] = -_SPEED_GAIN_1_S * (n.top_speed_m_s - speed) + f_x * s_x + f_y * s_y
+        b[hard] = -SPEED_GAIN_1_S * (n.top_speed_m_s - speed) + f_x * s_x + f_y * s_y
         soft = 1
     for k in range(turns):
         n_x[hard + soft], n_y[hard + soft], b[hard + soft] = m_x[k], m_y[k], m_b[k]

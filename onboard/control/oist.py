@@ -15,15 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from onboard.control import compiled, prediction, rows
+from onboard.control.kernels import HUGE, LONGEST_LEAD_S, VIOLATED_M_S2
 from onboard.control.law_params import DIRECTION, ROTATION, LawNumbers
 from onboard.control.law_params import LawParams as LawParams
 from onboard.control.paper_law import saturate_thrust
 from onboard.control.projection import Rows, project
 from onboard.types import GRAVITY_M_S2, Array, BoolArray, IntArray, LawOutput, LawStatus, Neighbours, State, Thrust
-
-_HUGE = 1e5  # positions, velocities and accelerations beyond this are clipped: squares must stay finite
-_VIOLATED_M_S2 = 1e-10
-_LONGEST_LEAD_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,8 +149,8 @@ def is_plausible(vector: Array) -> BoolArray:
     """Whether all components (..., 3) are finite and small enough to be squared, (...)."""
     if vector.ndim == 1:
         x, y, z = vector.tolist()
-        return np.array(abs(x) < _HUGE and abs(y) < _HUGE and abs(z) < _HUGE)
-    return np.asarray((np.abs(vector) < _HUGE).all(-1))
+        return np.array(abs(x) < HUGE and abs(y) < HUGE and abs(z) < HUGE)
+    return np.asarray((np.abs(vector) < HUGE).all(-1))
 
 
 def horizontal_limit(thrust_z_m_s2: Array, *, params: LawParams) -> Array:
@@ -256,7 +253,7 @@ def _covey(
     bounds = _net(np.concatenate([pair_bound, obstacle_bound, fence_bound], axis=-1), normals, shift)
     is_on = np.asarray(np.concatenate([is_on, np.isfinite(obstacle_bound), np.isfinite(fence_bound)], axis=-1))
     lack = np.where(is_on, bounds - np.einsum("...kc,...c->...k", normals, wanted), -np.inf)
-    is_violated = np.asarray(lack > _VIOLATED_M_S2)
+    is_violated = np.asarray(lack > VIOLATED_M_S2)
     is_avoiding = np.asarray(is_violated.any(-1))
     place = np.concatenate([order, np.full((*is_avoiding.shape, lack.shape[-1] - order.shape[-1]), -2)], axis=-1)
     worst = np.take_along_axis(place, np.argmax(lack, axis=-1)[..., None], -1)[..., 0]
@@ -352,7 +349,7 @@ def _received(neighbours: Neighbours, n: LawNumbers) -> tuple[Array, Array, Arra
     lead = np.full(age.shape, n.lead_time_s)
     if neighbours.lead_time_s is not None:
         told = neighbours.lead_time_s
-        lead = np.where(np.isfinite(told), np.clip(np.nan_to_num(told), 0.0, _LONGEST_LEAD_S), lead)
+        lead = np.where(np.isfinite(told), np.clip(np.nan_to_num(told), 0.0, LONGEST_LEAD_S), lead)
     command = np.where(own_word[..., None], _bounded(neighbours.commanded_acceleration_enu_m_s2[..., :2]), 0.0)
     plain_velocity = _bounded(neighbours.velocity_enu_m_s[..., :2])
     position, velocity = prediction.predict_neighbour(
@@ -410,8 +407,8 @@ def _finite(array: Array) -> Array:
     """The array without NaN and inf; nothing is copied when there is nothing to mend, which is nearly always."""
     if np.isfinite(array).all():
         return array
-    return np.nan_to_num(array, nan=0.0, posinf=_HUGE, neginf=-_HUGE)
+    return np.nan_to_num(array, nan=0.0, posinf=HUGE, neginf=-HUGE)
 
 
 def _bounded(array: Array) -> Array:
-    return np.minimum(np.maximum(_finite(array), -_HUGE), _HUGE)
+    return np.minimum(np.maximum(_finite(array), -HUGE), HUGE)

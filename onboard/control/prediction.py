@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from onboard.control import compiled, kernel_motion
+from onboard.control.kernels import MAX_COMMAND_AGE_S
+from onboard.control.kernels import MAX_MESSAGE_AGE_S as MAX_MESSAGE_AGE_S
 from onboard.types import Array, State
 
 SLOTS = 40
-MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour further than this gains nothing
-MAX_COMMAND_AGE_S = 0.25  # a neighbour's last command says little about what it does later
 
 
 @dataclass(frozen=True, slots=True)
