@@ -21,7 +21,7 @@ from groundstation.fleet import DIRECT_DISARMED, FleetState
 from groundstation.handle import OrderHandle, Phase, VehicleResult
 from groundstation.orders import Intent
 from onboard.bus.codec import Malformed
-from onboard.bus.schema import Event, FaultOrder, Message, Order, OrderReply
+from onboard.bus.schema import Event, FaultOrder, Message, Order, OrderReply, Truth
 from onboard.bus.session import BusSession, OnAlive, OnMessage
 from onboard.bus.topics import Topic
 from onboard.config import FleetConfig, Vehicle
@@ -302,16 +302,21 @@ class FleetClient:
         self._is_woken = False
         state = self._state
         events: list[Event] = []
+        truths: list[Truth] = []
         for _ in range(len(self._inbox)):
             item, received_ns = self._inbox.popleft()
             if isinstance(item, tuple):
                 state = fleet_state.fold_alive(state, *item)
             elif isinstance(item, Malformed):
                 state = fleet_state.fold_malformed(state)
+            elif isinstance(item, Truth):
+                truths.append(item)  # of all vehicles at once: there are as many pairs as their square
             else:
                 state = fleet_state.fold(state, item, received_ns)
                 if isinstance(item, Event):
                     events.append(item)
+        if truths:
+            state = fleet_state.fold_truths(state, truths, self._clock_ns())
         self._state = state
         self._changed.set()
         for event in events:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import msgspec
+import numpy as np
 
 from onboard.bus.schema import Event, Message, Telemetry, Truth, Vec3
 from onboard.bus.topics import TOPICS, Topic
@@ -131,7 +132,7 @@ def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
     if isinstance(message, Telemetry):
         return _fold_telemetry(state, message, now_ns)
     if isinstance(message, Truth):
-        return _fold_truth(state, message, now_ns)
+        return fold_truths(state, (message,), now_ns)
     if isinstance(message, Event):
         events = (*state.events[-(MAX_EVENTS - 1) :], LoggedEvent(now_ns, message))
         state = replace(state, events=events)
@@ -180,26 +181,37 @@ def _fold_telemetry(state: FleetState, message: Telemetry, now_ns: int) -> Fleet
     return state if smallest is state.smallest else replace(state, smallest=smallest)
 
 
-def _fold_truth(state: FleetState, message: Truth, now_ns: int) -> FleetState:
-    view = state.vehicles.get(message.vehicle)
-    if view is None or not (_finite(message.position_enu_m) and _finite(message.velocity_enu_m_s)):
-        return state
-    if view.truth is not None and message.stamp_ns <= view.truth.stamp_ns and view.has_truth(now_ns):
-        return state
-    state = _with(state, replace(view, truth=message, truth_received_ns=now_ns))
-    smallest = state.smallest_truth
-    for name, other in state.vehicles.items():
-        truth = other.truth
-        if name == message.vehicle or truth is None or not other.has_truth(now_ns):
+def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> FleetState:
+    """The state after ground truth of several vehicles, received together; the same for one of them."""
+    vehicles = dict(state.vehicles)
+    told = set()
+    for message in messages:
+        view = vehicles.get(message.vehicle)
+        if view is None or not (_finite(message.position_enu_m) and _finite(message.velocity_enu_m_s)):
             continue
-        if message.is_on_ground and truth.is_on_ground:
+        if view.truth is not None and message.stamp_ns <= view.truth.stamp_ns and view.has_truth(now_ns):
             continue
-        # Both samples come from one clock; the older one is carried on to the newer one's stamp.
-        spot = _along(truth.position_enu_m, truth.velocity_enu_m_s, (message.stamp_ns - truth.stamp_ns) * 1e-9)
-        distance_m = math.dist(message.position_enu_m[:2], spot[:2])
-        if smallest is None or distance_m < smallest.distance_m:
-            smallest = _separation(message.vehicle, name, distance_m, message.stamp_ns, is_truth=True)
-    return state if smallest is state.smallest_truth else replace(state, smallest_truth=smallest)
+        vehicles[view.name] = replace(view, truth=message, truth_received_ns=now_ns)
+        told.add(view.name)
+    if not told:
+        return state
+    state = replace(state, vehicles=MappingProxyType(vehicles))
+    known = [view.truth for view in vehicles.values() if view.truth is not None and view.has_truth(now_ns)]
+    # All samples come from one clock; the older ones are carried on to the newest one's stamp.
+    newest_ns = max(truth.stamp_ns for truth in known)
+    spots = np.array([_along(t.position_enu_m, t.velocity_enu_m_s, (newest_ns - t.stamp_ns) * 1e-9)[:2] for t in known])
+    is_up = np.array([not truth.is_on_ground for truth in known])
+    rows = np.array([place for place, truth in enumerate(known) if truth.vehicle in told])
+    offset = spots[rows, None] - spots[None]
+    distance_m = np.hypot(offset[..., 0], offset[..., 1])
+    distance_m[~(is_up[rows, None] | is_up[None])] = np.inf
+    distance_m[np.arange(len(rows)), rows] = np.inf
+    row, other = divmod(int(distance_m.argmin()), len(known))
+    found, smallest = float(distance_m[row, other]), state.smallest_truth
+    if not math.isfinite(found) or (smallest is not None and found >= smallest.distance_m):
+        return state
+    pair = known[int(rows[row])].vehicle, known[other].vehicle
+    return replace(state, smallest_truth=_separation(*pair, found, newest_ns, is_truth=True))
 
 
 def _separation(one: str, two: str, distance_m: float, stamp_ns: int, *, is_truth: bool) -> Separation:
