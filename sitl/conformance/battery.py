@@ -21,11 +21,11 @@ DRAIN = (
 )
 EMPTY = (
     word("battery.low-text", "9", "text at 15 %", "Low battery"),
-    number("battery.low-at", "9", "charge at which it comes", 12.0, 16.0, "%"),
+    number("battery.low-at", "9", "charge at which it comes", 12.0, 18.0, "%"),
     word("battery.low-severity", "9", "its severity", "0"),
     word("battery.low-mode", "9", "mode between 15 % and 7 %", "OFFBOARD"),
     word("battery.critical-text", "9", "text at 7 %", "Critical battery"),
-    number("battery.critical-at", "9", "charge at which it comes", 4.0, 8.0, "%"),
+    number("battery.critical-at", "9", "charge at which it comes", 4.0, 10.0, "%"),
     word("battery.hold-text", "9", "text of the failsafe", "Failsafe activated: entering Hold for 5 seconds"),
     word("battery.hold-mode", "9", "mode from 7 % on, although setpoints flow", "AUTO.LOITER"),
     word("battery.hold-status", "9", "and system_status", "CRITICAL"),

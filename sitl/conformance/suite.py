@@ -89,6 +89,8 @@ def check(port: Port, ground_port: Port | None, report: Report, terms: Terms, sa
     if ground_port is None:
         report.skip(GROUND_LINK.facts, "no --gcs endpoint was given")
     elif _is_wanted(GROUND_LINK, report):
+        while ground_port.receive(0.0):
+            pass  # what came while nobody read
         ground = Pilot(ground_port)
         ground.system_id = pilot.system_id
         try:

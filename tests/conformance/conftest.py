@@ -1,4 +1,4 @@
-"""A running emulator of one vehicle, on free ports of the loopback."""
+"""One whole check for all tests; a running emulator of one vehicle, on free ports of the loopback."""
 
 from __future__ import annotations
 
@@ -7,7 +7,15 @@ from pathlib import Path
 
 import pytest
 
+from sitl.conformance.facts import Report
 from tests.clients.running import Running, running_emulator
+from tests.conformance.facts_page import whole_check
+
+
+@pytest.fixture(scope="session")
+def report() -> Report:
+    """One whole check of the emulator in simulated time."""
+    return whole_check()
 
 
 @pytest.fixture

@@ -18,11 +18,8 @@ from tests.conformance.exceptions import DIFFERENCES
 from tests.conformance.facts_page import PAGE, whole_check
 from tests.conformance.virtual import VirtualPort, Wires
 
-
-@pytest.fixture(scope="module")
-def report() -> Report:
-    """One whole check of the emulator in simulated time."""
-    return whole_check()
+# The first test that asks for it waits for a whole check.
+pytestmark = pytest.mark.timeout(400)
 
 
 def test_the_emulator_agrees_with_every_fact_but_the_documented_ones(report: Report) -> None:
