@@ -149,11 +149,13 @@ class Autopilot:
     def request_mode(self, now_s: float, main: int, sub: int, base_mode: int = 1) -> Result:
         """DO_SET_MODE or SET_MODE: the commander's own answer (the receiver's early one is the link's)."""
         mode = modes.mode_of(base_mode, main, sub)
-        if mode is None:
-            if main == modes.AUTO_MAIN:
-                self.journal.say(now_s, "no such mode")
-            return Result.TEMPORARILY_REJECTED
-        return self.request(now_s, mode)
+        if mode is not None:
+            return self.request(now_s, mode)
+        # PX4 refuses an automatic mode that it does not have; any other number means nothing to it, and passes.
+        if main != modes.AUTO_MAIN:
+            return Result.ACCEPTED
+        self.journal.say(now_s, "no such mode")
+        return Result.TEMPORARILY_REJECTED
 
     def request(self, now_s: float, mode: Mode, said: str | None = None) -> Result:
         """Ask for a mode. Disarmed, everything is taken; armed, only what can be flown now.

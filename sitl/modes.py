@@ -113,6 +113,15 @@ BY_NUMBERS: dict[tuple[int, int], Mode] = {
 }
 AUTO_MAIN = 4
 
+_IS_CUSTOM, _IS_AUTO, _IS_GUIDED, _IS_STABILIZED, _IS_MANUAL = 1, 4, 8, 16, 64
+# What an old client means that knows only MAVLink's modes: the first row whose bits are all set.
+_BY_BASE_MODE: tuple[tuple[int, Mode], ...] = (
+    (_IS_AUTO, Mode.MISSION),
+    (_IS_MANUAL | _IS_GUIDED, Mode.POSCTL),
+    (_IS_MANUAL | _IS_STABILIZED, Mode.STABILIZED),
+    (_IS_MANUAL, Mode.MANUAL),
+)
+
 # What a mode leads to when it cannot be flown (no position): LAND too becomes a level, blind descent.
 FALLBACK: dict[Mode, Mode] = {
     Mode.TAKEOFF: Mode.LAND,
@@ -131,11 +140,11 @@ def mode_of(base_mode: int, main: int, sub: int) -> Mode | None:
     """The mode that a DO_SET_MODE asks for; None for what PX4 does not know or the emulator does not have.
 
     Args:
-        base_mode: bit 1 says that the other two count.
+        base_mode: bit 0 says that the other two count; without it MAVLink's own bits decide.
         main, sub: as in custom_mode; AUTO without a sub mode is a mission.
     """
-    if not base_mode & 1:
-        return None
+    if not base_mode & _IS_CUSTOM:
+        return next((mode for bits, mode in _BY_BASE_MODE if base_mode & bits == bits), None)
     if main == AUTO_MAIN:
         return BY_NUMBERS.get((main, sub or 4))
     return BY_NUMBERS.get((main, 0))

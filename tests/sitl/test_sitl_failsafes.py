@@ -188,6 +188,10 @@ def test_modes_are_found_by_px4s_numbers() -> None:
     assert mode_of(1, 4, 3) is Mode.LOITER
     assert mode_of(1, 4, 0) is Mode.MISSION
     assert mode_of(0, 6, 0) is None
+    assert mode_of(192, 0, 0) is Mode.MANUAL
+    assert mode_of(208, 0, 0) is Mode.STABILIZED
+    assert mode_of(216, 0, 0) is Mode.POSCTL
+    assert mode_of(220, 0, 0) is Mode.MISSION
     assert mode_of(1, 9, 0) is None
     assert MODES[Mode.LOITER].custom_mode == 50593792
     assert MODES[Mode.OFFBOARD].custom_mode == 393216

@@ -97,6 +97,15 @@ def test_a_mode_by_the_old_message_gets_one_answer() -> None:
     assert emu.autopilots[0].mode is Mode.OFFBOARD
 
 
+def test_an_unknown_automatic_mode_is_rejected_and_other_numbers_change_nothing() -> None:
+    emu = emulator()
+    client = Client(emu)
+    assert client.command(176, 1, 4, 99) == [ACCEPTED, REJECTED]
+    assert emu.autopilots[0].texts[-1].text == "Unsupported auto mode\t"
+    assert client.command(176, 1, 77) == [ACCEPTED, ACCEPTED]
+    assert emu.autopilots[0].mode is Mode.LOITER
+
+
 def test_missions_logs_files_and_the_shell_are_refused_or_empty_at_once() -> None:
     client = Client(emulator())
     (count,) = client.send("MISSION_REQUEST_LIST", target_system=1, target_component=1)
