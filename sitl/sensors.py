@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from sitl import errors, kernels
 from sitl.errors import GPS as GPS
 from sitl.errors import PAD as PAD
+from sitl.errors import PAD_VISION as PAD_VISION
 from sitl.errors import VISION_DEFAULT as VISION_DEFAULT
 from sitl.errors import VISION_TRUSTED as VISION_TRUSTED
 from sitl.errors import VISION_TUNED as VISION_TUNED
@@ -262,7 +263,7 @@ class Estimator:
     def _choose(self, i: int, time_s: float, is_resting: bool) -> None:
         """Follow the sources of one vehicle: what its estimate rests on, and so how it errs."""
         if time_s - self._vision_time_s[i] < _VISION_TIMEOUT_S:
-            source, level = Source.VISION, self.vision_levels[i]
+            source, level = Source.VISION, PAD_VISION if is_resting else self.vision_levels[i]
         elif self.sees_satellites(i, time_s):
             source, level = Source.GPS, PAD if is_resting else GPS
         else:

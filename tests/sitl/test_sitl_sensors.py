@@ -185,6 +185,14 @@ def test_a_jump_of_vision_is_followed_sideways_at_once_and_in_height_after_five_
     assert hovering.estimator.reset_ned_m[0, 2] == pytest.approx(-0.8, abs=0.06)
 
 
+def test_on_the_ground_the_estimate_is_within_a_centimetre_of_vision() -> None:
+    hovering = on_vision(20, VISION_DEFAULT)
+    hovering.on_ground[:] = True
+    hovering.fly(4.0, (3.0, -4.0, -0.1))
+    samples = hovering.fly(4.0, (3.0, -4.0, -0.1))
+    assert np.quantile(np.abs(samples[..., :3] - [3.0, -4.0, -0.1]), 0.99) < 0.01
+
+
 def test_small_steps_of_vision_are_followed_smoothly_and_without_a_reset() -> None:
     hovering = on_vision(1)
     hovering.fly(3.0, (0.0, 0.0, 0.0))
