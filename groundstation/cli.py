@@ -172,7 +172,7 @@ def _lockstep(options: argparse.Namespace, mission: str, bus: dict[str, float]) 
         seed=options.seed,
         needs_ports=False,
     )
-    return fly_mission(settings, BusSettings(**bus))
+    return fly_mission(settings.mission, settings.folder, seed=settings.seed, bus=BusSettings(**bus))
 
 
 def _tui(options: argparse.Namespace) -> int:

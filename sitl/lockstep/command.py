@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import signal
 import time
+from pathlib import Path
 
-from groundstation.flight import Settings
+from groundstation.missions.files import Mission
 from onboard.bus.schema import Event
 from sitl.lockstep.bus import BusSettings
 from sitl.lockstep.flight import Lockstep
 
 
-def fly_mission(settings: Settings, bus: BusSettings) -> int:
+def fly_mission(mission: Mission, folder: Path, *, seed: int, bus: BusSettings) -> int:
     """Fly it with progress in lines, stamped with simulated time; the verdict's exit status."""
     begin_s = time.perf_counter()
-    fleet = settings.mission.fleet
+    fleet = mission.fleet
     names = ", ".join(fleet.enabled_names)
-    print(f"Lockstep: {names} in simulated time, without a console; everything goes to {settings.folder}.", flush=True)
-    with Lockstep(fleet, seed=settings.seed, bus=bus, folder=settings.folder) as flight:
+    print(f"Lockstep: {names} in simulated time, without a console; everything goes to {folder}.", flush=True)
+    with Lockstep(fleet, seed=seed, bus=bus, folder=folder) as flight:
 
         def say(line: str) -> None:
             print(f"{flight.time_s:6.1f} s  {line}", flush=True)
@@ -30,7 +31,7 @@ def fly_mission(settings: Settings, bus: BusSettings) -> int:
         flight.client.add_event_listener(on_event)
         before = signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))  # lands, as Ctrl-C does
         try:
-            verdict = flight.fly(settings.mission)
+            verdict = flight.fly(mission)
         finally:
             signal.signal(signal.SIGTERM, before)
         for line in verdict.sentences:
