@@ -169,7 +169,9 @@ def _record(pilot: Pilot, axis: str, step_rad: float, go: Callable[[], None], fo
     zero_ms = changed[0] if changed else start.time_boot_ms + 150.0
     samples = [packet.message for packet in pilot.seen.of("ATTITUDE", begin_s)]
     times = [(m.time_boot_ms - zero_ms) * 1e-3 for m in samples]
-    parts = [wrap(getattr(m, axis) - mean) / step_rad for m in samples]
+    # Counted from the middle of the step, so that what overshoots 180 deg does not appear on the other side.
+    middle = mean + 0.5 * step_rad
+    parts = [wrap(getattr(m, axis) - middle) / step_rad + 0.5 for m in samples]
     rates = [abs(math.degrees(getattr(m, f"{axis}speed"))) for m in samples]
     return Response(times, parts, max(rates))
 
