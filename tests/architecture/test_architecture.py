@@ -18,7 +18,7 @@ UNITS = (
     "_m", "_m_s", "_m_s2", "_m_s3", "_rad", "_rad_s", "_deg", "_s", "_ms", "_ns", "_frac", "_pct", "_v", "_hz", "_kg",
     "_kg_m2", "_1_s", "_wxyz", "_count", "_ticks", "_messages",
 )  # fmt: skip
-WITHOUT_UNIT = {"shortfall_gain", "static_gain", "attitude_zeta", "px4_params"}
+WITHOUT_UNIT = {"shortfall_gain", "static_gain", "attitude_zeta", "px4_params", "parameters"}  # named one by one
 NUMBERS = ("float", "Vec3", "Vec4", "Array")
 
 
