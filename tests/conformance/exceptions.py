@@ -2,4 +2,6 @@
 
 from __future__ import annotations
 
-DIFFERENCES: dict[str, str] = {}
+DIFFERENCES: dict[str, str] = {
+    "step.yaw-170-overshoot": "the emulated heading overshoots about half as much after large steps",
+}
