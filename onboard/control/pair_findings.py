@@ -219,10 +219,10 @@ def effective_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
     if law.name != "covey":
         return 0.0
     if law.margin == "fixed":
-        return law.design_margin_m
+        return _configured_margin_m(fleet)
     time_s = law.accuracy_time_s  # the law does not know an error's own correlation time
     told = replace(accuracy, position_time_s=time_s, velocity_time_s=time_s, acceleration_std_m_s2=0.0)
-    return max(law.design_margin_m, bounds.needed_margin_m(told, *_kappa_values(fleet)))
+    return max(_configured_margin_m(fleet), bounds.needed_margin_m(told, *_kappa_values(fleet)))
 
 
 def least_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
@@ -236,7 +236,12 @@ def parking_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
     if fleet.law.name != "covey":
         return configured_m
     margin_m = max(effective_margin_m(fleet, accuracy), least_margin_m(fleet, accuracy))
-    return configured_m + margin_m - fleet.law.design_margin_m
+    return configured_m + margin_m - _configured_margin_m(fleet)
+
+
+def _configured_margin_m(fleet: FleetConfig) -> float:
+    """Of the slowest vehicle, for which the law keeps the most."""
+    return fleet.law.margin_m(max((vehicle.lag_s for vehicle in fleet.vehicles.values()), default=0.0))
 
 
 def _kappa_values(fleet: FleetConfig) -> tuple[float, float]:
