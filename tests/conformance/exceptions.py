@@ -2,6 +2,4 @@
 
 from __future__ import annotations
 
-DIFFERENCES: dict[str, str] = {
-    "step.yaw-170-overshoot": "the emulated heading overshoots about half as much after large steps",
-}
+DIFFERENCES: dict[str, str] = {}
