@@ -107,7 +107,7 @@ def _covey_batch() -> Kernel:
         for m in range(floats.shape[0]):
             f = floats[m]
             x, y, status, slack, count, active = covey(
-                (f[0], f[1]), (f[2], f[3]), f[4], (f[5], f[6], f[7], f[8], f[9], f[10], f[11], f[12]),
+                (f[0], f[1]), (f[2], f[3]), f[4], (f[5], f[6], f[7], f[8], f[9], f[10], f[11], f[12], f[13]),
                 position[m], velocity[m], predicted_position[m], predicted_velocity[m], command[m], intent[m],
                 (age[m], lead[m], std_p[m], std_v[m], crowd[m]), is_present[m], is_cooperative[m], capsules, n,
                 (e_x, e_y, w_x, w_y, h_x, h_y, c_x, c_y, gap, reach, full, n_x, n_y, b, m_x, m_y, m_b), (rank, chosen),
@@ -123,13 +123,13 @@ def covey_one(
 ) -> Array:
     """``kernels.covey`` interpreted, (6,); arguments as in :func:`covey_batch` without M, as lists."""
     a, r = kernels.work_sizes(len(scalars[0]), len(params.capsules_enu_m))
-    w_x, w_y, s_x, s_y, radius, p_x, p_y, v_x, v_y, i_x, i_y, std_p, std_v = floats
+    w_x, w_y, s_x, s_y, radius, p_x, p_y, v_x, v_y, i_x, i_y, std_p, std_v, floor = floats
     position, velocity, predicted_position, predicted_velocity, command, intent = vectors
     age, lead, their_std_p, their_std_v, crowd = scalars
     is_present, is_cooperative = masks
     work = tuple([[0.0] * a for _ in range(11)] + [[0.0] * r for _ in range(6)])
     result = kernels.covey(
-        (w_x, w_y), (s_x, s_y), radius, (p_x, p_y, v_x, v_y, i_x, i_y, std_p, std_v),
+        (w_x, w_y), (s_x, s_y), radius, (p_x, p_y, v_x, v_y, i_x, i_y, std_p, std_v, floor),
         position, velocity, predicted_position, predicted_velocity, command, intent,
         (age, lead, their_std_p, their_std_v, crowd), is_present, is_cooperative, params.capsule_values,
         params.numbers, work, ([0] * a, [0] * r),
@@ -143,7 +143,8 @@ def covey_batch(
     """``kernels.covey`` compiled, for M vehicles, (M, 6).
 
     Args:
-        floats: (M, 13) wanted, shift (2 each), radius, position, velocity, intent (2 each), two standard deviations.
+        floats: (M, 14) wanted, shift (2 each), radius, position, velocity, intent (2 each), two standard
+            deviations, least crowd count.
         vectors: six of (M, 3 K). scalars: five of (M, K). masks: two of (M, K). See ``kernels.covey``.
     """
     sizes = kernels.work_sizes(scalars[0].shape[1], len(params.capsules_enu_m))
@@ -214,7 +215,7 @@ def warm_up() -> bool:
         return False
     two = np.zeros((2, 3))
     scalar = np.zeros((2, 1))
-    floats = np.zeros((2, 13))
+    floats = np.zeros((2, 14))
     covey_batch(floats, [two] * 6, [scalar] * 5, [scalar > 1.0] * 2, LawParams())
     predicted_batch(two, scalar, two, two, np.zeros((2, 2)), 0.0)
     moved_back_batch(two[:, None], np.zeros(1), np.zeros((2, 3, 3)))

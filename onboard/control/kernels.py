@@ -131,7 +131,7 @@ def covey(
     wanted: Point,
     shift: Point,
     radius: float,
-    own: tuple[float, float, float, float, float, float, float, float],
+    own: tuple[float, float, float, float, float, float, float, float, float],
     position: Vectors,
     velocity: Vectors,
     predicted_position: Vectors,
@@ -149,13 +149,14 @@ def covey(
     """Safe thrust with its status, slack, crowd count and active neighbour; see oist._covey.
 
     Args:
-        own: position, velocity (2 each) predicted, intent (2), and standard deviations of position and velocity.
+        own: position, velocity (2 each) predicted, intent (2), standard deviations of position and velocity, and the
+            least crowd count to act on.
         scalars: age, lead time, standard deviations of position and velocity, crowd count of each neighbour.
         work: 11 of the first of ``work_sizes`` and 6 of the second; places: one of each, integers.
     """
     u_x, u_y = wanted
     s_x, s_y = shift
-    p_x, p_y, v_x, v_y, i_x, i_y, std_p, std_v = own
+    p_x, p_y, v_x, v_y, i_x, i_y, std_p, std_v, floor = own
     age, lead, their_std_p, their_std_v, their_crowd = scalars
     e_x, e_y, w_x, w_y, h_x, h_y, c_x, c_y, gap, reach, full, n_x, n_y, b, m_x, m_y, m_b = work
     rank, chosen = places
@@ -202,6 +203,7 @@ def covey(
         ranked(rank, seen, gap, k)
         seen += 1
     seen = min(seen, n.max_neighbours)
+    crowd = max(crowd, floor)
 
     # hard rows: neighbours, what stands still, walls; turning rows wait in m_x, m_y, m_b
     hard, turns = 0, 0

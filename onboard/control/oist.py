@@ -10,7 +10,7 @@ README.md beside this file has the symbols and the deviations from the paper.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,18 +22,25 @@ from onboard.control.paper_law import saturate_thrust
 from onboard.control.projection import Rows, project
 from onboard.types import GRAVITY_M_S2, Array, BoolArray, IntArray, LawOutput, LawStatus, Neighbours, State, Thrust
 
+HELD_S, ROUNDABOUT_S = 3.0, 5.0  # held so long, a vehicle calls for a roundabout, for so long
+
 
 @dataclass(frozen=True, slots=True)
 class LawMemory:
-    """Own past commands, and relaxed_share (...): low-passed share of ticks whose hard rows had to be relaxed."""
+    """Own past commands; relaxed_share (...): low-passed share of ticks whose hard rows had to be relaxed.
+
+    held_s (...): how long the law has kept the vehicle from going where it wants; below 0 for as long as it calls for a
+    roundabout because of that.
+    """
 
     history: prediction.CommandHistory
     relaxed_share: Array
+    held_s: Array
 
 
 def initial(batch_shape: tuple[int, ...]) -> LawMemory:
     """Memory before the first command."""
-    return LawMemory(prediction.initial(batch_shape), np.zeros(batch_shape))
+    return LawMemory(prediction.initial(batch_shape), np.zeros(batch_shape), np.zeros(batch_shape))
 
 
 def predict(memory: LawMemory, state: State, *, params: LawParams) -> tuple[Array, Array]:
@@ -121,14 +128,16 @@ def saturate(
     else:
         std = (state.position_std_m, state.velocity_std_m_s)
         own = (position[..., :2], velocity[..., :2], intent[..., :2])
-        safe, status, slack, crowd, active = _covey(wanted, shift, radius, own, std, neighbours, params)
+        floor = np.where(memory.held_s < 0.0, params.numbers.crowd_count, 0.0)
+        safe, status, slack, crowd, active = _covey(wanted, shift, radius, own, std, floor, neighbours, params)
     status = np.where(is_own_finite, status, int(LawStatus.INFEASIBLE))
     command = np.concatenate([safe - shift, thrust[..., 2:]], axis=-1)
     acceleration = command - level
     change = safe - wanted
     weight = 1.0 - 0.93 ** (dt_s / 0.02)
     share = memory.relaxed_share + weight * ((status == int(LawStatus.RELAXED)) - memory.relaxed_share)
-    memory = replace(memory, history=prediction.record(memory.history, acceleration, dt_s), relaxed_share=share)
+    held_s = _held_s(memory.held_s, velocity, intent, active >= 0, dt_s)
+    memory = LawMemory(prediction.record(memory.history, acceleration, dt_s), share, held_s)
     output = LawOutput(
         thrust=Thrust(command),
         predicted_position_enu_m=np.where(is_own_finite[..., None], position, np.nan),
@@ -184,7 +193,8 @@ def _saturate_one(
         w_x, w_y = w_x * (radius / max(size, 1e-12)), w_y * (radius / max(size, 1e-12))
     intent = _bounded(intent_enu_m_s)
     std = (float(state.position_std_m), float(state.velocity_std_m_s))
-    own = (*position[:2].tolist(), *velocity[:2].tolist(), *intent[:2].tolist(), *std)
+    floor = float(params.numbers.crowd_count) if memory.held_s < 0.0 else 0.0
+    own = (*position[:2].tolist(), *velocity[:2].tolist(), *intent[:2].tolist(), *std, floor)
     x, y, status, slack, crowd, active = _kernel_rows(
         np.array((w_x, w_y, s_x, s_y, radius, *own)), neighbours, params
     ).tolist()
@@ -207,7 +217,21 @@ def _saturate_one(
         lead_time_s=np.array(params.numbers.lead_time_s),
         intent_enu_m_s=intent,
     )
-    return LawMemory(prediction.record(memory.history, acceleration, dt_s), np.array(share)), output
+    held_s = _held_s(memory.held_s, velocity, intent, np.array(active >= 0.0), dt_s)
+    return LawMemory(prediction.record(memory.history, acceleration, dt_s), np.array(share), held_s), output
+
+
+def _held_s(held_s: Array, velocity: Array, intent: Array, is_active: BoolArray, dt_s: float) -> Array:
+    """The next ``LawMemory.held_s`` (...): counts while the law keeps a vehicle that wants to go from getting on.
+
+    Two parked neighbours with a gap too narrow between them hold a vehicle for ever: each row asks for a turn that the
+    other forbids. Held for HELD_S it calls for a roundabout, which leads around both. DEVIATION D4.
+    """
+    wish_2 = intent[..., 0] * intent[..., 0] + intent[..., 1] * intent[..., 1]
+    along = velocity[..., 0] * intent[..., 0] + velocity[..., 1] * intent[..., 1]
+    is_held = is_active & (wish_2 > 0.04) & (along < 0.2 * wish_2)
+    count = np.where(held_s < 0.0, np.minimum(held_s + dt_s, 0.0), np.where(is_held, held_s + dt_s, 0.0))
+    return np.asarray(np.where(count >= HELD_S, -ROUNDABOUT_S, count))
 
 
 def _covey(
@@ -216,14 +240,16 @@ def _covey(
     radius: Array,
     own: tuple[Array, Array, Array],
     own_std: tuple[Array, Array],
+    floor: Array,
     neighbours: Neighbours,
     p: LawParams,
 ) -> tuple[Array, IntArray, Array, Array, IntArray]:
     """Projection of ``wanted`` (shifted by the compensation) on the rows of all neighbours; lines P3, D, R, Q."""
     if compiled.uses_kernel(radius.size):
-        floats = np.empty((*radius.shape, 13))
+        floats = np.empty((*radius.shape, 14))
         floats[..., 0:2], floats[..., 2:4], floats[..., 4] = wanted, shift, radius
         floats[..., 5:7], floats[..., 7:9], floats[..., 9:11], floats[..., 11], floats[..., 12] = (*own, *own_std)
+        floats[..., 13] = floor
         out = _kernel_rows(floats, neighbours, p)
         return out[..., 0:2], out[..., 2].astype(np.int64), out[..., 3], out[..., 4], out[..., 5].astype(np.int64)
     n, (position, velocity, intent) = p.numbers, own
@@ -237,7 +263,7 @@ def _covey(
     their_std = (neighbours.position_std_m, np.zeros(is_seen.shape) if std is None else std)
     d = rows.design_distance(own_std, their_std, neighbours.is_cooperative, n)
     wish, is_going = _wishes(intent, w, neighbours, n)
-    crowd = (is_seen & is_going & (distance_2 < 4.0 * d * d)).sum(-1).astype(np.float64)
+    crowd = np.maximum((is_seen & is_going & (distance_2 < 4.0 * d * d)).sum(-1), floor)
     order = np.argsort(np.where(is_seen, distance_2, np.inf), axis=-1, kind="stable")[..., : n.max_neighbours]
     is_on = np.take_along_axis(is_seen, order, -1)
     d, theirs = (np.take_along_axis(array, order, -1) for array in (d, neighbours.crowd_count))
@@ -286,7 +312,7 @@ def _covey(
 
 
 def _kernel_rows(floats: Array, neighbours: Neighbours, p: LawParams) -> Array:
-    """The same by the kernel, vehicle by vehicle: ``floats`` (..., 13) in, results (..., 6) out; see compiled.covey."""
+    """The same by the kernel, vehicle by vehicle: ``floats`` (..., 14) in, results (..., 6) out; see compiled.covey."""
     batch, count = floats.shape[:-1], neighbours.is_present.shape[-1]
     size = math.prod(batch)
     lead, std, intent = neighbours.lead_time_s, neighbours.velocity_std_m_s, neighbours.intent_enu_m_s
@@ -316,7 +342,7 @@ def _kernel_rows(floats: Array, neighbours: Neighbours, p: LawParams) -> Array:
             p,
         ).reshape(*batch, 6)
     return compiled.covey_batch(
-        floats.reshape(size, 13),
+        floats.reshape(size, 14),
         [compiled.flat(vector, size, 3 * count) for vector in vectors],
         [compiled.flat(scalar, size, count) for scalar in scalars],
         [compiled.flat(mask, size, count) for mask in masks],

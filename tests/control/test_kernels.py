@@ -47,7 +47,8 @@ def random_law_input(seed, size, count):
     own = tuple(rng.normal(size=(size, 2)) * 0.5 for _ in range(3))
     std = np.abs(rng.normal(size=size)) * 0.01, np.abs(rng.normal(size=size)) * 0.05
     neighbours = random_neighbours(rng, size, count, 1.2 + 0.1 * count)
-    return wanted, rng.normal(size=(size, 2)) * 0.3, radius, own, std, neighbours
+    floor = np.where(rng.random(size) < 0.3, 4.0, 0.0)
+    return wanted, rng.normal(size=(size, 2)) * 0.3, radius, own, std, floor, neighbours
 
 
 def by_arrays(monkeypatch, function):

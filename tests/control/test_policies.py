@@ -19,6 +19,7 @@ PAPER_WAY = {
     "design_margin_m": 0.0, "lag_margin_m_s": 0.0, "kappa_1_1_s": 2.0, "kappa_2_1_s": 2.0, "kappa_3_1_s": 1.5,
     "kappa_4_1_s": 1.5, "v_perp_m_s": 0.1, "avoid_speed_frac": 100.0, "range_m": 100.0,
 }  # fmt: skip
+EAST = np.array([1.0, 0.0, 0.0])
 UNLIMITED = LawParams(max_tilt_rad=math.radians(89.99), max_thrust_m_s2=1e4)
 
 
@@ -171,9 +172,29 @@ def test_direction_policies_choose_the_side():
 
 
 def test_jam_policy_slows_the_pursuit_or_does_not():
-    jammed = oist.LawMemory(oist.initial(()).history, np.array(0.5))
+    jammed = replace(oist.initial(()), relaxed_share=np.array(0.5))
     assert oist.speed_share(jammed, params=LawParams()) < 0.5
     assert oist.speed_share(jammed, params=LawParams().changed(jam="ignore")) == 1.0
+
+
+def test_a_vehicle_held_for_long_calls_for_a_roundabout_and_one_that_gets_on_does_not():
+    def counts(velocity):
+        memory, params, own = oist.initial(()), LawParams(), state_of(np.zeros(3), velocity)
+        wall = neighbours_of(np.array([[0.85, 0.0, 0.0]]), np.zeros((1, 3)), np.zeros((1, 3)))
+        thrust = Thrust(np.array([3.0, 0.0, GRAVITY_M_S2]))
+        found = []
+        for _ in range(500):
+            memory, out = oist.saturate(
+                memory, thrust, (np.zeros(3), velocity), own, wall, params=params, dt_s=0.02, intent_enu_m_s=EAST
+            )
+            found.append(float(out.crowd_count))
+        return np.array(found)
+
+    held = counts(np.zeros(3))
+    calling = held >= LawParams().config.crowd_count
+    assert np.flatnonzero(calling)[0] == pytest.approx(oist.HELD_S / 0.02, abs=2)
+    assert not calling[-1]  # and stops when it has had its time
+    assert (counts(0.5 * EAST) < 2.0).all()
 
 
 def test_speed_is_limited_while_avoiding_but_separation_comes_first():
