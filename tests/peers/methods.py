@@ -163,18 +163,18 @@ METHODS = {
         "buffered Voronoi cells",
         cells,
         {"horizon_s": (0.5, 1.0, 2.0), "gain_1_s": (2.0, 4.0)},
-        {"horizon_s": 1.0, "gain_1_s": 4.0},
+        {"horizon_s": 0.5, "gain_1_s": 4.0},
     ),
     "certificate": Method(
         "barrier certificates (QP)",
         certificate,
         {"brake_m_s2": (0.5, 1.0, 2.0), "gamma": (1.0, 4.0)},
-        {"brake_m_s2": 2.0, "gamma": 4.0},
+        {"brake_m_s2": 2.0, "gamma": 1.0},
     ),
     "potential": Method(
         "potential field",
         potential,
         {"push_m3_s2": (0.02, 0.1, 0.5), "range_m": (0.5, 1.0)},
-        {"push_m3_s2": 0.02, "range_m": 0.5},
+        {"push_m3_s2": 0.02, "range_m": 1.0},
     ),
 }
