@@ -32,7 +32,7 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     kappa_4_1_s: float = 1.5
     shortfall_gain: float = 0.85
     v_perp_m_s: float = 0.42
-    v_perp_crowd_m_s: float = 0.65
+    v_perp_crowd_m_s: float = 0.55
     crowd_count: int = 4
     rotation_fade_m_s2: float = (
         1.0  # a turning row is as strong as the violation, up to this one: no jump when it begins
