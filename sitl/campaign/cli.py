@@ -82,6 +82,8 @@ def _run(options: argparse.Namespace) -> int:
         folder = Path(options.trace or scratch) if options.trace or picture else None
         if folder is not None:
             _make(folder)
+        if picture is not None:
+            _make(picture.parent if picture.suffix else picture)
         records = _fly(names, seeds, setup, options, folder)
         if picture is not None and folder is not None:
             _draw(folder, picture, records)
@@ -139,8 +141,6 @@ def _draw(folder: Path, picture: Path, records: Sequence[results.Record]) -> Non
     from sitl.campaign import plot
 
     is_file = bool(picture.suffix)
-    if not is_file:
-        _make(picture)
     for values in records:
         name = f"{values['scenario']}-{values['seed']}"
         path = picture if is_file else picture / f"{name}.png"
@@ -159,10 +159,13 @@ def _seeds(text: str) -> range:
 
 
 def _make(folder: Path) -> None:
+    """Make a folder, and try it, before minutes of flying whose results could not be kept."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
     except OSError as error:
-        raise ConfigError(f"{folder}: this folder cannot be made ({error.strerror}). Name another one.") from None
+        raise ConfigError(f"{folder}: nothing can be written there ({error.strerror}). Name another folder.") from None
 
 
 if __name__ == "__main__":

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import math
 import tomllib
-import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from onboard.config import ConfigError, FleetConfig, LawConfig, SitlProfile, Vehicle, fleet_from_mapping, read_toml
+from onboard.config import (
+    ConfigError,
+    FleetConfig,
+    LawConfig,
+    SitlProfile,
+    Vehicle,
+    fleet_from_mapping,
+    load_fleet,
+    read_toml,
+)
 
 LAWS = ("covey", "paper", "off")
 _CONFIGS = Path(__file__).resolve().parents[2] / "configs" / "fleets"
@@ -163,18 +171,19 @@ def choose(
         types: names separated by commas, given to the vehicles in turn (default: sih, or the fleet file's first).
         changes: ``key=value`` each; see :func:`keys`.
     Raises:
-        ConfigError: unknown law, type, errors or key, or a value out of bounds.
+        ConfigError: unknown law, type, errors or key, a value out of bounds, or a fleet file that is wrong.
     """
-    data = read_toml(fleet_path, "fleet file")[0] if fleet_path else _examples()
+    data = tomllib.loads(load_fleet(fleet_path).text) if fleet_path is not None else _examples()
     common = {key: value for key, value in data.get("defaults", {}).items() if key not in ("type", "enabled")}
     tables = {name: {**common, **table} for name, table in data.get("types", {}).items()}
-    names = tuple((types or ("sih" if "sih" in tables else next(iter(tables), ""))).split(","))
+    default = "sih" if "sih" in tables else next(iter(tables), "")
+    names = tuple((default if types is None else types).split(","))
     for name in names:
         if name not in tables:
             raise ConfigError(f"--type: there is no vehicle type '{name}'. Known here: {', '.join(tables) or 'none'}.")
     if errors not in ERRORS:
         raise ConfigError(f"--errors is '{errors}', but there are only {', '.join(ERRORS)}. Name one of these.")
-    given_law = dict(data.get("law", {})) if fleet_path else {}
+    given_law = dict(data.get("law", {}))
     law = law or str(given_law.get("name", "covey"))
     if law not in LAWS:
         raise ConfigError(f"--law is '{law}', but there are only {', '.join(LAWS)}. Name one of these.")
@@ -218,14 +227,17 @@ def keys(*, with_aliases: bool = False) -> list[str]:
 
 
 def _value(change: str, text: str) -> float | int | bool | str:
-    """A number, true or false as TOML writes them, else the words as they stand."""
+    """A number (also ``.7``, which TOML refuses), true or false, else the words, whose quotes may stand."""
     try:
-        value = tomllib.loads(f"x = {text}")["x"]
+        value: object = tomllib.loads(f"x = {text}")["x"]
     except tomllib.TOMLDecodeError:
-        return text
+        try:
+            value = float(text)
+        except ValueError:
+            value = text
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f"--set {change}: the value must be finite.")
-    return typing.cast("float | int | bool | str", value)
+    return value if isinstance(value, float | int | str) else text
 
 
 def _examples() -> dict[str, Any]:

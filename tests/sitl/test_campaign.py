@@ -230,6 +230,14 @@ def test_another_controller_can_fly_the_campaign():
         (["form3", "--set", "law.kappa_1_1_s=fast"], "law.kappa_1_1_s"),
         (["form3", "--set", "vehicle.max_tilt_deg=80"], "max_tilt_deg"),
         (["swap8", "--law", "paper"], "ring"),
+        (["form3", "--set", "delay_s=[1]"], "from 0 to 2"),
+        (["form3", "--set", "delay_s=2020-01-01"], "from 0 to 2"),
+        (["form3", "--set", "law.kappa_1_1_s=NaN"], "must be finite"),
+        (["form3", "--type", ""], "no vehicle type ''"),
+        (["form3", "--trace", "/proc"], "nothing can be written there"),
+        (["form3", "--trace", "/proc/self/status"], "nothing can be written there"),
+        (["form3", "--plot", "/proc/picture.png", "--seeds", "0"], "nothing can be written there"),
+        (["form3", "--plot", "/proc/pictures"], "nothing can be written there"),
         (["form3", "--fleet", "/nowhere.toml"], "no such fleet file"),
         (["form3", "--plot", "one.png", "--seeds", "0:2"], "name a folder"),
         (["form3", "--plot", "one.docx", "--seeds", "0"], "one.docx"),
@@ -242,6 +250,21 @@ def test_bad_input_is_a_sentence_and_status_2(words, said, capsys):
     assert said in captured.err
     assert captured.err.startswith("covey: ")
     assert captured.err.rstrip().endswith(".")
+
+
+@pytest.mark.parametrize(("text", "value"), [(".7", 0.7), ("+.7", 0.7), ("0.7", 0.7), ("7e-1", 0.7), ("1", 1)])
+def test_numbers_of_set_may_be_written_as_anybody_writes_them(text, value):
+    setup = settings.choose(changes=[f"law.shortfall_gain={text}", f"vehicle.drag_1_s={text}", f"delay_s={text}"])
+    assert setup.law_table["shortfall_gain"] == value
+    assert setup.fleet(2).law.shortfall_gain == value
+    assert setup.fleet(2).vehicles["v1"].drag_1_s == value
+    assert setup.perturbation.delay_s == value
+
+
+def test_last_of_two_values_for_a_key_counts():
+    setup = settings.choose(changes=["tilt_deg=20", "vehicle.max_tilt_deg=22", "delay_s=0.1", "delay_s=0.2"])
+    assert setup.fleet(2).vehicles["v0"].max_tilt_deg == 22
+    assert setup.perturbation.delay_s == 0.2
 
 
 def test_table_counts_flights_and_bounds_the_rate_of_violations(capsys):
