@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from onboard.control import kernel_motion, kernel_projection, kernels
+from onboard.control import kernel_motion, kernel_pass, kernel_projection, kernels
 from onboard.control.law_params import LawNumbers, LawParams
 from onboard.types import Array, BoolArray
 
@@ -58,7 +58,7 @@ def numba() -> Any:
     return module
 
 
-_MODULES = (kernel_projection, kernels, kernel_motion)
+_MODULES = (kernel_projection, kernels, kernel_motion, kernel_pass)
 
 
 def _functions() -> list[FunctionType]:
@@ -201,9 +201,42 @@ def moved_back_batch(remembered: Array, ages: Array, change: Array) -> Array:
     return out
 
 
+@lru_cache(maxsize=1)
+def _around_batch() -> tuple[Kernel, Kernel]:
+    version, before, after = _digest(), kernel_pass.before, kernel_pass.after
+
+    def run_before(
+        vectors: Any, leg: Any, scalars: Any, commands: Any, history: Any, held: Any, n: Any, out: Any, out_1: Any,
+        out_commands: Any, floats: Any,
+    ) -> tuple[int, int]:  # fmt: skip
+        is_sound = before(vectors, leg, scalars, commands, history, held, n, out, out_1, out_commands, floats)
+        return is_sound, version
+
+    def run_after(
+        result: Any, floats: Any, given: Any, hover: Any, scalars: Any, history: Any, held: Any, n: Any, out: Any,
+        out_4: Any, out_1: Any, out_history: Any, out_held: Any,
+    ) -> int:  # fmt: skip
+        after(result, floats, given, hover, scalars, history, held, n, out, out_4, out_1, out_history, out_held)
+        return version
+
+    return _jit(run_before), _jit(run_after)
+
+
+def before_batch(*arguments: Any) -> bool:
+    """``kernel_pass.before`` compiled; whether the input was sound."""
+    return bool(_around_batch()[0](*arguments)[0])
+
+
+def after_batch(*arguments: Any) -> None:
+    """``kernel_pass.after`` compiled."""
+    _around_batch()[1](*arguments)
+
+
 def flat(array: NDArray[_T], size: int, *inner: int) -> NDArray[_T]:
     """An array of any leading shape as one contiguous (size, *inner) that compiled code takes."""
-    return np.require(array.reshape(size, *inner), requirements=["C", "W"])
+    shaped = array.reshape(size, *inner)
+    flags = shaped.flags
+    return shaped if flags.c_contiguous and flags.writeable else np.require(shaped, requirements=["C", "W"])
 
 
 def warm_up() -> bool:

@@ -195,7 +195,7 @@ def _saturate_one(
     std = (float(state.position_std_m), float(state.velocity_std_m_s))
     floor = float(params.numbers.crowd_count) if memory.held_s < 0.0 else 0.0
     own = (*position[:2].tolist(), *velocity[:2].tolist(), *intent[:2].tolist(), *std, floor)
-    x, y, status, slack, crowd, active = _kernel_rows(
+    x, y, status, slack, crowd, active = kernel_rows(
         np.array((w_x, w_y, s_x, s_y, radius, *own)), neighbours, params
     ).tolist()
     status = status if is_own_finite else float(LawStatus.INFEASIBLE)
@@ -250,7 +250,7 @@ def _covey(
         floats[..., 0:2], floats[..., 2:4], floats[..., 4] = wanted, shift, radius
         floats[..., 5:7], floats[..., 7:9], floats[..., 9:11], floats[..., 11], floats[..., 12] = (*own, *own_std)
         floats[..., 13] = floor
-        out = _kernel_rows(floats, neighbours, p)
+        out = kernel_rows(floats, neighbours, p)
         return out[..., 0:2], out[..., 2].astype(np.int64), out[..., 3], out[..., 4], out[..., 5].astype(np.int64)
     n, (position, velocity, intent) = p.numbers, own
     q, w_j, u_j, is_seen, is_bad = _received(neighbours, n)
@@ -311,7 +311,7 @@ def _covey(
     return result.point_m_s2, status, result.slack_m_s2, crowd, active
 
 
-def _kernel_rows(floats: Array, neighbours: Neighbours, p: LawParams) -> Array:
+def kernel_rows(floats: Array, neighbours: Neighbours, p: LawParams) -> Array:
     """The same by the kernel, vehicle by vehicle: ``floats`` (..., 14) in, results (..., 6) out; see compiled.covey."""
     batch, count = floats.shape[:-1], neighbours.is_present.shape[-1]
     size = math.prod(batch)

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from onboard.config import FleetConfig, LawName
-from onboard.control import allocation, backstepping, disturbance, guidance, hover_thrust, oist
+from onboard.control import allocation, backstepping, disturbance, fused, guidance, hover_thrust, oist
 from onboard.types import (
     GRAVITY_M_S2,
     Array,
@@ -166,6 +166,11 @@ def step(
     if phase == Phase.GROUND:
         return _ground(state, neighbours, params, yaw_rad)
     batch = state.position_enu_m.shape[:-1]
+    if batch and isinstance(yaw_rad, float) and yaw_rad == 0.0:
+        gentle, flying = phase == Phase.LIFTOFF, phase == Phase.FLYING
+        done = fused.step(memory, state, goal, neighbours, params, dt_s, is_gentle=gentle, is_flying=flying)
+        if done is not None:
+            return done
     is_usable = np.asarray(oist.is_plausible(state.position_enu_m) & oist.is_plausible(state.velocity_enu_m_s))
     given, state = state, _mended(state, is_usable, memory)
     is_frozen = phase == Phase.LIFTOFF
