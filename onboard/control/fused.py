@@ -1,6 +1,6 @@
 """A pass of the pipeline for a batch in three calls of compiled code, where the array forms make some four hundred.
 
-For batches with one set of numbers, sound input and no new leg; ``step`` returns None for any other, and pipeline.step
+For batches with one set of numbers and sound input; ``step`` returns None for any other, and pipeline.step
 goes through the array forms, which are the oracle: a test compares the two.
 """
 
@@ -98,11 +98,13 @@ def step(
     leg, law, observer, lift = memory.guidance, memory.law, memory.observer, memory.hover_thrust
     shape = state.position_enu_m.shape[:-1]
     size = math.prod(shape)
-    if params.law.name != "covey" or not size > 1 or not compiled.uses_kernel(size):
+    if params.law.name != "covey" or not size or not compiled.is_wanted() or compiled.numba() is None:
         return None
     known = _known_numbers(params, dt_s, is_gentle, is_flying)
-    if known is None or (goal.sequence != leg.sequence).any():
+    if known is None:
         return None
+    # which way a row goes must not depend on the other rows: a batch of one, and rows with a new leg, go through here
+    leg = guidance.planned(leg, goal, params=params.guidance)
     flat = compiled.flat
     slots, kept = observer.commands_enu_m_s2.shape[-2], law.history.duration_s.shape[-1]
     history = flat(law.history.acceleration_enu_m_s2, size, 3 * kept), flat(law.history.duration_s, size, kept)

@@ -108,11 +108,7 @@ def step(
     Properties: continuous in position, velocity and acceleration at a clock rate of 1; from rest the bounds hold
         exactly; rotation- and translation-equivariant; homogeneous in length and time; ends at rest on the goal.
     """
-    fresh = np.asarray(goal.sequence != memory.sequence)
-    if fresh.any() if fresh.ndim else fresh:
-        usable = fresh & np.isfinite(goal.position_enu_m).all(axis=-1) & np.isfinite(goal.duration_s)
-        if usable.any():
-            memory = _replan(memory, goal, np.asarray(usable), params)
+    memory = planned(memory, goal, params=params)
     if memory.elapsed_s.ndim == 0:
         pace = float(clock_rate)
         pace = min(max(pace, 0.0), 1.0) if math.isfinite(pace) else 1.0
@@ -129,6 +125,16 @@ def step(
         clock_rate=rate,
     )
     return memory, setpoint(memory)
+
+
+def planned(memory: GuidanceMemory, goal: Goal, *, params: GuidanceParams) -> GuidanceMemory:
+    """The legs after a look at the goals: rows with a new, finite one begin a leg from their present setpoint."""
+    fresh = np.asarray(goal.sequence != memory.sequence)
+    if fresh.any() if fresh.ndim else fresh:
+        usable = fresh & np.isfinite(goal.position_enu_m).all(axis=-1) & np.isfinite(goal.duration_s)
+        if usable.any():
+            return _replan(memory, goal, np.asarray(usable), params)
+    return memory
 
 
 def setpoint(memory: GuidanceMemory) -> TrajectorySetpoint:
