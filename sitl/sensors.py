@@ -285,7 +285,9 @@ class Estimator:
         if source is not Source.VISION:
             self._vision_frame[i] = None
         has_yaw = source is Source.VISION and self.uses_vision_yaw[i]
-        self._scalars[i, errors.YAW_SHARE_GOAL] = 0.0 if has_yaw else 1.0
+        # When everything is gone the gyros carry the heading on from where it was.
+        if source is not Source.NONE:
+            self._scalars[i, errors.YAW_SHARE_GOAL] = 0.0 if has_yaw else 1.0
         if has_yaw:
             self.resets[i, HEADING] += 1
         if source is Source.NONE:

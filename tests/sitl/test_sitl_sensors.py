@@ -156,6 +156,14 @@ def test_vision_with_its_heading_takes_the_error_of_the_compass_away_or_brings_i
     assert hovering.estimator.yaw_error_rad[0] == pytest.approx(0.5, abs=0.01)
 
 
+def test_the_heading_stays_where_vision_left_it_when_vision_stops() -> None:
+    hovering = on_vision(1)
+    hovering.fly(4.0, (0.0, 0.0, 0.0))
+    hovering.fly(6.0)
+    assert hovering.estimator.source[0] is Source.NONE
+    assert abs(hovering.estimator.yaw_error_rad[0]) < 0.005
+
+
 def test_the_first_position_counts_the_resets_up_to_13_on_the_pad() -> None:
     hovering = Hovering(1)
     hovering.on_ground[:] = True
