@@ -98,7 +98,7 @@ def step(
     leg, law, observer, lift = memory.guidance, memory.law, memory.observer, memory.hover_thrust
     shape = state.position_enu_m.shape[:-1]
     size = math.prod(shape)
-    if params.law.name != "covey" or not size or not compiled.is_wanted() or compiled.numba() is None:
+    if params.law.name != "covey" or not size or not compiled.uses_kernel(max(size, 2)):
         return None
     known = _known_numbers(params, dt_s, is_gentle, is_flying)
     if known is None:

@@ -112,7 +112,10 @@ def saturate(
     level = np.array([0.0, 0.0, GRAVITY_M_S2])
     thrust = np.where(is_own_finite[..., None], _bounded(raw), level)
     position, velocity = _bounded(predicted[0]), _bounded(predicted[1])
-    shift = np.zeros((*batch, 2)) if compensation_enu_m_s2 is None else _finite(compensation_enu_m_s2)[..., :2]
+    shift, is_shift_finite = np.zeros((*batch, 2)), np.ones(batch, bool)
+    if compensation_enu_m_s2 is not None:
+        is_shift_finite = is_plausible(compensation_enu_m_s2)
+        shift = np.where(is_shift_finite[..., None], compensation_enu_m_s2[..., :2], 0.0)
     intent = velocity if intent_enu_m_s is None else _bounded(intent_enu_m_s)
     radius = horizontal_limit(thrust[..., 2], params=params)
     wanted = _into_disc(thrust[..., :2] + shift, radius)
@@ -130,7 +133,7 @@ def saturate(
         own = (position[..., :2], velocity[..., :2], intent[..., :2])
         floor = np.where(memory.held_s < 0.0, params.numbers.crowd_count, 0.0)
         safe, status, slack, crowd, active = _covey(wanted, shift, radius, own, std, floor, neighbours, params)
-    status = np.where(is_own_finite, status, int(LawStatus.INFEASIBLE))
+    status = np.where(is_own_finite & is_shift_finite, status, int(LawStatus.INFEASIBLE))
     command = np.concatenate([safe - shift, thrust[..., 2:]], axis=-1)
     acceleration = command - level
     change = safe - wanted
@@ -182,7 +185,10 @@ def _saturate_one(
 ) -> tuple[LawMemory, LawOutput]:
     """:func:`saturate` for one vehicle, in floats."""
     is_own_finite = bool(is_plausible(raw) and is_plausible(predicted[0]) and is_plausible(predicted[1]))
-    s_x, s_y = (0.0, 0.0) if compensation_enu_m_s2 is None else _finite(compensation_enu_m_s2)[:2].tolist()
+    s_x, s_y, is_shift_finite = 0.0, 0.0, True
+    if compensation_enu_m_s2 is not None:
+        is_shift_finite = bool(is_plausible(compensation_enu_m_s2))
+        s_x, s_y = compensation_enu_m_s2[:2].tolist() if is_shift_finite else (0.0, 0.0)
     f_x, f_y, f_z = raw.tolist() if is_own_finite else (0.0, 0.0, GRAVITY_M_S2)
     position, velocity = predicted if is_own_finite else (_bounded(predicted[0]), _bounded(predicted[1]))
     up = min(max(f_z, 0.0), params.max_thrust_m_s2)
@@ -198,7 +204,7 @@ def _saturate_one(
     x, y, status, slack, crowd, active = kernel_rows(
         np.array((w_x, w_y, s_x, s_y, radius, *own)), neighbours, params
     ).tolist()
-    status = status if is_own_finite else float(LawStatus.INFEASIBLE)
+    status = status if is_own_finite and is_shift_finite else float(LawStatus.INFEASIBLE)
     acceleration = np.array((x - s_x, y - s_y, f_z - GRAVITY_M_S2))
     weight = 1.0 - 0.93 ** (dt_s / 0.02)
     share = float(memory.relaxed_share)

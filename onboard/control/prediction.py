@@ -66,16 +66,17 @@ def predict_own(
     inside = np.minimum(np.maximum(window_s[..., None] - left, 0.0), duration)
     weight = inside * (left + 0.5 * inside)
     commands = history.acceleration_enu_m_s2
+    with np.errstate(invalid="ignore", over="ignore"):  # a state that is no number stays none, and the law says so
+        moved = position_enu_m + window_s[..., None] * velocity_enu_m_s
     velocity = velocity_enu_m_s + np.einsum("...b,...bc->...c", inside, commands)
-    position = position_enu_m + window_s[..., None] * velocity_enu_m_s + np.einsum("...b,...bc->...c", weight, commands)
-    return position, velocity
+    return moved + np.einsum("...b,...bc->...c", weight, commands), velocity
 
 
 def predict_one(history: CommandHistory, state: State, lag_s: float, vertical_lag_s: float) -> tuple[Array, Array]:
     """Own state over the lag, the vertical axis over its own and then straight on, for one vehicle, in floats."""
     shape = state.position_enu_m.shape
     age = float(state.age_s.reshape(()))
-    age = min(max(age, 0.0), MAX_MESSAGE_AGE_S) if math.isfinite(age) else 0.0
+    age = 0.0 if math.isnan(age) else min(max(age, 0.0), MAX_MESSAGE_AGE_S)
     durations = history.duration_s.ravel().tolist()
     count, covered = 0, 0.0
     while count < len(durations) and covered < lag_s + age:

@@ -7,7 +7,7 @@ import pytest
 
 from onboard.config import load_fleet
 from onboard.control import compiled, oist, pipeline
-from onboard.types import Goal, LawStatus, Neighbours, State
+from onboard.types import Goal, LawStatus, Neighbours, State, Thrust
 
 FLEET = load_fleet("configs/fleets/paper.toml")
 PARAMS = pipeline.pipeline_params(FLEET, "mav0")
@@ -126,3 +126,59 @@ def test_zero_relative_velocity_at_the_design_distance_asks_for_nothing():
     tick = fly(neighbours_at([-PARAMS.law.d_design_m - 0.01, 0.0, 1.0]), (), velocity=(0.0, 0.0, 0.0))[-1]
     assert int(tick.law.status) in SANE
     assert tick.law.intervention_m_s2 == pytest.approx(0.0, abs=1e-9)
+
+
+GARBAGE = (np.nan, np.inf, -np.inf, 1e300, -1e300, 1e154, 1e9, 0.0, -0.0, 5e-324, 0.8)
+
+
+def littered(rng, shape, scale, share):
+    return np.where(rng.random(shape) < share, rng.choice(GARBAGE, shape), rng.normal(0.0, scale, shape))
+
+
+def row(values, place):
+    return type(values)(*(getattr(values, field.name)[place] for field in fields(values)))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("has_kernels", [True, False], ids=["kernels", "arrays"])
+@pytest.mark.parametrize("seed", range(12))
+def test_garbage_anywhere_is_bounded_and_the_same_for_one_vehicle_and_many(monkeypatch, seed, has_kernels):
+    if not has_kernels:
+        monkeypatch.setattr(compiled, "uses_kernel", lambda size: False)
+    rng = np.random.default_rng(seed)
+    for _ in range(8):
+        count, around, name = 4, int(rng.integers(0, 6)), str(rng.choice(["covey", "covey", "paper", "off"]))
+        params = replace(PARAMS.law.changed(name=name), fence_enu_m=(-2.0, 2.0, -2.0, 2.0))
+        theirs, own = rng.choice([0.0, 0.1, 1.0]), rng.choice([0.0, 0.1, 0.5])
+        vectors = [littered(rng, (count, around, 3), 1.5, theirs) for _ in range(7)]
+        scalars = [littered(rng, (count, around), 0.1, theirs) for _ in range(5)]
+        masks = [rng.random((count, around)) < 0.8 for _ in range(3)]
+        neighbours = Neighbours(*vectors[:6], *scalars[:3], *masks, *scalars[3:], vectors[6])
+        state = State(
+            *(littered(rng, (count, 3), 1.0, own) for _ in range(3)),
+            *(littered(rng, (count,), 0.05, own) for _ in range(4)),
+        )
+        thrust = littered(rng, (count, 3), 2.0, own) + np.array([0.0, 0.0, 9.8])
+        compensation = littered(rng, (count, 3), 0.5, own)
+        memory, alone = oist.initial((count,)), [oist.initial(()) for _ in range(count)]
+        for _ in range(2):
+            given = {"params": params, "dt_s": 0.02}
+            predicted = oist.predict(memory, state, params=params)
+            memory, out = oist.saturate(
+                memory, Thrust(thrust), predicted, state, neighbours, compensation_enu_m_s2=compensation, **given
+            )
+            safe = out.thrust.thrust_enu_m_s2
+            assert np.isfinite(safe).all()
+            known = np.where(oist.is_plausible(compensation)[:, None], compensation, 0.0)
+            limit = oist.horizontal_limit(safe[:, 2], params=params)
+            assert (np.hypot(*(safe + known)[:, :2].T) <= limit + 1e-6).all()
+            unusable = ~(oist.is_plausible(thrust) & oist.is_plausible(compensation))
+            assert (out.status[unusable] == LawStatus.INFEASIBLE).all()
+            for k in range(count):
+                mine = row(state, k)
+                alone[k], one = oist.saturate(
+                    alone[k], Thrust(thrust[k]), oist.predict(alone[k], mine, params=params), mine,
+                    row(neighbours, k), compensation_enu_m_s2=compensation[k], **given,
+                )  # fmt: skip
+                np.testing.assert_allclose(one.thrust.thrust_enu_m_s2, safe[k], rtol=0.0, atol=1e-9)
+                assert int(one.status) == int(out.status[k])
