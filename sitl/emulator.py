@@ -26,6 +26,8 @@ from sitl.world import Collision, Downwash, World
 
 _TICK_STEPS = round(TICK_S / STEP_S)
 
+_SOME_DATE_S = 1.7e9
+
 
 @dataclass(frozen=True, slots=True)
 class VehicleSpec:
@@ -63,6 +65,7 @@ class Emulator:
 
     Attributes:
         disturbances: faults, present and to come; see :meth:`inject`.
+        unix_start_s: the date at the start, as PX4 knows it from its computer; any fixed one where nobody asks.
     """
 
     def __init__(
@@ -99,6 +102,7 @@ class Emulator:
         for autopilot, spec in zip(self.autopilots, specs, strict=True):
             autopilot.params.values["MAV_SYS_ID"] = spec.system_id
         self.has_global_origin = [False] * len(specs)
+        self.unix_start_s = _SOME_DATE_S
         self._applied: list[Actuation | None] = [None] * len(specs)
         self._estimate()
 

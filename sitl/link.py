@@ -21,7 +21,7 @@ from sitl.modes import Result
 from sitl.parameters import HASH_CHECK, MAV_PARAM_TYPE_UINT32
 from sitl.signals import Setpoint, Text
 from sitl.streams import BUILDERS, Schedule
-from sitl.view import HOME_ALTITUDE_M, View
+from sitl.view import View
 
 _ACK = ID_BY_NAME["COMMAND_ACK"]
 _PARAM_VALUE = ID_BY_NAME["PARAM_VALUE"]
@@ -248,7 +248,7 @@ class Link:
             return []
         if frame not in setpoints.ABOVE_SEA and frame not in setpoints.ABOVE_HOME:
             return []
-        above_sea_m = f["alt"] + (HOME_ALTITUDE_M if frame in setpoints.ABOVE_HOME else 0.0)
+        above_sea_m = f["alt"] + (self.view.home_altitude_m if frame in setpoints.ABOVE_HOME else 0.0)
         place = self.view.to_local(f["lat_int"] * 1e-7, f["lon_int"] * 1e-7, above_sea_m)
         setpoint = setpoints.from_global(f, place, now_s=self.view.now_s)
         if isinstance(setpoint, Setpoint):

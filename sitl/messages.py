@@ -178,7 +178,7 @@ def global_position_int(v: View) -> Values:
         _clip(latitude * 1e7, -(2**31), 2**31 - 1),
         _clip(longitude * 1e7, -(2**31), 2**31 - 1),
         _clip(altitude * 1e3, -(2**31), 2**31 - 1),
-        _clip((altitude - HOME_ALTITUDE_M) * 1e3, -(2**31), 2**31 - 1),
+        _clip((altitude - v.home_altitude_m) * 1e3, -(2**31), 2**31 - 1),
         _int16(100.0 * vx),
         _int16(100.0 * vy),
         _int16(100.0 * vz),
@@ -198,7 +198,8 @@ def gps_raw(v: View) -> Values:
 
 def altitude(v: View) -> Values:
     height = -v.position_ned_m[2]
-    return (v.boot_us, HOME_ALTITUDE_M, HOME_ALTITUDE_M + height, height, height, _NAN, _NAN)
+    above_home = height + HOME_ALTITUDE_M - v.home_altitude_m
+    return (v.boot_us, HOME_ALTITUDE_M, HOME_ALTITUDE_M + height, height, above_home, _NAN, _NAN)
 
 
 def vfr_hud(v: View) -> Values:
@@ -212,12 +213,16 @@ def vfr_hud(v: View) -> Values:
 def home_position(v: View) -> Values | None:
     if not v.has_origin:
         return None
-    latitude, longitude = v.origin_deg
+    north, east, down = v.home_ned_m
+    latitude, longitude, altitude = v.to_global(v.home_ned_m)
     return _ordered(
         "HOME_POSITION",
-        latitude=round(latitude * 1e7),
-        longitude=round(longitude * 1e7),
-        altitude=round(HOME_ALTITUDE_M * 1e3),
+        latitude=_clip(latitude * 1e7, -(2**31), 2**31 - 1),
+        longitude=_clip(longitude * 1e7, -(2**31), 2**31 - 1),
+        altitude=_clip(altitude * 1e3, -(2**31), 2**31 - 1),
+        x=north,
+        y=east,
+        z=down,
         q=[1.0, 0.0, 0.0, 0.0],
         approach_x=_NAN,
         approach_y=_NAN,
@@ -344,7 +349,7 @@ def timesync(v: View) -> Values:
 
 
 def system_time(v: View) -> Values:
-    return (0, v.boot_ms)
+    return (round(v.unix_s * 1e6), v.boot_ms)
 
 
 def ping(v: View) -> Values:

@@ -122,6 +122,7 @@ class Server:
         self._vehicles = [fleet.vehicles[name] for name in vehicles]
         specs = [VehicleSpec(v.name, v.system_id, profile_of(v), v.start_enu_m) for v in self._vehicles]
         self.emulator = Emulator(specs, body_diameter_m=fleet.fleet.body_diameter_m, environment=environment, seed=seed)
+        self.emulator.unix_start_s = time.time()
         for fault in injected:
             self.emulator.inject(fault)
         self._mocap = Mocap(len(specs), mocap, seed=seed, faults=self.emulator.disturbances.mocap)

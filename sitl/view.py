@@ -76,6 +76,22 @@ class View:
         return round(self.time_s * 1e6)
 
     @property
+    def unix_s(self) -> float:
+        """The date, as seconds since 1970."""
+        return self.emulator.unix_start_s + self.emulator.time_s
+
+    @property
+    def home_ned_m(self) -> Vector:
+        """Where it was armed last, or will be."""
+        north, east, down = self.autopilot.flight.home_ned_m.tolist()
+        return north, east, down
+
+    @property
+    def home_altitude_m(self) -> float:
+        """Altitude of that place."""
+        return HOME_ALTITUDE_M - float(self.autopilot.flight.home_ned_m[2])
+
+    @property
     def attitude(self) -> Quaternion:
         """Believed attitude wxyz with a sample of noise."""
         self._refresh()

@@ -55,6 +55,32 @@ def test_streams_start_before_the_first_heartbeat_and_home_follows_the_satellite
     assert 2.3 <= first["HOME_POSITION"] < 4.5
 
 
+def test_home_is_where_it_was_armed_and_heights_count_from_there() -> None:
+    emu = emulator()
+    client = Client(emu)
+    client.collect(6.0)
+    autopilot = emu.autopilots[0]
+    autopilot.request(emu.time_s, Mode.LOITER)
+    assert client.command(400, 1) == [ACCEPTED]
+    armed_at = autopilot.flight.home_ned_m.tolist()
+    assert max(abs(c) for c in armed_at) > 0.001
+    seen = client.collect(3.0)
+    home = [m.fields for m in seen if m.name == "HOME_POSITION"][-1]
+    assert [home["x"], home["y"], home["z"]] == pytest.approx(armed_at, abs=1e-5)
+    assert home["altitude"] == pytest.approx((489.4 - armed_at[2]) * 1e3, abs=1.0)
+    place = [m.fields for m in seen if m.name == "GLOBAL_POSITION_INT"][-1]
+    assert place["relative_alt"] == pytest.approx(place["alt"] - home["altitude"], abs=2.0)
+
+
+def test_the_date_goes_on_with_the_clock() -> None:
+    emu = emulator()
+    emu.unix_start_s = 1.8e9
+    times = [m.fields for m in Client(emu).collect(4.0) if m.name == "SYSTEM_TIME"]
+    assert len(times) >= 3
+    for told in times:
+        assert told["time_unix_usec"] == pytest.approx(1.8e15 + told["time_boot_ms"] * 1e3, abs=2e3)
+
+
 def test_rates_reach_px4s_ceilings_and_no_further() -> None:
     client = Client(emulator())
     client.collect(1.0)
