@@ -11,6 +11,7 @@ from onboard.bus.topics import Topic
 
 MAX_STAMP_NS = (1 << 63) - 1
 REPLY = "reply"
+_encode = msgspec.json.Encoder().encode
 RECORDED = (Topic.STATE, Topic.TICK, Topic.MOCAP)  # beside what the ground listens to anyhow
 
 
@@ -53,7 +54,7 @@ def _row(channel: str, message: Message, received_ns: int) -> Row:
     stamp_ns = getattr(message, "stamp_ns", received_ns)
     if not 0 <= stamp_ns <= MAX_STAMP_NS:
         stamp_ns = received_ns
-    return Row(channel, type(message), stamp_ns, msgspec.json.encode(as_mapping(message)))
+    return Row(channel, type(message), stamp_ns, _encode(as_mapping(message)))
 
 
 def _flat(schema: dict[str, Any]) -> dict[str, Any]:

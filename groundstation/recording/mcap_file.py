@@ -31,7 +31,7 @@ class McapFile:
 
     def __init__(self, stream: IO[bytes], library: str) -> None:
         self._stream, self._offset = stream, 0
-        self._compressor = zstandard.ZstdCompressor()
+        self._compressor = zstandard.ZstdCompressor(level=1)  # for numbers as small as the usual level, and faster
         self._chunk = bytearray()
         self._index: dict[int, list[int]] = {}  # channel -> time, offset, time, offset ...
         self._schemas: list[bytes] = []

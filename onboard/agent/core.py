@@ -58,14 +58,20 @@ _ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Pass:
-    """One pass of the pipeline that is due: its arguments, without a batch axis."""
+    """One pass of the pipeline that is due: its arguments, without a batch axis; the others as of ``now_ns``."""
 
     memory: PipelineMemory
     state: State
     goal: Goal
-    neighbours: Neighbours
+    table: NeighbourTable
+    now_ns: int
     dt_s: float
     phase: Phase
+
+    @property
+    def neighbours(self) -> Neighbours:
+        """The frozen picture of the others."""
+        return self.table.snapshot(self.now_ns)
 
 
 class AgentCore:
@@ -230,7 +236,7 @@ class AgentCore:
             start = np.asarray(self.vehicle.start_enu_m, dtype=np.float64)
             zero = np.zeros(())
             state, phase = State(start, np.zeros(3), np.zeros(3), zero, zero, zero, zero), Phase.GROUND
-        return Pass(self._memory, state, flight.goal(), self.neighbours.snapshot(now_ns), dt_s, phase)
+        return Pass(self._memory, state, flight.goal(), self.neighbours, now_ns, dt_s, phase)
 
     def end_tick(self, memory: PipelineMemory, tick: Tick) -> list[Command]:
         """The second half of :meth:`tick`, with what the pipeline made of the pass."""
@@ -384,9 +390,9 @@ class AgentCore:
         self._samples.append(
             messages.tick_sample(
                 tick,
-                stamp_ns=now_ns,
+                state,
                 period_s=period_s,
-                state=flight.state,
+                doing=flight.state,
                 active_neighbour=names[active] if 0 <= active < len(names) else "",
                 distances_m=self._distances,
                 ages_s=self.neighbours.known_ages_s(now_ns),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +20,7 @@ SILENT_S = 0.3
 _FORGET_NODE_S = 2.0
 _SAME_CLOCK_NS = 500_000_000
 _OTHER_CLOCK_DELAY_NS = 20_000_000
+_MANY = 16  # neighbours from which on arrays are cheaper than floats
 
 
 _VECTORS = (
@@ -85,6 +88,8 @@ class NeighbourTable:
     _telemetry: dict[str, Telemetry] = field(default_factory=dict)
     _aged_ns: int = -1  # the time of the ages below, which several ask for at each tick
     _ages_s: Array = field(init=False)
+    _ages_told_s: list[float] = field(init=False)
+    _oldest_s: float = math.inf
 
     def __post_init__(self) -> None:
         order = self.fleet.enabled_names
@@ -100,6 +105,7 @@ class NeighbourTable:
         self._newest = np.array([[0], [-1]], dtype=np.int64).repeat(count, axis=1)
         self._flags = np.zeros((3, count), dtype=bool)
         self._ages_s = np.full(count, np.inf)
+        self._ages_told_s = self._ages_s.tolist()
 
     def hear(self, message: StateMessage | Telemetry, received_ns: int) -> bool:
         """Take a message; False when it is from nobody we know, repeated, out of order or not finite."""
@@ -141,7 +147,10 @@ class NeighbourTable:
         delay_ns = received_ns - stamp_ns
         is_shared = (delay_ns >= 0) & (delay_ns < _SAME_CLOCK_NS)
         np.copyto(self._stamp_ns, np.where(is_shared, stamp_ns, received_ns - _OTHER_CLOCK_DELAY_NS), where=taken)
-        np.copyto(self._numbers, arrived.numbers[others], where=taken[:, None])
+        if taken.all():
+            np.take(arrived.numbers, others, axis=0, out=self._numbers, mode="clip")
+        else:
+            np.copyto(self._numbers, arrived.numbers[others], where=taken[:, None])
         np.copyto(self._flags, [is_valid, is_airborne, is_cooperative], where=taken)
 
     def ages_s(self, now_ns: int) -> Array:
@@ -149,11 +158,20 @@ class NeighbourTable:
         if self._aged_ns != now_ns:
             ages = np.maximum(now_ns - self._stamp_ns, 0) * 1e-9
             self._aged_ns, self._ages_s = now_ns, np.where(self._flags[0], ages, np.inf)
+            self._ages_told_s = self._ages_s.tolist()
+            self._oldest_s = max(self._ages_told_s, default=0.0)
         return self._ages_s
+
+    def _told_s(self, now_ns: int) -> list[float]:
+        """:meth:`ages_s` as floats."""
+        self.ages_s(now_ns)
+        return self._ages_told_s
 
     def known_ages_s(self, now_ns: int) -> dict[str, float]:
         """Age of the newest state of each that was ever heard."""
-        rows = zip(self.names, self.ages_s(now_ns).tolist(), strict=True)
+        rows = zip(self.names, self._told_s(now_ns), strict=True)
+        if self._oldest_s < math.inf:
+            return dict(rows)
         return {name: age_s for name, age_s in rows if age_s < math.inf}
 
     def age_s(self, name: str, now_ns: int) -> float:
@@ -168,7 +186,7 @@ class NeighbourTable:
 
     def missing(self, now_ns: int) -> tuple[str, ...]:
         """Vehicles that must be there (enabled = true) and are not heard."""
-        ages_s = self.ages_s(now_ns).tolist()
+        ages_s = self._told_s(now_ns)
         return tuple(
             name
             for name, age_s in zip(self.names, ages_s, strict=True)
@@ -177,7 +195,10 @@ class NeighbourTable:
 
     def silent(self, now_ns: int) -> tuple[str, ...]:
         """Vehicles that were in the air when last heard and have been silent too long."""
-        late = [place for place, age_s in enumerate(self.ages_s(now_ns).tolist()) if age_s > SILENT_S]
+        ages_s = self._told_s(now_ns)
+        if self._oldest_s <= SILENT_S:
+            return ()
+        late = [place for place, age_s in enumerate(ages_s) if age_s > SILENT_S]
         return tuple(self.names[place] for place in late if self._flags[1, place])
 
     def other_hashes(self, own_hash: str) -> dict[str, str]:
@@ -195,8 +216,14 @@ class NeighbourTable:
     def distances_m(self, position_enu_m: tuple[float, float, float], now_ns: int) -> dict[str, float]:
         """Horizontal distance to each neighbour ever heard, extrapolated over at most the silence limit."""
         x, y, _ = position_enu_m
+        if len(self.names) >= _MANY:
+            ages_s, n = self.ages_s(now_ns), self._numbers
+            ahead = np.minimum(ages_s, SILENT_S)
+            far = np.hypot(n[:, 0] + ahead * n[:, 3] - x, n[:, 1] + ahead * n[:, 4] - y)
+            pairs = zip(self.names, far.tolist(), strict=True)
+            return dict(pairs) if self._flags[0].all() else dict(itertools.compress(pairs, self._flags[0].tolist()))
         found = {}
-        rows = zip(self.names, self.ages_s(now_ns).tolist(), self._numbers[:, :6].tolist(), strict=True)
+        rows = zip(self.names, self._told_s(now_ns), self._numbers[:, :6].tolist(), strict=True)
         for name, age_s, (px, py, _, vx, vy, _) in rows:
             if age_s < math.inf:
                 ahead_s = min(age_s, SILENT_S)
@@ -217,6 +244,28 @@ class NeighbourTable:
             **{name: numbers[:, columns] for name, columns in _COLUMNS.items()},
             **{name: numbers[:, column] for name, column in _COLUMNS_1.items()},
         )
+
+
+def snapshots(tables: Sequence[NeighbourTable], now_ns: int) -> Neighbours:
+    """The snapshots of several tables of equally many neighbours, (N, K, 3): as stacking them one by one."""
+    if not tables[0].names:
+        rows = len(tables)
+        nobody = {
+            f.name: np.repeat(getattr(_NOBODY, f.name)[None], rows, axis=0) for f in dataclasses.fields(Neighbours)
+        }
+        return Neighbours(**nobody)
+    numbers = np.array([table._numbers for table in tables])
+    ages_s = np.array([table.ages_s(now_ns) for table in tables])
+    flags = np.array([table._flags for table in tables])
+    is_present = flags[:, 0]
+    return Neighbours(
+        age_s=np.where(is_present, ages_s, 0.0),
+        is_present=is_present,
+        is_cooperative=flags[:, 2] & (ages_s <= SILENT_S),
+        is_paper_obstacle=np.array([table._is_successor for table in tables]) & is_present,
+        **{name: numbers[:, :, columns] for name, columns in _COLUMNS.items()},
+        **{name: numbers[:, :, column] for name, column in _COLUMNS_1.items()},
+    )
 
 
 def _numbers(message: StateMessage) -> tuple[float, ...]:

@@ -79,7 +79,7 @@ def drive(
     ring = np.empty_like(memory.ring_position_enu_m)
     ring[0] = position
     ring[1:] = memory.ring_position_enu_m[:-1]
-    ages = [0.0, *(age + dt_s for age in memory.ring_age_s)][: len(ring)]
+    ages = [0.0, *[age + dt_s for age in memory.ring_age_s[: len(ring) - 1]]]
     return OneMemory(
         (position[0], position[1], position[2]),
         (velocity[0], velocity[1], velocity[2]),
@@ -129,11 +129,13 @@ def correct(memory: OneMemory, position_enu_m: Vec3, age_s: float, *, params: Es
     if sum(value * value for value in innovation) > gate:
         return _counted(memory)
     k_p, k_v, k_b = g_p / spread, g_v / spread, g_b / spread
-    gains = np.array([[k_p], [k_v], [k_b]]) * np.array(innovation)
-    ages = np.zeros(len(memory.ring_position_enu_m))
-    ages[: len(memory.ring_age_s)] = memory.ring_age_s
-    shares = np.empty((len(ages), 3))
-    shares[:, 0], shares[:, 1], shares[:, 2] = 1.0, -ages, 0.5 * ages * ages
+    x, y, z = innovation
+    back, bend = -k_v, 0.5 * k_b  # a sample moves what is ``age`` old by k_p - age k_v + age^2 k_b / 2
+    gains = np.array(((k_p * x, k_p * y, k_p * z), (back * x, back * y, back * z), (bend * x, bend * y, bend * z)))
+    shares = np.ones((len(memory.ring_position_enu_m), 3))
+    ages = shares[:, 1]
+    ages[: len(memory.ring_age_s)], ages[len(memory.ring_age_s) :] = memory.ring_age_s, 0.0
+    np.multiply(ages, ages, out=shares[:, 2])
     bound = float(params.max_bias_m_s2)
     bias = [min(max(b + k_b * miss, -bound), bound) for b, miss in zip(memory.bias_enu_m_s2, innovation, strict=True)]
     return OneMemory(

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from onboard.control.bounds import LAG_ERROR_S
-from onboard.frames import body_up
 from onboard.types import GRAVITY_M_S2, Array
 
 _FORGET_S = 30.0
@@ -51,18 +50,29 @@ def update(
     Returns:
         memory; unchanged where something is not finite or the vehicle is upside down.
     """
-    up = body_up(quaternion_wxyz)
-    if not (np.isfinite(response_m_s2).all() and np.isfinite(rate_m_s3).all() and up[2] > 0.3):
+    w, q_x, q_y, q_z = quaternion_wxyz.tolist()
+    a_x, a_y, *_ = response_m_s2.tolist()
+    r_x, r_y, *_ = rate_m_s3.tolist()
+    up = 1.0 - 2.0 * (q_x * q_x + q_y * q_y)  # the third component of frames.body_up; below are the first two
+    if not (math.isfinite(a_x + a_y) and math.isfinite(r_x + r_y) and up > 0.3):
         return memory
-    rows = np.zeros((2, 4))
-    rows[:, 0], rows[:, 1] = response_m_s2[:2], -rate_m_s3[:2]
-    rows[0, 2] = rows[1, 3] = 1.0
-    seen = GRAVITY_M_S2 * up[:2] / up[2]
+    s_x = GRAVITY_M_S2 * (2.0 * (q_x * q_z + w * q_y)) / up
+    s_y = GRAVITY_M_S2 * (2.0 * (q_y * q_z - w * q_x)) / up
     keep = math.exp(-dt_s / _FORGET_S)
+    mixed = -(a_x * r_x + a_y * r_y)
+    normal = np.array(
+        (
+            (a_x * a_x + a_y * a_y, mixed, a_x, a_y),
+            (mixed, r_x * r_x + r_y * r_y, -r_x, -r_y),
+            (a_x, -r_x, 1.0, 0.0),
+            (a_y, -r_y, 0.0, 1.0),
+        )
+    )
+    right = np.array((a_x * s_x + a_y * s_y, -(r_x * s_x + r_y * s_y), s_x, s_y))
     return ResponseMemory(
-        keep * memory.normal + rows.T @ rows,
-        keep * memory.right + rows.T @ seen,
-        keep * memory.energy + float(seen @ seen),
+        keep * memory.normal + normal,
+        keep * memory.right + right,
+        keep * memory.energy + s_x * s_x + s_y * s_y,
         keep * memory.time_s + dt_s,
     )
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from onboard.agent.core import Pass
+from onboard.agent.neighbours import snapshots
 from onboard.control import pipeline
 from onboard.control.pipeline import PipelineMemory, PipelineParams
 from sitl.lockstep.agents import AgentShell
@@ -128,7 +129,7 @@ class Batch:
             self._stacked_memory(dues),
             _stack("state", dues),
             _stack("goal", dues),
-            _stack("neighbours", dues),
+            snapshots([due.table for due in dues], first.now_ns),
             params=params,
             dt_s=first.dt_s,
             phase=first.phase,
