@@ -36,7 +36,9 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
     """All findings of a fleet file, the worst first; ``errors`` overrides :func:`error_class`."""
     vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
     if not vehicles:
-        return ()
+        remedy = "Set enabled = true for those who shall fly."
+        sentence = f"No vehicle of the fleet '{fleet.fleet.name}' is enabled: nobody flies. {remedy}"
+        return (Finding("vehicles", "refused", 0.0, 1.0, "", "at least", sentence, remedy),)
     kinds = distinct(vehicles)
     accuracy = ACCURACIES[errors or error_class(fleet)]
     found: list[Finding] = []

@@ -13,6 +13,7 @@ from onboard.control.vehicle_findings import GUST_M_S2, available_m_s2
 
 _MESSAGE_AGE_S = 0.08  # 20 ms period, 40 ms of delay, one message lost
 _BODY_GAP_M = 0.10
+_LONG_LAG_S, _LONGEST_LAG_S = 0.35, 0.40  # form3 and swap8: 0 of 24 flights violate at 0.36 s, 2 of 24 at 0.41 s
 _SLOW_GROWTH_1_S, _FAST_GROWTH_1_S = 0.0, 1.5
 _USEFUL_NEIGHBOURS = 6  # fewer rows than this cost separation in a crowd, more gain nothing
 _MARGIN_SHARE = 0.8  # of the fitted margin, below which the promise has been seen to break
@@ -37,6 +38,8 @@ def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accurac
     margin_m = effective_margin_m(fleet, accuracy)
     for judge in (_range, _message_age, _braking):
         found.append(worst(judge(fleet, vehicle, margin_m) for vehicle in vehicles))
+    if fleet.law.name == "covey":
+        found.append(worst(_lag(vehicle) for vehicle in vehicles))
     found.append(worst(_kappas(fleet, vehicle) for vehicle in vehicles))
     return found
 
@@ -119,6 +122,19 @@ def _message_age(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Findi
         "Lower max_tilt_deg, or raise law.design_margin_m.",
         # the paper's law has no margin at all: said under that name
         refuse_above=math.inf if fleet.law.name == "paper" else tolerated_s,
+    )
+
+
+def _lag(vehicle: Vehicle) -> Finding:
+    return most(
+        "lag",
+        vehicle.lag_s,
+        _LONG_LAG_S,
+        "s",
+        f"{vehicle.name} follows a command {{value}} later; the law predicts over a lag of {{relation}} {{bound}} well "
+        f"enough for a crowd, and beyond {_LONGEST_LAG_S:.2g} s it has been seen to break its promise",
+        "Tune its attitude control to be faster (attitude_delay_s + 2 attitude_zeta / attitude_wn_rad_s).",
+        refuse_above=_LONGEST_LAG_S,
     )
 
 
