@@ -22,6 +22,8 @@ _PREARM_BIT = 0x10000000
 # Gyro, accelerometer, magnetometer, pressure, GPS, rate and attitude control, motors, AHRS, battery.
 _SENSOR_BITS = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x400 | 0x800 | 0x8000 | 0x200000 | 0x2000000
 _GPS_BIT = 0x20
+_EXTENSION_BIT = 0x80000000  # there are further sensor bits in extension fields; always set
+_NO_CURRENT_CA = -100  # PX4's simulated battery measures no current and says -1 A
 _NAN = math.nan
 _UINT16_MAX = 65535
 # Upper triangle of a 6x6 covariance, row by row: PX4 fills the diagonal only.
@@ -70,9 +72,11 @@ def sys_status(v: View) -> Values:
     health = _SENSOR_BITS if hears_satellites else _SENSOR_BITS & ~_GPS_BIT
     if autopilot.is_armed or not autopilot.arming_obstacles(v.now_s):
         health |= _PREARM_BIT
-    present = _SENSOR_BITS | _PREARM_BIT
+    present = _SENSOR_BITS | _PREARM_BIT | _EXTENSION_BIT
+    health |= _EXTENSION_BIT
     battery = autopilot.battery
-    return (present, present, health, 100, battery.voltage_mv, -1, 0, 0, 0, 0, 0, 0, battery.remaining_pct, 0, 0, 0)
+    current = _NO_CURRENT_CA
+    return (present, present, health, 100, battery.voltage_mv, current, *[0] * 6, battery.remaining_pct, 0, 0, 0)
 
 
 def battery_status(v: View) -> Values:
@@ -83,7 +87,7 @@ def battery_status(v: View) -> Values:
         energy_consumed=-1,
         temperature=32767,
         voltages=[max(EMPTY_MV, autopilot.battery.voltage_mv)] + [_UINT16_MAX] * 9,
-        current_battery=-100,
+        current_battery=_NO_CURRENT_CA,
         id=0,
         type=1,
         battery_remaining=autopilot.battery.remaining_pct,

@@ -72,6 +72,15 @@ def test_home_is_where_it_was_armed_and_heights_count_from_there() -> None:
     assert place["relative_alt"] == pytest.approx(place["alt"] - home["altitude"], abs=2.0)
 
 
+def test_both_battery_messages_say_one_ampere_less_than_nothing() -> None:
+    seen = {m.name: m.fields for m in Client(emulator()).collect(3.0)}
+    status = seen["SYS_STATUS"]
+    assert seen["BATTERY_STATUS"]["current_battery"] == status["current_battery"] == -100
+    assert all(status[f"onboard_control_sensors_{kind}"] >> 31 for kind in ("present", "enabled", "health"))
+    assert status["battery_remaining"] == 100
+    assert status["voltage_battery"] == 16200
+
+
 def test_the_date_goes_on_with_the_clock() -> None:
     emu = emulator()
     emu.unix_start_s = 1.8e9
