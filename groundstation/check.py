@@ -9,7 +9,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any, cast
 
 from groundstation.missions.files import (
@@ -62,7 +62,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         except ConfigError as error:
             status = EXIT_WRONG_INPUT
             if options.json:
-                rows.append({"file": path, "name": "file", "status": "wrong", "sentence": str(error)})
+                nothing = dict.fromkeys(field.name for field in fields(Finding))
+                rows.append({"file": path, **nothing, "name": "file", "status": "wrong", "sentence": str(error)})
             print(f"covey: {error}", file=sys.stderr)
             continue
         if any(finding.status == "refused" for finding in findings):

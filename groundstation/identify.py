@@ -73,6 +73,8 @@ def _fly(options: argparse.Namespace) -> int:
         raise ConfigError("Give --fleet FILE and --vehicle NAME to fly, or the folder of a recorded flight.")
     if options.seed < 0:
         raise ConfigError(f"--seed is {options.seed}; it must be 0 or more.")
+    if not options.box > 0.0:
+        raise ConfigError(f"--box is {options.box}; it must be a width in metres above 0.")
     if not options.headless and not sys.stdout.isatty():
         raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
     fleet = load_fleet(options.fleet)

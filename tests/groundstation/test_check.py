@@ -61,6 +61,7 @@ def test_a_wrong_file_is_status_two_and_the_other_is_still_checked(
     status, found = rows(capsys, wrong, str(PAPER))
     assert status == 2
     assert [row["name"] for row in found if row["status"] == "wrong"] == ["file"]
+    assert len({frozenset(row) for row in found}) == 1, "every object has the same keys"
     assert any(row["file"] == str(PAPER) for row in found)
 
 
