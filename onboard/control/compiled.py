@@ -73,13 +73,13 @@ def _digest() -> int:
     return zlib.crc32(code + repr((LawNumbers._fields, constants)).encode())
 
 
-def _jit(function: Kernel) -> Kernel:
+def _jit(function: Kernel, error_model: str = "python") -> Kernel:
     """The function compiled on first use, from numba's cache where there is one."""
-    module = numba()
+    module, how = numba(), {"nogil": True, "fastmath": False, "error_model": error_model}
     try:
-        return module.njit(cache=True, nogil=True, fastmath=False)(function)  # type: ignore[no-any-return]
+        return module.njit(cache=True, **how)(function)  # type: ignore[no-any-return]
     except RuntimeError:  # no folder to keep the code in
-        return module.njit(nogil=True, fastmath=False)(function)  # type: ignore[no-any-return]
+        return module.njit(**how)(function)  # type: ignore[no-any-return]
 
 
 @lru_cache(maxsize=1)
@@ -219,7 +219,8 @@ def _around_batch() -> tuple[Kernel, Kernel]:
         after(result, floats, given, hover, scalars, history, held, n, out, out_4, out_1, out_history, out_held)
         return version
 
-    return _jit(run_before), _jit(run_after)
+    # division by zero gives what is not finite, which ``before`` looks for
+    return _jit(run_before, "numpy"), _jit(run_after, "numpy")
 
 
 def before_batch(*arguments: Any) -> bool:
@@ -242,7 +243,7 @@ def flat(array: NDArray[_T], size: int, *inner: int) -> NDArray[_T]:
 def warm_up() -> bool:
     """Compile, or load from numba's cache, all that batches use; False when nothing is to be compiled.
 
-    Takes under a second from the cache, and about ten seconds of a processor the first time on a machine.
+    Takes about a second from the cache, and some fifteen seconds of a processor the first time on a machine.
     """
     if not is_wanted() or numba() is None:
         return False
@@ -252,4 +253,15 @@ def warm_up() -> bool:
     covey_batch(floats, [two] * 6, [scalar] * 5, [scalar > 1.0] * 2, LawParams())
     predicted_batch(two, scalar, two, two, np.zeros((2, 2)), 0.0)
     moved_back_batch(two[:, None], np.zeros(1), np.zeros((2, 3, 3)))
+    _warm_up_around(two, scalar, floats)
     return True
+
+
+def _warm_up_around(two: Array, held: Array, floats: Array) -> None:
+    one, commands, given = np.ones(2), np.zeros((2, 8, 3)), np.zeros((12, 2, 3))
+    before = tuple([(1.0,) * length for length in (2, 8, 9, 3, 3, 6, 2, 4, 2)])
+    after = tuple([(1.0,) * length for length in (2, 3, 3, 2)])
+    arrays = (two,) * 9, (two,) * 5, (one,) * 14
+    before_batch(*arrays, commands, two, held, before, given, np.zeros((4, 2)), commands.copy(), floats)
+    out = np.zeros((3, 2, 3)), np.zeros((2, 4)), np.zeros((6, 2)), two.copy(), held.copy()
+    after_batch(np.zeros((2, 6)), floats, given, one, (one,) * 3, two, held, after, *out)
