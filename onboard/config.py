@@ -12,7 +12,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import msgspec
 
@@ -244,10 +244,10 @@ def convert(value: Any, kind: Any, path: str, key: str) -> Any:
         tail = where.rstrip("`").lstrip("$")
         if unknown:
             full = f"{key}{tail}.{unknown[1]}"
-            names = ", ".join(getattr(kind, "__struct_fields__", ())) or "none"
-            raise ConfigError(
-                f"{path}: unknown key '{full}'. Known keys here: {names}. Remove or correct it."
-            ) from None
+            inner = kind if not tail else next(iter(get_args(kind)), None) if re.fullmatch(r"\[\d+\]", tail) else None
+            names = ", ".join(getattr(inner, "__struct_fields__", ()))
+            known = f" Known keys here: {names}." if names else ""
+            raise ConfigError(f"{path}: unknown key '{full}'.{known} Remove or correct it.") from None
         raise ConfigError(f"{path}: '{key}{tail}': {message}. Correct the value.") from None
 
 

@@ -33,6 +33,7 @@ def test_every_shipped_fleet_file_loads(path: Path) -> None:
 WRONG = [
     ("vehicles.mav1.autopilo", 1, "unknown key 'vehicles.mav1.autopilo'"),
     ("fleet.colour", "red", "unknown key 'fleet.colour'"),
+    ("obstacles", [{"name": "pillar", "radius_m": 1.0}], "Known keys here: name, circle, polygon"),
     ("law.kapa", 1.0, "unknown key 'law.kapa'"),
     ("types.ardrone.wings", 2, "unknown key 'types.ardrone.wings'"),
     ("types.ardrone.sitl.wings", 2, "unknown key 'vehicles.mav0.sitl.wings'"),
