@@ -46,7 +46,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--law", metavar="NAME", help=f"{', '.join(settings.LAWS)} (default covey)")
     parser.add_argument("--errors", metavar="CLASS", default="mocap", help=f"{', '.join(settings.ERRORS)}")
     parser.add_argument("--type", metavar="NAME[,NAME]", help="vehicle types, given in turn (default sih)")
-    parser.add_argument("--fleet", metavar="FILE", help="take types, law and distances from this fleet file (no obstacles, no fence)")
+    parser.add_argument(
+        "--fleet", metavar="FILE", help="take types, law and distances from this fleet file (no obstacles, no fence)"
+    )
     parser.add_argument("--scale", type=float, default=1.0, help="multiplies every spacing (default 1)")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change one value; repeatable")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes (default 1)")
