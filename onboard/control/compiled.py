@@ -235,9 +235,9 @@ def after_batch(*arguments: Any) -> None:
 
 def flat(array: NDArray[_T], size: int, *inner: int) -> NDArray[_T]:
     """An array of any leading shape as one contiguous (size, *inner) that compiled code takes."""
-    shaped = array.reshape(size, *inner)
-    flags = shaped.flags
-    return shaped if flags.c_contiguous and flags.writeable else np.require(shaped, requirements=["C", "W"])
+    is_flat = array.ndim == 1 + len(inner) and array.shape[0] == size
+    shaped = array if is_flat else array.reshape(size, *inner)
+    return shaped if shaped.flags.carray else np.require(shaped, requirements=["C", "W"])
 
 
 def warm_up() -> bool:
