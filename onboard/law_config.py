@@ -25,7 +25,7 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     design_margin_m: float = 0.10
     lag_margin_m_s: float = 0.4  # more margin for each second of a vehicle's lag beyond QUICK_LAG_S
     uncooperative_margin_m: float = 0.05
-    accuracy_time_s: float = 0.5
+    accuracy_time_s: float = 3.0
     kappa_1_1_s: float = 4.0
     kappa_2_1_s: float = 8.0
     kappa_3_1_s: float = 2.0

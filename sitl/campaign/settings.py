@@ -102,6 +102,7 @@ ERRORS = {
             "v_perp_m_s": 0.5,
             "v_perp_crowd_m_s": 0.7,
             "crowd_count": 5,
+            "accuracy_time_s": 0.5,
         },
     ),
     "gps": ErrorClass(

@@ -62,8 +62,9 @@ def test_what_a_contestant_sets_exists(contestant):
 def test_a_contestant_in_the_laws_place_changes_nothing_when_it_is_the_law_itself():
     ours = fly(COVEY, "swap4", [3]).outcomes[0]
     (plain,) = flight.fly([scenarios.plan("swap4", 3)], settings.choose())
-    assert ours.min_separation_m == plain.outcome.min_separation_m
-    assert ours.ratio == plain.outcome.makespan_s / plain.straight_line_s
+    # not to the bit: the law itself flies in one compiled pass, a contestant stage by stage
+    assert ours.min_separation_m == pytest.approx(plain.outcome.min_separation_m, abs=1e-6)
+    assert ours.ratio == pytest.approx(plain.outcome.makespan_s / plain.straight_line_s, abs=1e-6)
 
 
 def outcome(separation_m, ratio=1.2):
