@@ -151,11 +151,6 @@ def euler_from_thrust_paper(thrust: Array) -> tuple[Array, Array, Array]:
     )
 
 
-def max_horizontal_acceleration_m_s2(params: AllocationParams) -> Array:
-    """What level flight leaves for tracking: g tan(max_tilt), (...)."""
-    return np.asarray(GRAVITY_M_S2 * np.tan(params.max_tilt_rad), dtype=np.float64)
-
-
 def tilt_rad(attitude: AttitudeSetpoint) -> Array:
     """Angle between body z and up, (...)."""
     q = attitude.quaternion_wxyz

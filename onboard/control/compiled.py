@@ -260,7 +260,7 @@ def warm_up() -> bool:
 def _warm_up_around(two: Array, held: Array, floats: Array) -> None:
     one, commands, given = np.ones(2), np.zeros((2, 8, 3)), np.zeros((12, 2, 3))
     before = tuple([(1.0,) * length for length in (2, 8, 9, 3, 3, 6, 2, 4, 2)])
-    after = tuple([(1.0,) * length for length in (2, 3, 3, 2)])
+    after = tuple([(1.0,) * length for length in (2, 3, 3)])
     arrays = (two,) * 9, (two,) * 5, (one,) * 14
     before_batch(*arrays, commands, two, held, before, given, np.zeros((4, 2)), commands.copy(), floats)
     out = np.zeros((3, 2, 3)), np.zeros((2, 4)), np.zeros((6, 2)), two.copy(), held.copy()

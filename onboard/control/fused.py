@@ -70,8 +70,7 @@ def numbers(params: PipelineParams, dt_s: float, is_gentle: bool, is_flying: boo
     after = (
         (dt_s, 0.0),
         (math.tan(tilt), *limits),
-        (1.0 - math.exp(-dt_s / params.activity_time_s), 1.0 - 0.93 ** (dt_s / 0.02), float(LawStatus.RELAXED)),
-        (oist.HELD_S, oist.ROUNDABOUT_S),
+        (1.0 - math.exp(-dt_s / params.activity_time_s), oist.relaxed_blend(dt_s), float(LawStatus.RELAXED)),
     )
     return tuple(tuple(map(float, part)) for part in before), after
 

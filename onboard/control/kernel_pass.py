@@ -14,7 +14,7 @@ from typing import Any
 
 from onboard.control import kernel_motion as motion
 from onboard.control.kernel_motion import Vec3
-from onboard.control.kernels import HUGE, MAX_MESSAGE_AGE_S
+from onboard.control.kernels import HUGE, MAX_MESSAGE_AGE_S, held_on
 
 _GRAVITY_M_S2 = 9.80665
 
@@ -176,19 +176,6 @@ def before(
     return 1
 
 
-def held_on(count: float, v_x: float, v_y: float, i_x: float, i_y: float, is_active: bool, n: Any, t: float) -> float:
-    """The next ``LawMemory.held_s``; oist._held_s. n: HELD_S and ROUNDABOUT_S."""
-    longest, roundabout = n
-    wish_2, along = i_x * i_x + i_y * i_y, v_x * i_x + v_y * i_y
-    if count < 0.0:
-        count = min(count + t, 0.0)
-    elif is_active and wish_2 > 0.04 and along < 0.2 * wish_2:
-        count = count + t
-    else:
-        count = 0.0
-    return -roundabout if count >= longest else count
-
-
 def after(
     result: Any, floats: Any, given: Any, hover: Any, scalars: Any, history: Any, held: Any, n: Any, out: Any,
     out_4: Any, out_1: Any, out_history: Any, out_held: Any,
@@ -197,10 +184,10 @@ def after(
 
     Args:
         result: (M, 6) of ``kernels.covey``. floats: what it was given. given: (12, M, 3) from ``before``. hover: (M,).
-        scalars: activity, relaxed_share and held_s, (M,) each. history, held: as for ``before``. n: four tuples.
+        scalars: activity, relaxed_share and held_s, (M,) each. history, held: as for ``before``. n: three tuples.
         out: (3, M, 3) thrust, acceleration, what is sent. out_4: (M, 4). out_1: (6, M). out_history, out_held.
     """
-    times, limits, weights, patience = n
+    times, limits, weights = n
     t, yaw = times
     tan_tilt, low_frac, high_frac = limits
     activity_blend, relaxed_weight, relaxed_status = weights
@@ -216,7 +203,7 @@ def after(
         is_relaxed = 1.0 if result[m, 2] == relaxed_status else 0.0
         out_1[0, m] = relaxed[m] + relaxed_weight * (is_relaxed - relaxed[m])
         is_active = result[m, 5] >= 0.0
-        out_1[1, m] = held_on(held_s[m], f[7], f[8], f[9], f[10], is_active, patience, t)
+        out_1[1, m] = held_on(held_s[m], f[7], f[8], f[9], f[10], is_active, t)
         for k in range(slots - 1):
             out_held[m, k + 1] = held[m, k]
         for k in range(3 * slots - 3):

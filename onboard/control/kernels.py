@@ -23,6 +23,8 @@ Scalars = Any
 Point = tuple[float, float]
 
 HUGE = 1e5  # positions, velocities and accelerations beyond this are clipped: squares must stay finite
+HELD_S, ROUNDABOUT_S = 3.0, 5.0  # held so long, a vehicle calls for a roundabout, for so long
+HELD_WISH_M2_S2, HELD_FRAC = 0.04, 0.2  # held: wants to go, and gets on with less than this share of what it wants
 MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour further than this gains nothing
 MAX_COMMAND_AGE_S = 0.25  # a neighbour's last command says little about what it does later
 LONGEST_LEAD_S = 1.0
@@ -116,6 +118,18 @@ def way_out(w_x: float, w_y: float) -> Point:
     if speed > 1e-6:
         return COINCIDENT_M * (w_x / speed), COINCIDENT_M * (w_y / speed)
     return COINCIDENT_M, 0.0
+
+
+def held_on(count: float, v_x: float, v_y: float, i_x: float, i_y: float, is_active: bool, t: float) -> float:
+    """The next ``LawMemory.held_s`` after t seconds with velocity v and intent i; see oist._held_s."""
+    wish_2, along = i_x * i_x + i_y * i_y, v_x * i_x + v_y * i_y
+    if count < 0.0:
+        count = min(count + t, 0.0)
+    elif is_active and wish_2 > HELD_WISH_M2_S2 and along < HELD_FRAC * wish_2:
+        count = count + t
+    else:
+        count = 0.0
+    return -ROUNDABOUT_S if count >= HELD_S else count
 
 
 def ranked(rank: Scalars, count: int, key: Scalars, place: int) -> None:

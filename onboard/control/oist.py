@@ -14,15 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from onboard.control import compiled, prediction, rows
+from onboard.control import compiled, kernels, prediction, rows
 from onboard.control.kernels import HUGE, LONGEST_LEAD_S, VIOLATED_M_S2
 from onboard.control.law_params import DIRECTION, ROTATION, LawNumbers
 from onboard.control.law_params import LawParams as LawParams
 from onboard.control.paper_law import saturate_thrust
 from onboard.control.projection import Rows, project
 from onboard.types import GRAVITY_M_S2, Array, BoolArray, IntArray, LawOutput, LawStatus, Neighbours, State, Thrust
-
-HELD_S, ROUNDABOUT_S = 3.0, 5.0  # held so long, a vehicle calls for a roundabout, for so long
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +70,11 @@ def speed_share(memory: LawMemory, *, params: LawParams) -> Array:
     if params.config.jam == "ignore":
         return np.ones_like(memory.relaxed_share)
     return np.maximum(0.1, 1.0 - 1.5 * memory.relaxed_share)
+
+
+def relaxed_blend(dt_s: float) -> float:
+    """How far ``LawMemory.relaxed_share`` moves in one tick; 0.07 in 20 ms."""
+    return float(1.0 - 0.93 ** (dt_s / 0.02))
 
 
 def saturate(
@@ -137,8 +140,7 @@ def saturate(
     command = np.concatenate([safe - shift, thrust[..., 2:]], axis=-1)
     acceleration = command - level
     change = safe - wanted
-    weight = 1.0 - 0.93 ** (dt_s / 0.02)
-    share = memory.relaxed_share + weight * ((status == int(LawStatus.RELAXED)) - memory.relaxed_share)
+    share = memory.relaxed_share + relaxed_blend(dt_s) * ((status == int(LawStatus.RELAXED)) - memory.relaxed_share)
     held_s = _held_s(memory.held_s, velocity, intent, active >= 0, dt_s)
     memory = LawMemory(prediction.record(memory.history, acceleration, dt_s), share, held_s)
     output = LawOutput(
@@ -206,9 +208,8 @@ def _saturate_one(
     ).tolist()
     status = status if is_own_finite and is_shift_finite else float(LawStatus.INFEASIBLE)
     acceleration = np.array((x - s_x, y - s_y, f_z - GRAVITY_M_S2))
-    weight = 1.0 - 0.93 ** (dt_s / 0.02)
     share = float(memory.relaxed_share)
-    share += weight * ((status == LawStatus.RELAXED) - share)
+    share += relaxed_blend(dt_s) * ((status == LawStatus.RELAXED) - share)
     nowhere = np.full(3, np.nan)
     output = LawOutput(
         thrust=Thrust(np.array((x - s_x, y - s_y, f_z))),
@@ -223,8 +224,8 @@ def _saturate_one(
         lead_time_s=np.array(params.numbers.lead_time_s),
         intent_enu_m_s=intent,
     )
-    held_s = _held_s(memory.held_s, velocity, intent, np.array(active >= 0.0), dt_s)
-    return LawMemory(prediction.record(memory.history, acceleration, dt_s), np.array(share), held_s), output
+    held_s = kernels.held_on(float(memory.held_s), own[2], own[3], own[4], own[5], active >= 0.0, dt_s)
+    return LawMemory(prediction.record(memory.history, acceleration, dt_s), np.array(share), np.array(held_s)), output
 
 
 def _held_s(held_s: Array, velocity: Array, intent: Array, is_active: BoolArray, dt_s: float) -> Array:
@@ -235,9 +236,9 @@ def _held_s(held_s: Array, velocity: Array, intent: Array, is_active: BoolArray,
     """
     wish_2 = intent[..., 0] * intent[..., 0] + intent[..., 1] * intent[..., 1]
     along = velocity[..., 0] * intent[..., 0] + velocity[..., 1] * intent[..., 1]
-    is_held = is_active & (wish_2 > 0.04) & (along < 0.2 * wish_2)
+    is_held = is_active & (wish_2 > kernels.HELD_WISH_M2_S2) & (along < kernels.HELD_FRAC * wish_2)
     count = np.where(held_s < 0.0, np.minimum(held_s + dt_s, 0.0), np.where(is_held, held_s + dt_s, 0.0))
-    return np.asarray(np.where(count >= HELD_S, -ROUNDABOUT_S, count))
+    return np.asarray(np.where(count >= kernels.HELD_S, -kernels.ROUNDABOUT_S, count))
 
 
 def _covey(

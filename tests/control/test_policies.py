@@ -9,6 +9,7 @@ import pytest
 
 from onboard.config import load_fleet
 from onboard.control import oist, pipeline, rows
+from onboard.control.kernels import HELD_S
 from onboard.control.law_params import LawParams
 from onboard.control.paper_law import saturate_thrust
 from onboard.law_config import LawConfig
@@ -192,7 +193,7 @@ def test_a_vehicle_held_for_long_calls_for_a_roundabout_and_one_that_gets_on_doe
 
     held = counts(np.zeros(3))
     calling = held >= LawParams().config.crowd_count
-    assert np.flatnonzero(calling)[0] == pytest.approx(oist.HELD_S / 0.02, abs=2)
+    assert np.flatnonzero(calling)[0] == pytest.approx(HELD_S / 0.02, abs=2)
     assert not calling[-1]  # and stops when it has had its time
     assert (counts(0.5 * EAST) < 2.0).all()
 
