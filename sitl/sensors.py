@@ -240,10 +240,6 @@ class Estimator:
         """Estimated velocities (n, 3): a window, not a copy."""
         return self._blocks[:, errors.VELOCITY]
 
-    def local_from_world(self, index: int, position_ned_m: Array) -> Array:
-        """A world position in the local frame that the vehicle believes in (for its own origin only)."""
-        return np.asarray(position_ned_m - self._origin[index] + self.offset_ned_m[index])
-
     def reset_counter(self, index: int) -> int:
         """ODOMETRY.reset_counter: all jumps of the estimate so far, modulo 256."""
         return int(self.resets[index].sum()) & 0xFF

@@ -3,64 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-import socket
-import subprocess
-import sys
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.clients.running import running_emulator
+
 mavsdk = pytest.importorskip("mavsdk.asyncio")
-
-FLEET = """
-schema = 1
-[fleet]
-name = "mavsdk-test"
-geofence_m = {{ x = [-50.0, 50.0], y = [-50.0, 50.0], z = [0.0, 20.0] }}
-[types.sih]
-hover_thrust_frac = 0.49
-drag_1_s = 1.0
-[defaults]
-type = "sih"
-[vehicles.solo]
-system_id = 1
-start_enu_m = [0.0, 0.0, 0.0]
-agent = "tcp/127.0.0.1:{agent}"
-autopilot = "udpin://127.0.0.1:{port}"
-"""
-
-
-def free_pair() -> int:
-    """A UDP port that is free, and free again 40 higher."""
-    while True:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as low:
-            low.bind(("127.0.0.1", 0))
-            port = int(low.getsockname()[1])
-            if port > 65000:
-                continue
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as high:
-                try:
-                    high.bind(("127.0.0.1", port + 40))
-                except OSError:
-                    continue
-                return port
 
 
 @pytest.fixture
 def port(tmp_path: Path) -> Iterator[int]:
     """A running emulator of one vehicle; the port where its companion listens."""
-    companion = free_pair()
-    fleet = tmp_path / "fleet.toml"
-    fleet.write_text(FLEET.format(port=companion, agent=free_pair()), encoding="utf-8")
-    command = [sys.executable, "-m", "sitl", "--fleet", str(fleet), "--no-bus"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline().startswith("ready: solo")
-        yield companion
-        process.terminate()
-        assert process.wait(5) == 0
+    with running_emulator(tmp_path) as emulator:
+        yield emulator.companion
 
 
 async def first(stream: AsyncIterator[Any], accept: Callable[[Any], bool], timeout_s: float) -> Any:
