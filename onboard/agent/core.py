@@ -443,4 +443,6 @@ class AgentCore:
             loop=self._loop,
             malformed=self._malformed + self.neighbours.ignored_messages + self.own.ignored_samples,
             config_hash=self._config_hash,
+            conditions=tuple(condition.value for condition in in_order(self._conditions)),
+            action=WORDS[self._action],
         )

@@ -126,6 +126,8 @@ def telemetry(
     loop: LoopTimed,
     malformed: int,
     config_hash: str,
+    conditions: tuple[str, ...],
+    action: str,
 ) -> Telemetry:
     """All that a person looks at."""
     snapshot, order = view.snapshot, flight.order
@@ -168,4 +170,6 @@ def telemetry(
         hover_thrust_frac=float(tick.hover_thrust_frac),
         config_hash=config_hash,
         system_id=vehicle.system_id,
+        conditions=conditions,
+        action=action,
     )

@@ -51,7 +51,10 @@ class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
-    """Everything that a person looks at, 5-10 Hz."""
+    """Everything that a person looks at, 5-10 Hz.
+
+    conditions: what is wrong now, in the words of the failsafe table; action: what is done about it, in words.
+    """
 
     vehicle: str
     boot_id: int
@@ -90,6 +93,8 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     hover_thrust_frac: float
     config_hash: str
     system_id: int
+    conditions: tuple[str, ...] = ()
+    action: str = ""
 
 
 class TickSample(Message, frozen=True, array_like=True, kw_only=True):
