@@ -95,7 +95,7 @@ class FleetClient:
             node=f"ground-{os.getpid()}",
             connect=[*(fleet.vehicles[name].agent for name in fleet.enabled_names), fleet.simulator_endpoint],
         )
-        self._topics = (Topic.TELEMETRY, Topic.EVENT, Topic.TRUTH)
+        self._topics = (Topic.TELEMETRY, Topic.EVENT, Topic.TRUTH, Topic.PREFLIGHT)
         self._extra = tuple(topic for topic in extra_topics if topic not in self._topics)
         self._send = send
         self._clock_ns = clock_ns

@@ -15,13 +15,14 @@ from types import MappingProxyType
 import msgspec
 import numpy as np
 
-from onboard.bus.schema import Event, Message, Telemetry, Truth, Vec3
+from onboard.bus.schema import Event, Message, PreflightReport, Telemetry, Truth, Vec3
 from onboard.bus.topics import TOPICS, Topic
 from onboard.config import FleetConfig
 
 MAX_EVENTS = 500
 DIRECT_DISARMED = "direct_disarmed"  # code of the ground's event: PX4 itself says so, past a silent agent
 TELEMETRY_STALE_NS = int(TOPICS[Topic.TELEMETRY].stale_after_s * 1e9)
+PREFLIGHT_STALE_NS = int(TOPICS[Topic.PREFLIGHT].stale_after_s * 1e9)
 TRUTH_STALE_NS = int(TOPICS[Topic.TRUTH].stale_after_s * 1e9)
 _NEVER = -(1 << 62)
 
@@ -56,6 +57,12 @@ class VehicleView:
     truth: Truth | None = None
     truth_received_ns: int = _NEVER
     last_event: Event | None = None
+    preflight: PreflightReport | None = None
+    preflight_received_ns: int = _NEVER
+
+    def has_preflight(self, now_ns: int) -> bool:
+        """Whether the last go/no-go report may be shown as the present; a flying vehicle sends none."""
+        return self.preflight is not None and now_ns - self.preflight_received_ns <= PREFLIGHT_STALE_NS
 
     def age_s(self, now_ns: int) -> float:
         """Seconds since telemetry came in; infinite when none ever did."""
@@ -133,6 +140,8 @@ def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
         return _fold_telemetry(state, message, now_ns)
     if isinstance(message, Truth):
         return fold_truths(state, (message,), now_ns)
+    if isinstance(message, PreflightReport):
+        return _fold_preflight(state, message, now_ns)
     if isinstance(message, Event):
         events = (*state.events[-(MAX_EVENTS - 1) :], LoggedEvent(now_ns, message))
         state = replace(state, events=events)
@@ -179,6 +188,16 @@ def _fold_telemetry(state: FleetState, message: Telemetry, now_ns: int) -> Fleet
             if smallest is None or distance_m < smallest.distance_m:
                 smallest = _separation(view.name, name, distance_m, now_ns, is_truth=False)
     return state if smallest is state.smallest else replace(state, smallest=smallest)
+
+
+def _fold_preflight(state: FleetState, message: PreflightReport, now_ns: int) -> FleetState:
+    view = state.vehicles.get(message.vehicle)
+    if view is None:
+        return state
+    last = view.preflight
+    if last is not None and last.boot_id == message.boot_id and message.sequence <= last.sequence:
+        return state
+    return _with(state, replace(view, preflight=message, preflight_received_ns=now_ns))
 
 
 def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> FleetState:

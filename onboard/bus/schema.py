@@ -97,6 +97,25 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     action: str = ""
 
 
+class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
+    """Go or no-go of one vehicle, 1 Hz while it stands on the ground.
+
+    checks: (name, is_ok, sentence, remedy) in the order in which a person looks for the fault. Not ok refuses take-off;
+    ok with a remedy is advice; ok without one needs no action.
+    """
+
+    vehicle: str
+    boot_id: int
+    sequence: int
+    stamp_ns: int
+    checks: tuple[tuple[str, bool, str, str], ...]
+
+    @property
+    def is_go(self) -> bool:
+        """Whether nothing refuses take-off."""
+        return all(is_ok for _, is_ok, _, _ in self.checks)
+
+
 class TickSample(Message, frozen=True, array_like=True, kw_only=True):
     """One pass of the pipeline, every intermediate value."""
 

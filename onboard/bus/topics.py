@@ -19,6 +19,7 @@ class Topic(str, Enum):
     TELEMETRY = "telemetry"
     TICK = "tick"
     EVENT = "event"
+    PREFLIGHT = "preflight"
     ORDER = "order"
     MOCAP = "mocap"
     TRUTH = "truth"
@@ -51,6 +52,7 @@ TOPICS: dict[Topic, TopicSpec] = {
     Topic.TELEMETRY: TopicSpec(schema.Telemetry, 10.0, 1.0, Delivery.LATEST, "agent -> ground, far agents"),
     Topic.TICK: TopicSpec(schema.TickBatch, 5.0, 1.0, Delivery.LATEST, "agent -> recorder"),
     Topic.EVENT: TopicSpec(schema.Event, 0.0, float("inf"), Delivery.RELIABLE, "agent -> ground, recorder"),
+    Topic.PREFLIGHT: TopicSpec(schema.PreflightReport, 1.0, 3.0, Delivery.LATEST, "agent on the ground -> ground"),
     Topic.ORDER: TopicSpec(schema.Order, 0.0, 5.0, Delivery.QUERY, "ground -> agent, answered"),
     Topic.MOCAP: TopicSpec(schema.MocapPose, 50.0, 0.2, Delivery.LATEST, "mocap relay -> agents"),
     Topic.TRUTH: TopicSpec(schema.Truth, 50.0, 1.0, Delivery.LATEST, "emulator -> recorder, never an agent"),

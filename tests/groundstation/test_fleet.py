@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from groundstation.fleet import MAX_EVENTS, fold, fold_alive, fold_malformed, initial
-from onboard.bus.schema import Event, Truth
+from onboard.bus.schema import Event, PreflightReport, Truth
 from onboard.config import FleetConfig
 
 SECOND = 1_000_000_000
@@ -105,3 +105,19 @@ def test_a_liveliness_token_says_who_is_there(fleet: FleetConfig) -> None:
     assert state.vehicles["mav1"].is_alive
     assert state.nodes == {"mav1", "sitl"}
     assert not fold_alive(state, "mav1", False).vehicles["mav1"].is_alive
+
+
+def test_the_newest_preflight_report_is_kept_and_says_go_only_while_nothing_refuses(fleet: FleetConfig) -> None:
+    def report(sequence: int, is_ok: bool) -> PreflightReport:
+        checks = (("battery", is_ok, "Battery at 40 %.", "" if is_ok else "Charge it."),)
+        return PreflightReport(vehicle="mav0", boot_id=1, sequence=sequence, stamp_ns=0, checks=checks)
+
+    state = fold(fold(initial(fleet), report(2, False), 0), report(1, True), SECOND)
+    view = state.vehicles["mav0"]
+    assert view.preflight is not None
+    assert not view.preflight.is_go
+    assert view.has_preflight(SECOND)
+    assert not view.has_preflight(10 * SECOND)
+    view = fold(state, report(3, True), SECOND).vehicles["mav0"]
+    assert view.preflight is not None
+    assert view.preflight.is_go
