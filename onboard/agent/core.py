@@ -23,7 +23,6 @@ from onboard.agent.events import (
     OrderArrived,
     ParamsRead,
     PoseArrived,
-    Publish,
     Reply,
     SendAttitude,
     SendOdometry,
@@ -31,28 +30,26 @@ from onboard.agent.events import (
     TickFailed,
 )
 from onboard.agent.flight import Flight
+from onboard.agent.guard import Guard, nearest_m
 from onboard.agent.neighbours import NeighbourTable
 from onboard.agent.own_state import OwnState
+from onboard.agent.report import Report
 from onboard.agent.response import ResponseWatch
 from onboard.agent.steps import Step, View
-from onboard.agent.watch import PERIOD_S, POSITION_LOST_S, Watch
-from onboard.bus.schema import Order, OrderReply, Severity, Telemetry, TickBatch, TickSample
-from onboard.bus.topics import Topic
+from onboard.agent.watch import PERIOD_S, POSITION_LOST_S
+from onboard.bus.schema import Order, OrderReply
 from onboard.config import FleetConfig
 from onboard.control import pipeline
 from onboard.control.pipeline import Phase, PipelineMemory
 from onboard.link.autopilot import Landed, Snapshot, Vec3
 from onboard.safety import preflight
-from onboard.safety.failsafe import TABLE, WORDS, Action, Condition, Situation, decide, in_order
+from onboard.safety.failsafe import Action, Situation
 from onboard.safety.wire import is_sendable
 from onboard.types import AttitudeSetpoint, Goal, Neighbours, State, Tick
 
 _ODOMETRY_EVERY_NS = 18_000_000  # every sample of a mocap at 50 Hz
-_TELEMETRY_TICKS = 5
-_BATCH_TICKS = 10
 _MOCAP_STD_M = 0.01
 _CONFLICT_CHECK_S = 0.6
-_QUIET = {Condition.LOOP_LATE, Condition.GROUND_LOST, Condition.NOT_FINITE, Condition.SHUTDOWN}
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
@@ -89,7 +86,7 @@ class AgentCore:
         self.own = OwnState(self.vehicle)
         self.neighbours = NeighbourTable(fleet, vehicle_name)
         self.flight = Flight(fleet, self.vehicle)
-        self.watch = Watch(fleet)
+        self.guard = Guard(fleet, self.own, self.neighbours, self.flight)
         self.not_ready: tuple[str, ...] = ()
         self.is_stopping = False
         self.is_warm = False
@@ -104,18 +101,24 @@ class AgentCore:
         self._has_ground = False
         self._has_peers = len(fleet.enabled_names) > 1 or self.vehicle.mocap_required
         self._answered: dict[str, OrderReply] = {}
-        self._conditions: set[Condition] = set()
         self._distances: dict[str, float] = {}
-        self._samples: list[TickSample] = []
-        self._last_ns = self._offboard_since_ns = self._odometry_ns = 0
-        self._period_s, self._action = PERIOD_S, Action.GO_ON
-        self._sequence = self._ticks = self._malformed = 0
+        self._last_ns = self._odometry_ns = self._malformed = 0
+        self._period_s = PERIOD_S
         self._sent_thrust_frac = 0.0
         self._hover_frac = self.vehicle.hover_thrust_frac
         self._is_last_finite = True
         self._conflict_check_ns = 0
         self._response = ResponseWatch(self.vehicle)
-        self._shown = (self.flight.state, self.flight.step)
+        self._report = Report(
+            self.vehicle,
+            boot_id,
+            self._config_hash,
+            self.params.law.name,
+            own=self.own,
+            neighbours=self.neighbours,
+            flight=self.flight,
+            guard=self.guard,
+        )
 
     # -- events ------------------------------------------------------------------------------------------------------
 
@@ -227,10 +230,8 @@ class AgentCore:
         state = self.own.state
         self._view = self._look(now_ns, state)
         self._distances = self.neighbours.distances_m(self._view.position_enu_m, now_ns)
-        self._action = self._failsafe(self._period_s)
+        self._watch_over(now_ns)
         flight.advance(self._view)
-        if not flight.must_be_offboard:
-            self._offboard_since_ns = now_ns
         phase = flight.phase
         if state is None:
             start = np.asarray(self.vehicle.start_enu_m, dtype=np.float64)
@@ -247,8 +248,19 @@ class AgentCore:
             attitude = self.own.attitude(self._snapshot)
             for code, sentence in self._response.follow(memory.observer, attitude, self._hover_frac):
                 self.flight.say(self._view, "warning", code, sentence)
-        out = self._to_wire(tick, self._action)
-        self._publish(tick, self._last_ns, self._period_s, out)
+        out = self._to_wire(tick, self.guard.action)
+        self._check_conflict(self._last_ns)
+        self._report.tick(
+            out,
+            tick,
+            self._view,
+            period_s=self._period_s,
+            is_airborne=self._is_airborne,
+            distances_m=self._distances,
+            not_ready=self.not_ready,
+            loop=self._loop,
+            malformed=self._malformed,
+        )
         if self.is_stopping and self.flight.situation in (Situation.GROUND, Situation.SILENT):
             out.append(Exit())
         return out
@@ -265,63 +277,22 @@ class AgentCore:
             self._snapshot,
         )
 
-    def _failsafe(self, period_s: float) -> Action:
-        view, flight = self._view, self.flight
-        heard_ns = self.neighbours.last_heard_ns
-        self._conditions, before = (
-            self.watch.conditions(
-                view,
-                period_s=period_s,
-                position_age_s=self.own.age_s,
-                is_last_tick_finite=self._is_last_finite,
-                must_be_offboard=flight.must_be_offboard,
-                offboard_since_ns=self._offboard_since_ns,
-                bus_age_s=(view.now_ns - heard_ns) * 1e-9
-                if heard_ns and self._has_peers and not self._has_ground
-                else 0.0,
-                has_ground=self._has_ground,
-                nearest_m=min(self._distances.values(), default=math.inf) if self._is_airborne else math.inf,
-                silent_neighbours=bool(self.neighbours.silent(view.now_ns)),
-                should_be_up=flight.state in ("flying", "holding"),
-                is_stopping=self.is_stopping,
-            ),
-            self._conditions,
+    def _watch_over(self, now_ns: int) -> None:
+        heard_ns, flight = self.neighbours.last_heard_ns, self.flight
+        can_hear = heard_ns and self._has_peers and not self._has_ground
+        self.guard.tick(
+            self._view,
+            period_s=self._period_s,
+            is_last_tick_finite=self._is_last_finite,
+            bus_age_s=(now_ns - heard_ns) * 1e-9 if can_hear else 0.0,
+            has_ground=self._has_ground,
+            nearest_m=nearest_m(self._distances, self._is_airborne),
+            is_stopping=self.is_stopping,
         )
-        situation = flight.situation
-        action, condition = decide(situation, self._conditions)
-        if situation not in (Situation.GROUND, Situation.SILENT):
-            for new in in_order(self._conditions - before - _QUIET):
-                asked = TABLE[situation, new]
-                severity: Severity = "critical" if asked >= Action.LAND else "warning"
-                flight.say(view, severity, new.name.lower().replace("_", "-"), self._sentence(new, asked))
-        if condition is not None:
-            self._obey(action, self._sentence(condition, action))
         if flight.situation is Situation.GROUND:
             self.not_ready = self._reasons_not_ready()
             if flight.state in ("waiting", "ready") and flight.step is Step.IDLE:
                 flight.state = "waiting" if self.not_ready else "ready"
-        return action
-
-    def _obey(self, action: Action, sentence: str) -> None:
-        view, flight = self._view, self.flight
-        if action is Action.HOLD and flight.state != "holding":
-            flight.begin_hold(view, None, sentence)
-        elif action is Action.LAND and flight.state != "landing":
-            flight.begin_land(view, None, sentence)
-        elif action is Action.PX4_LAND:
-            flight.begin_px4_land(view, sentence)
-        elif action is Action.DISARM:
-            flight.disarm(view, sentence)
-        elif action is Action.STOP:
-            flight.stop(view, sentence)
-
-    def _sentence(self, condition: Condition, action: Action) -> str:
-        what = condition.value[0].upper() + condition.value[1:]
-        if condition is Condition.LEFT_OFFBOARD:
-            what += f" (now {self._snapshot.mode})"
-        if condition is Condition.NEIGHBOUR_SILENT:
-            what += f" ({', '.join(self.neighbours.silent(self._view.now_ns))})"
-        return f"{what}: {WORDS[action]}."
 
     def _to_wire(self, tick: Tick, action: Action) -> list[Command]:
         out = self._drain()
@@ -369,47 +340,6 @@ class AgentCore:
         )
         return preflight.reasons(facts, self.fleet, self.vehicle)
 
-    def _publish(self, tick: Tick, now_ns: int, period_s: float, out: list[Command]) -> None:
-        self._ticks += 1
-        self._sequence += 1
-        flight, name = self.flight, self.vehicle.name
-        is_valid = self._view.has_position
-        state = messages.state_message(
-            tick,
-            vehicle=name,
-            boot_id=self.boot_id,
-            sequence=self._sequence,
-            stamp_ns=now_ns,
-            is_valid=is_valid,
-            is_airborne=self._is_airborne,
-            is_cooperative=is_valid and flight.is_under_law,
-        )
-        out.append(Publish(Topic.STATE, state))
-        active = int(tick.law.active_neighbour)
-        names = self.neighbours.names
-        self._samples.append(
-            messages.tick_sample(
-                tick,
-                state,
-                period_s=period_s,
-                doing=flight.state,
-                active_neighbour=names[active] if 0 <= active < len(names) else "",
-                distances_m=self._distances,
-                ages_s=self.neighbours.known_ages_s(now_ns),
-                attitude_enu_flu=self.own.attitude(self._snapshot),
-            )
-        )
-        if len(self._samples) >= _BATCH_TICKS:
-            batch = TickBatch(vehicle=name, boot_id=self.boot_id, sequence=self._sequence, ticks=tuple(self._samples))
-            self._samples.clear()
-            out.append(Publish(Topic.TICK, batch))
-        if self._ticks % _TELEMETRY_TICKS == 0:
-            self._check_conflict(now_ns)
-        shown = (flight.state, flight.step)
-        if self._ticks % _TELEMETRY_TICKS == 0 or shown != self._shown:
-            self._shown = shown  # who hears of an order's end finds the state that it led to already there
-            out.insert(0, Publish(Topic.TELEMETRY, self._telemetry(tick, now_ns)))
-
     def _check_conflict(self, now_ns: int) -> None:
         flight = self.flight
         if not self._conflict_check_ns or now_ns < self._conflict_check_ns:
@@ -424,25 +354,3 @@ class AgentCore:
         if sentence is not None:
             flight.finish(self._view, "refused", sentence)
             flight.begin_hold(self._view, None, sentence)
-
-    def _telemetry(self, tick: Tick, now_ns: int) -> Telemetry:
-        return messages.telemetry(
-            tick,
-            now_ns,
-            vehicle=self.vehicle,
-            boot_id=self.boot_id,
-            sequence=self._sequence,
-            flight=self.flight,
-            view=self._view,
-            not_ready=self.not_ready if self.flight.situation is Situation.GROUND else (),
-            is_airborne=self._is_airborne,
-            distances_m=self._distances,
-            law=self.params.law.name,
-            state_age_s=self.own.age_s,
-            neighbour_age_s=self.neighbours.oldest_age_s(now_ns),
-            loop=self._loop,
-            malformed=self._malformed + self.neighbours.ignored_messages + self.own.ignored_samples,
-            config_hash=self._config_hash,
-            conditions=tuple(condition.value for condition in in_order(self._conditions)),
-            action=WORDS[self._action],
-        )

@@ -1,0 +1,112 @@
+"""What an agent tells at every tick: state for the neighbours, ticks for the record, telemetry for people."""
+
+from __future__ import annotations
+
+from onboard.agent import messages
+from onboard.agent.events import Command, LoopTimed, Publish
+from onboard.agent.flight import Flight
+from onboard.agent.guard import Guard
+from onboard.agent.neighbours import NeighbourTable
+from onboard.agent.own_state import OwnState
+from onboard.agent.steps import View
+from onboard.bus.schema import TickBatch, TickSample
+from onboard.bus.topics import Topic
+from onboard.config import Vehicle
+from onboard.safety.failsafe import Situation
+from onboard.types import Tick
+
+_TELEMETRY_TICKS = 5
+_BATCH_TICKS = 10
+
+
+class Report:
+    """Counts and batches the messages of one life of an agent."""
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        boot_id: int,
+        config_hash: str,
+        law: str,
+        *,
+        own: OwnState,
+        neighbours: NeighbourTable,
+        flight: Flight,
+        guard: Guard,
+    ) -> None:
+        self._vehicle, self._boot_id, self._config_hash, self._law = vehicle, boot_id, config_hash, law
+        self._own, self._neighbours, self._flight, self._guard = own, neighbours, flight, guard
+        self._samples: list[TickSample] = []
+        self._sequence = 0
+        self._shown = (flight.state, flight.step)
+
+    def tick(
+        self,
+        out: list[Command],
+        tick: Tick,
+        view: View,
+        *,
+        period_s: float,
+        is_airborne: bool,
+        distances_m: dict[str, float],
+        not_ready: tuple[str, ...],
+        loop: LoopTimed,
+        malformed: int,
+    ) -> None:
+        """Add to ``out`` what is due."""
+        self._sequence += 1
+        flight, name, now_ns = self._flight, self._vehicle.name, view.now_ns
+        state = messages.state_message(
+            tick,
+            vehicle=name,
+            boot_id=self._boot_id,
+            sequence=self._sequence,
+            stamp_ns=now_ns,
+            is_valid=view.has_position,
+            is_airborne=is_airborne,
+            is_cooperative=view.has_position and flight.is_under_law,
+        )
+        out.append(Publish(Topic.STATE, state))
+        active = int(tick.law.active_neighbour)
+        names = self._neighbours.names
+        self._samples.append(
+            messages.tick_sample(
+                tick,
+                state,
+                period_s=period_s,
+                doing=flight.state,
+                active_neighbour=names[active] if 0 <= active < len(names) else "",
+                distances_m=distances_m,
+                ages_s=self._neighbours.known_ages_s(now_ns),
+                attitude_enu_flu=self._own.attitude(view.snapshot),
+            )
+        )
+        if len(self._samples) >= _BATCH_TICKS:
+            batch = TickBatch(vehicle=name, boot_id=self._boot_id, sequence=self._sequence, ticks=tuple(self._samples))
+            self._samples.clear()
+            out.append(Publish(Topic.TICK, batch))
+        shown = (flight.state, flight.step)
+        if self._sequence % _TELEMETRY_TICKS == 0 or shown != self._shown:
+            self._shown = shown  # who hears of an order's end finds the state that it led to already there
+            conditions, action = self._guard.told()
+            telemetry = messages.telemetry(
+                tick,
+                now_ns,
+                vehicle=self._vehicle,
+                boot_id=self._boot_id,
+                sequence=self._sequence,
+                flight=flight,
+                view=view,
+                not_ready=not_ready if flight.situation is Situation.GROUND else (),
+                is_airborne=is_airborne,
+                distances_m=distances_m,
+                law=self._law,
+                state_age_s=self._own.age_s,
+                neighbour_age_s=self._neighbours.oldest_age_s(now_ns),
+                loop=loop,
+                malformed=malformed + self._neighbours.ignored_messages + self._own.ignored_samples,
+                config_hash=self._config_hash,
+                conditions=conditions,
+                action=action,
+            )
+            out.insert(0, Publish(Topic.TELEMETRY, telemetry))
