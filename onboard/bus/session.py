@@ -8,7 +8,7 @@ method from inside a callback can deadlock.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import zenoh
@@ -24,6 +24,7 @@ OnMessage = Callable[[Topic, str, Message | Malformed], None]
 OnOrder = Callable[[Order | Malformed, Callable[[OrderReply], None]], None]
 OnFault = Callable[[FaultOrder | Malformed, Callable[[OrderReply], None]], None]
 OnAlive = Callable[[str, bool], None]
+_MAX_NAMES = 1000
 FAULT = "fault"  # the one thing that an emulator is asked for
 
 
@@ -48,6 +49,7 @@ class BusSession:
         self._connect = [endpoint for endpoint in connect if endpoint not in self._listen]
         self._session: zenoh.Session | None = None
         self._publishers: dict[tuple[Topic, str], zenoh.Publisher] = {}
+        self._followed: dict[tuple[Topic, str], Any] = {}
         self._kept: list[Any] = []  # subscribers, queryables and tokens live as long as somebody holds them
 
     def start(self) -> None:
@@ -71,6 +73,9 @@ class BusSession:
             ("scouting/multicast/enabled", False),
             ("scouting/gossip/enabled", False),
             ("transport/link/tx/lease", LEASE_MS),
+            # a peer that hangs fills its queue: who publishes drops at once instead of waiting in the control loop
+            ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", 0),
+            ("transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments", 0),
         ):
             config.insert_json5(path, json.dumps(value))
         try:
@@ -88,6 +93,7 @@ class BusSession:
         session, self._session = self._session, None
         if session is not None:
             self._publishers.clear()
+            self._followed.clear()
             session.close()  # type: ignore[no-untyped-call]
             self._kept.clear()
 
@@ -98,7 +104,7 @@ class BusSession:
         return self._session
 
     def publish(self, topic: Topic, name: str, message: Message) -> None:
-        """Send ``message`` on ``topic/name``; never blocks for LATEST topics."""
+        """Send ``message`` on ``topic/name`` to the other nodes; never blocks for LATEST topics."""
         publisher = self._publishers.get((topic, name))
         if publisher is None:
             latest = TOPICS[topic].delivery is Delivery.LATEST
@@ -107,20 +113,44 @@ class BusSession:
                 key(self.namespace, topic, name),
                 congestion_control=zenoh.CongestionControl.DROP if latest else zenoh.CongestionControl.BLOCK,
                 priority=zenoh.Priority.REAL_TIME if urgent else zenoh.Priority.DATA,
+                allowed_destination=zenoh.Locality.REMOTE,  # who subscribes to all vehicles pays nothing for itself
             )
         publisher.put(encode(message))
 
     def subscribe(self, topic: Topic, name: str, on_message: OnMessage) -> None:
         """Call ``on_message(topic, name, message)`` on a bus thread for each sample; ``name`` may be ``*``."""
+        self._kept.append(self._subscriber(topic, name, on_message))
+
+    def follow(self, topic: Topic, names: Iterable[str], on_message: OnMessage) -> None:
+        """Subscribe to ``topic`` of exactly these names: who is new is declared, who is no longer wanted is let go.
+
+        What nobody follows is not sent at all: the publisher's own node knows who listens. Not for the control loop: to
+        declare takes a message to every peer. Only one thread may call this.
+        """
+        wanted = {(topic, name) for name in names}
+        for gone in [pair for pair in self._followed if pair[0] is topic and pair not in wanted]:
+            self._followed.pop(gone).undeclare()
+        for new in sorted(wanted - self._followed.keys()):
+            self._followed[new] = self._subscriber(topic, new[1], on_message)
+
+    def _subscriber(self, topic: Topic, name: str, on_message: OnMessage) -> Any:
         kind = TOPICS[topic].message
         assert kind is not None, f"{topic} carries no message"
+        names: dict[str, str] = {}  # to take keys apart costs more than to decode what they carry
 
         def receive(sample: zenoh.Sample) -> None:
-            found = topic_and_name(self.namespace, str(sample.key_expr))
-            if found is not None:
-                on_message(topic, found[1], decode(sample.payload.to_bytes(), kind))
+            text = str(sample.key_expr)
+            found = names.get(text)
+            if found is None:
+                parts = topic_and_name(self.namespace, text)
+                if parts is None:
+                    return
+                found = parts[1]
+                if len(names) < _MAX_NAMES:
+                    names[text] = found
+            on_message(topic, found, decode(sample.payload.to_bytes(), kind))
 
-        self._kept.append(self._open.declare_subscriber(key(self.namespace, topic, name), _callback(receive)))
+        return self._open.declare_subscriber(key(self.namespace, topic, name), _callback(receive))
 
     def serve_orders(self, vehicle: str, on_order: OnOrder) -> None:
         """Answer orders for ``vehicle``: ``on_order(order, reply)`` runs on a bus thread, reply once from any other."""

@@ -1,0 +1,167 @@
+"""Interest on the bus: what nobody follows does not travel; and a node that hangs holds nobody up."""
+
+from __future__ import annotations
+
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from onboard.bus.schema import Event, TickBatch
+from onboard.bus.session import BusSession
+from onboard.bus.topics import Topic
+
+_SENTENCE_BYTES = 2000
+
+
+class Relay:
+    """A TCP relay between two nodes that counts what flows from the one that listens to the one that connects."""
+
+    def __init__(self, target: int) -> None:
+        self.bytes_to_client = 0
+        self._target = target
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.endpoint = f"tcp/127.0.0.1:{self._listener.getsockname()[1]}"
+        self._is_open = True
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._is_open = False
+        self._thread.join(5.0)
+        self._listener.close()
+
+    def _serve(self) -> None:
+        other_end: dict[socket.socket, socket.socket] = {}
+        servers: set[socket.socket] = set()
+        while self._is_open:
+            for ready in select.select([self._listener, *other_end], [], [], 0.1)[0]:
+                if ready is self._listener:
+                    client, server = ready.accept()[0], socket.create_connection(("127.0.0.1", self._target))
+                    other_end |= {client: server, server: client}
+                    servers.add(server)
+                    continue
+                data = ready.recv(65536)
+                if not data:
+                    for end in (other_end.pop(ready), ready):
+                        other_end.pop(end, None)
+                        end.close()
+                    continue
+                if ready in servers:
+                    self.bytes_to_client += len(data)
+                other_end[ready].sendall(data)
+        for end in other_end:
+            end.close()
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def wait_for(condition: Callable[[], Any], seconds: float = 10.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "condition not reached in time"
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def talker() -> Iterator[tuple[BusSession, int]]:
+    port = free_port()
+    session = BusSession(namespace="covey/i", node="talker", listen=[f"tcp/127.0.0.1:{port}"])
+    session.start()
+    yield session, port
+    session.stop()
+
+
+def say(talker: BusSession, name: str) -> None:
+    text = "x" * _SENTENCE_BYTES
+    talker.publish(Topic.EVENT, name, Event(vehicle=name, stamp_ns=1, severity="info", code="c", sentence=text))
+
+
+def test_what_is_not_followed_does_not_come_over_the_wire(talker: tuple[BusSession, int]) -> None:
+    session, port = talker
+    relay = Relay(port)
+    listener = BusSession(namespace="covey/i", node="listener", connect=[relay.endpoint])
+    listener.start()
+    try:
+        heard: list[str] = []
+
+        def hears(name: str) -> Callable[[], bool]:
+            def asked() -> bool:
+                say(session, name)
+                return name in heard
+
+            return asked
+
+        def hear(_topic: Topic, name: str, _message: Any) -> None:
+            heard.append(name)
+
+        listener.follow(Topic.EVENT, {"near"}, hear)
+        wait_for(hears("near"))
+        before = relay.bytes_to_client
+        for _ in range(50):
+            say(session, "far")
+        time.sleep(0.3)
+        assert relay.bytes_to_client - before < 5 * _SENTENCE_BYTES
+        assert "far" not in heard
+
+        listener.follow(Topic.EVENT, {"far"}, hear)  # the one goes, the other comes
+        wait_for(hears("far"))
+        time.sleep(0.2)
+        heard.clear()
+        before = relay.bytes_to_client
+        for _ in range(50):
+            say(session, "near")
+        time.sleep(0.3)
+        assert relay.bytes_to_client - before < 5 * _SENTENCE_BYTES
+        assert "near" not in heard
+        listener.follow(Topic.EVENT, (), hear)
+        listener.follow(Topic.EVENT, (), hear)
+    finally:
+        listener.stop()
+        relay.close()
+
+
+_HANGING = """
+import sys, time
+from onboard.bus.session import BusSession
+from onboard.bus.topics import Topic
+session = BusSession(namespace="covey/i", node="hanging", connect=[sys.argv[1]])
+session.start()
+session.subscribe(Topic.TICK, "*", lambda *sample: print("heard", flush=True))
+time.sleep(120)
+"""
+
+
+def test_a_node_that_hangs_does_not_hold_up_who_publishes(talker: tuple[BusSession, int]) -> None:
+    session, port = talker
+    command = [sys.executable, "-c", _HANGING, f"tcp/127.0.0.1:{port}"]
+    batch = TickBatch(vehicle="x" * 50_000, boot_id=1, sequence=1, ticks=())
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as hanging:
+        try:
+            assert hanging.stdout is not None
+            heard = threading.Event()
+            threading.Thread(target=lambda: hanging.stdout.readline() and heard.set(), daemon=True).start()
+
+            def listens() -> bool:
+                session.publish(Topic.TICK, "talker", batch)
+                return heard.is_set()
+
+            wait_for(listens, 30.0)
+            hanging.send_signal(signal.SIGSTOP)
+            before = time.monotonic()
+            for _ in range(200):  # 10 MB, more than all buffers on the way hold
+                session.publish(Topic.TICK, "talker", batch)
+            assert time.monotonic() - before < 2.0  # one message that waits for its place costs more than that
+        finally:
+            hanging.kill()
