@@ -7,19 +7,22 @@ from collections.abc import Awaitable, Callable
 from typing import ClassVar, Protocol
 
 from textual import events
-from textual.app import App, ComposeResult
+from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Static
 from textual.worker import Worker, WorkerState
 
+from groundstation.alerts import Alarms
 from groundstation.fleet import FleetState, LoggedEvent
 from groundstation.handle import OrderHandle, VehicleResult
 from groundstation.orders import Intent, OrderError
 from groundstation.tui import look
-from groundstation.tui.alarms import alarms
+from groundstation.tui.dress import DressedApp
 from groundstation.tui.history import History
+from groundstation.tui.screens.alarms import AlarmsScreen
 from groundstation.tui.screens.dialogs import HelpScreen, QuitScreen
+from groundstation.tui.screens.live import LiveScreen
 from groundstation.tui.widgets.bars import ResultLine, StatusBar, TitleBar
 from groundstation.tui.widgets.event_log import EventLog
 from groundstation.tui.widgets.fleet_table import FleetTable
@@ -50,7 +53,7 @@ class ConsoleClient(Protocol):
 Mission = Callable[[], Awaitable[object]]
 
 
-class ConsoleApp(App[int]):
+class ConsoleApp(DressedApp):
     """One screen for one fleet. ``mission`` flies in a worker; its verdict stays until the operator quits."""
 
     CSS_PATH = "style.tcss"
@@ -72,6 +75,8 @@ class ConsoleApp(App[int]):
         Binding("pageup", "look_back(1)", "earlier events"),
         Binding("pagedown", "look_back(-1)", "later events"),
         Binding("v", "verdict", "verdict"),
+        Binding("a", "acknowledge", "acknowledge alarms"),
+        Binding("A", "alarms", "alarms"),
     ]
 
     def __init__(
@@ -82,6 +87,7 @@ class ConsoleApp(App[int]):
         mission: Mission | None = None,
         title: str = "",
         progress: Callable[[], str] | None = None,
+        has_bell: bool = False,
     ) -> None:
         super().__init__()
         self.fleet = fleet
@@ -90,6 +96,8 @@ class ConsoleApp(App[int]):
         self._mission = mission
         self._progress = progress
         self._fleet_title = title or fleet.fleet.name
+        self.alarms = Alarms(fleet)
+        self.has_bell = has_bell
         self._history = History()
         self._last_event: LoggedEvent | None = None
         self._kill: tuple[str, str, float] | None = None
@@ -160,8 +168,12 @@ class ConsoleApp(App[int]):
         title.show(self._fleet_title, heard, len(state.vehicles), len(state.airborne_names), self._mission_text(now_ns))
         if self._kill is not None and now_ns * 1e-9 - self._kill[2] > KILL_WINDOW_S:
             self._kill = None
-        status = self._status_bar
-        status.show(alarms(state, self.fleet, now_ns), self._kill[1] if self._kill else None)
+        self.alarms.update(state, now_ns)
+        if self.has_bell and self.alarms.is_news:
+            self.bell()
+        self._status_bar.show(self.alarms, now_ns, self._kill[1] if self._kill else None)
+        if isinstance(self.screen, LiveScreen):
+            self.screen.show_fleet(state, now_ns, self._kill[1] if self._kill else None)
         if self._leaving is not None and not state.airborne_names:
             self.exit(self._leaving)
 
@@ -287,6 +299,16 @@ class ConsoleApp(App[int]):
         """Show the keys."""
         self.push_screen(HelpScreen())
 
+    def action_acknowledge(self) -> None:
+        """All alarms that hold have been seen; they stay in the list."""
+        self.alarms.acknowledge()
+        self.refresh_fleet()
+
+    def action_alarms(self) -> None:
+        """Everything that is wrong, with advice."""
+        self.push_screen(AlarmsScreen(self.alarms))
+        self.refresh_fleet()
+
     async def action_back(self) -> None:
         """Back to the fleet."""
         self._fleet_table.focus()
@@ -343,6 +365,7 @@ async def run_console(
     mission: Mission | None = None,
     title: str = "",
     progress: Callable[[], str] | None = None,
+    has_bell: bool = False,
 ) -> int:
     """Show the console until the operator quits.
 
@@ -352,9 +375,12 @@ async def run_console(
         mission: flies the mission and returns its verdict (``sentences``; ``exit_status`` or ``is_passed`` if any).
         title: what stands at the top.
         progress: one line about where the mission is, asked ten times a second.
+        has_bell: ring the terminal's bell for every new alarm.
 
     Returns:
         The verdict's exit status; 0 without a mission; 130 when the operator cut it short.
     """
-    status = await ConsoleApp(fleet, client, mission=mission, title=title, progress=progress).run_async()
+    status = await ConsoleApp(
+        fleet, client, mission=mission, title=title, progress=progress, has_bell=has_bell
+    ).run_async()
     return 0 if status is None else status

@@ -1,13 +1,15 @@
 """Colours, signs and numbers of the console. Pure.
 
 The palette is Okabe and Ito's, lightened for a dark ground: safe for the common kinds of colour blindness. No meaning
-is carried by colour alone; a sign or a word always says it too.
+is carried by colour alone; a sign or a word always says it too. `dress` changes what a terminal cannot show.
 """
 
 from __future__ import annotations
 
 import math
 import unicodedata
+from collections.abc import Sequence
+from functools import lru_cache
 
 from rich.cells import cell_len, set_cell_size
 from rich.style import Style
@@ -22,7 +24,18 @@ BAD = "#f0722d"
 KILL = "#dd8fbc"
 CALM = "#63bdf0"
 
-VEHICLE_COLOURS = ("#63bdf0", "#e8a61c", "#2fc29a", "#dd8fbc", "#f0e442", "#f0722d", "#8f9df5", "#c3c9d0")
+VEHICLE_COLOURS = (CALM, WARN, GOOD, KILL, "#f0e442", BAD, "#8f9df5", "#c3c9d0")
+# Low to high: from blue to yellow, which every common kind of colour blindness tells apart, and from dark to bright.
+HEIGHT_COLOURS = ("#6c7fd8", "#7ba6c9", "#a9b7a0", "#d3c46a", "#f7e03c")
+
+# Every colour that is drawn, and what stands for it on a light ground.
+LIGHT = {
+    GROUND: "#f8fafc", TEXT: "#17202a", FAINT: "#596673", RULE: "#c5ced7", GOOD: "#00734f", WARN: "#8f5a00",
+    BAD: "#b93a06", KILL: "#9c2a73", CALM: "#0a5f9e", "#f0e442": "#6a6400", "#8f9df5": "#4347bd", "#c3c9d0": "#4d5863",
+    "#6c7fd8": "#2b3f9e", "#7ba6c9": "#2c6489", "#a9b7a0": "#4f6147", "#d3c46a": "#746200", "#f7e03c": "#8a4a00",
+    "#1b2530": "#e3e9ef", "#151c24": "#edf1f5", "#1d2833": "#dfe6ec", "#131a22": "#ffffff", "#4b6173": "#6f8292",
+    "#56636f": "#6d7a86",
+}  # fmt: skip
 
 STATE_SIGNS: dict[str, tuple[str, str]] = {
     "waiting": ("…", FAINT),
@@ -72,7 +85,13 @@ def vehicle_colour(index: int) -> str:
 
 def clean(text: object, limit: int = 400) -> str:
     """Text from outside as one printable line: no control characters, no escape sequences, no endless strings."""
-    line = str(text)[:limit]
+    return _cleaned(str(text)[:limit])
+
+
+@lru_cache(8192)
+def _cleaned(line: str) -> str:
+    if line.isascii() and line.isprintable():
+        return line
     return "".join(" " if char in "\n\r\t" else char for char in line if char in "\n\r\t" or _is_printable(char))
 
 
@@ -92,6 +111,34 @@ def fit(text: str, width: int, *, right: bool = False) -> str:
     if cells > width:
         return set_cell_size(text, width - 1) + "…"
     return " " * (width - cells) + text if right else text + " " * (width - cells)
+
+
+def fit_name(name: str, width: int) -> str:
+    """A name in exactly ``width`` cells: too long a one is cut in its middle, since names of a fleet differ at the end."""
+    cells = cell_len(name)
+    if cells <= width or width < 4:
+        return fit(name, width)
+    tail = name[-1:]
+    for start in range(len(name) - 1, 0, -1):
+        if cell_len(name[start:]) > (width - 1) // 2:
+            break
+        tail = name[start:]
+    return set_cell_size(name, width - 1 - cell_len(tail)) + "…" + tail
+
+
+def spark(values: Sequence[float], width: int, top: float) -> str:
+    """The last ``width`` values as little columns, ``top`` filling a cell; what is no number is a gap."""
+    shown = [float(value) for value in values[-width:]] if width > 0 else []
+    steps = "▁▂▃▄▅▆▇█"
+    marks = (steps[min(7, max(0, int(8 * value / top)))] if math.isfinite(value) else " " for value in shown)
+    return "".join(marks).rjust(width)
+
+
+def height_colour(height_m: float, span_m: tuple[float, float]) -> str:
+    """Colour of a height within the fence's heights (metres)."""
+    low, high = span_m
+    share = (height_m - low) / (high - low) if high > low and math.isfinite(height_m) else 0.0
+    return HEIGHT_COLOURS[min(len(HEIGHT_COLOURS) - 1, max(0, int(share * len(HEIGHT_COLOURS))))]
 
 
 def meter(frac: float, width: int) -> str:
