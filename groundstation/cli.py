@@ -92,6 +92,7 @@ def _parser() -> argparse.ArgumentParser:
 
     tui = commands.add_parser("tui", help="the console, attached to a fleet")
     tui.add_argument("--fleet", metavar="FILE", required=True, help="fleet file")
+    tui.add_argument("--bell", action="store_true", help="ring the terminal's bell for every new alarm")
     tui.set_defaults(run=_tui)
 
     for name, (text, _) in _PASSED_ON.items():
@@ -188,7 +189,7 @@ def _tui(options: argparse.Namespace) -> int:
         client = FleetClient(fleet)
         await client.start()
         try:
-            return await run_console(fleet, client, title=f"fleet {fleet.fleet.name}")
+            return await run_console(fleet, client, title=f"fleet {fleet.fleet.name}", has_bell=options.bell)
         finally:
             await client.stop()
 

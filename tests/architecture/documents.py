@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from groundstation import alerts
 from onboard.safety.failsafe import table_text
 from tests.architecture.import_graph import mermaid
 
@@ -14,6 +15,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "imports": ("architecture.md", mermaid),
     "failsafe": ("failsafe.md", table_text),
+    "alarms": ("alarms.md", alerts.table_text),
 }
 
 

@@ -7,14 +7,14 @@ from rich.segment import Segment
 from textual.strip import Strip
 from textual.widget import Widget
 
+from groundstation.alerts import Alarms, Severity
 from groundstation.handle import OrderHandle
 from groundstation.tui import look
-from groundstation.tui.alarms import CRITICAL, WARNING, Alarm
 from groundstation.tui.look import BAD, CALM, FAINT, GOOD, KILL, TEXT, WARN, clean
 
 KEYS = "ctrl+l LAND ALL   ctrl+o HOLD ALL   : order   ? help   q quit"
 SHORT_KEYS = "^l LAND ALL  ? help"
-_SEVERITY = {CRITICAL: ("✖", BAD), WARNING: ("▲", WARN)}
+SEVERITY = {Severity.CRITICAL: ("✖", BAD), Severity.WARNING: ("▲", WARN), Severity.NOTE: ("…", CALM)}
 
 
 class Bar(Widget):
@@ -74,22 +74,27 @@ class ResultLine(Bar):
 class StatusBar(Bar):
     """The worst alarm, on every screen; the keys where there is room."""
 
-    def show(self, alarms: list[Alarm], kill: str | None) -> None:
+    def show(self, alarms: Alarms, now_ns: int, kill: str | None) -> None:
         """Update the line; an armed kill key comes before everything."""
         width = self.size.width
         if kill is not None:
             text = f" KILL {kill}? The same key again within 1 s stops its motors: it falls."
             self.put([Segment(look.fit(text, width), look.style(KILL, bold=True))])
             return
-        worst = alarms[0] if alarms else None
-        sign, colour = ("●", GOOD) if worst is None else _SEVERITY.get(worst.severity, ("…", CALM))
-        more = f" (+{len(alarms) - 1})" if len(alarms) > 1 else ""
-        text = f" {sign} {worst.sentence if worst else 'all well'}{more}"
-        keys = KEYS if cell_len(text) + len(KEYS) + 2 <= width else SHORT_KEYS
+        lines = alarms.lines
+        worst = lines[0] if lines else None
+        sign, colour = ("●", GOOD) if worst is None else SEVERITY[worst.alarm.severity]
+        is_pressing = worst is not None and not worst.is_acknowledged
+        more = f" (+{len(lines) - 1}: A)" if len(lines) > 1 else ""
+        text = f" {sign} {clean(worst.text(now_ns)) if worst else 'all well'}"
+        keys = KEYS if cell_len(text) + cell_len(more) + len(KEYS) + 2 <= width else SHORT_KEYS
         room = width - len(keys) - 2
+        # how many more there are must stay in sight when the sentence is cut
+        text = look.fit(text, min(cell_len(text), max(0, room - cell_len(more)))) + more
+        is_bold = is_pressing and worst is not None and worst.alarm.severity > Severity.NOTE
         self.put(
             [
-                Segment(look.fit(text, room), look.style(colour, bold=worst is not None and worst.severity > 0)),
+                Segment(look.fit(text, room), look.style(colour if is_pressing or not worst else FAINT, bold=is_bold)),
                 Segment(f" {keys} ", look.style(FAINT)),
             ]
         )

@@ -1,0 +1,411 @@
+"""What deserves the operator's eye: one table, condition -> severity, sentence, advice. Pure.
+
+:func:`conditions` says what holds now. :class:`Alarms` remembers since when, what was acknowledged and what is over: an
+alarm that lasts is one line with a duration, one that flickers too, and so is one that many vehicles have.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+
+import numpy as np
+
+from groundstation.fleet import FleetState, LoggedEvent, VehicleView
+from onboard.bus.schema import Telemetry
+from onboard.config import FleetConfig
+from onboard.safety.failsafe import Condition
+
+LINGER_S = 3.0  # an alarm that comes back within this time has lasted
+MAX_OVER = 100
+_GROUPED = 4  # vehicles with the same alarm, from which on they share a line
+_SHOWN = 3
+
+
+class Severity(IntEnum):
+    """How urgent. NOTE: to know. WARNING: look into it. CRITICAL: act now."""
+
+    NOTE = 0
+    WARNING = 1
+    CRITICAL = 2
+
+
+class Ground(Enum):
+    """What the ground finds by itself, beside the conditions that a vehicle reports."""
+
+    SILENT = "vehicle silent"
+    FAILED = "vehicle failed"
+    UNKNOWN = "condition unknown to this console"
+    CLOSE = "too close"
+    COLLIDED = "collided"
+    LAW_STRAINED = "avoidance at its limit"
+    LAW_OFF = "avoidance off"
+    WAITING = "waiting for vehicles"
+    FILES_DIFFER = "fleet files differ"
+    RECORD_ENDED = "record ended"
+    PROCESS_ENDED = "process ended"
+
+
+Kind = Condition | Ground
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A line of the table. ``{who}`` is a vehicle or several, ``{what}`` a number, name or reason.
+
+    in_flight, on_ground: severity while the vehicle flies, and while it does not.
+    """
+
+    in_flight: Severity
+    on_ground: Severity
+    sentence: str
+    advice: str
+
+
+_NOTE, _WARN, _CRIT = Severity.NOTE, Severity.WARNING, Severity.CRITICAL
+_C, _G = Condition, Ground
+
+TABLE: dict[Kind, Row] = {
+    _G.COLLIDED: Row(_CRIT, _CRIT, "{who} collided", "Land all; look at the vehicle before it flies again."),
+    _G.CLOSE: Row(_CRIT, _NOTE, "{who}: {what}", "Hold or land one of them."),
+    _G.SILENT: Row(
+        _CRIT, _WARN, "{who}: silent", "Keep clear, RC switch ready: its failsafe lands it. Is its agent running?"
+    ),
+    _G.FAILED: Row(_CRIT, _WARN, "{who} failed: {what}", "Keep clear; see its page (enter) for the reason."),
+    _C.AUTOPILOT_SILENT: Row(
+        _CRIT, _WARN, "{who}: PX4 is silent", "RC switch ready. Check the cable and power between computer and PX4."
+    ),
+    _C.POSITION_LOST: Row(
+        _CRIT, _WARN, "{who}: own position lost", "PX4 lands it. Check mocap: is the body seen, are its markers free?"
+    ),
+    _C.NOT_FINITE_LONG: Row(_CRIT, _WARN, "{who}: its law gives no numbers", "PX4 lands it. Keep its record and log."),
+    _C.FALLEN: Row(_CRIT, _CRIT, "{who} is on the ground though it should fly", "Keep off until its motors stand."),
+    _C.SEPARATION_BREACHED: Row(
+        _CRIT, _WARN, "{who}: closer to a neighbour than the limit", "The law pushes apart; hold the others."
+    ),
+    _C.FENCE_BREACH_LONG: Row(_CRIT, _WARN, "{who}: outside the fence for long", "It lands. Keep clear."),
+    _C.FENCE_BREACH: Row(_CRIT, _WARN, "{who}: outside the fence", "It holds. Move it back, or land it."),
+    _C.BATTERY_LOW: Row(_CRIT, _WARN, "{who}: battery at the landing level{what}", "It lands now. Change the battery."),
+    _C.LEFT_OFFBOARD: Row(
+        _CRIT, _WARN, "{who}: PX4 left OFFBOARD{what}", "Somebody or something else flies it. Ask the RC pilot."
+    ),
+    _C.LOOP_STALLED_LONG: Row(_CRIT, _WARN, "{who}: its loop stood still for long", "PX4 lands it. See its log."),
+    _C.BUS_LOST_LONG: Row(_CRIT, _WARN, "{who}: hears nobody for long", "It lands. Check its network."),
+    _G.PROCESS_ENDED: Row(_CRIT, _WARN, "{what}", "Read its log in the flight folder."),
+    _G.RECORD_ENDED: Row(_CRIT, _WARN, "{what}", "The flight goes on unrecorded: land, and free some space."),
+    _C.POSITION_STALE: Row(_CRIT, _WARN, "{who}: own position stale", "Check mocap or GPS; it lands if this lasts."),
+    _C.NOT_FINITE: Row(_WARN, _WARN, "{who}: a tick of its law was no number", "Land it if this comes back."),
+    _C.LOOP_STALLED: Row(_WARN, _WARN, "{who}: its loop stood still", "It holds. Is its computer overloaded?"),
+    _C.BUS_LOST: Row(_WARN, _WARN, "{who}: hears nobody", "It holds. Check its network; it lands if this lasts."),
+    _C.NEIGHBOUR_SILENT: Row(
+        _WARN, _WARN, "{who}: a neighbour is silent", "It keeps clear of where that one must be. Land the silent one."
+    ),
+    _C.GROUND_LOST: Row(_WARN, _NOTE, "{who}: does not hear the ground", "Check the network from it to here."),
+    _C.BATTERY_WARNING: Row(_WARN, _WARN, "{who}: battery low{what}", "Plan its landing."),
+    _C.LOOP_LATE: Row(_WARN, _NOTE, "{who}: its loop is late", "Is its computer overloaded?"),
+    _C.SHUTDOWN: Row(_WARN, _NOTE, "{who}: its agent was asked to stop", "It lands first. Start it again to fly."),
+    _G.LAW_STRAINED: Row(
+        _WARN, _NOTE, "{who}: avoidance cannot keep every limit at once", "Give it room: hold or land a neighbour."
+    ),
+    _G.LAW_OFF: Row(_WARN, _NOTE, "{who}: avoidance is off", "Nothing keeps it from the others but you."),
+    _G.UNKNOWN: Row(_WARN, _WARN, "{who}: {what}", "This console is older than the agent: update it."),
+    _G.FILES_DIFFER: Row(
+        _WARN, _WARN, "The vehicles read different fleet files", "Give all the same one and restart the agents."
+    ),
+    _G.WAITING: Row(_WARN, _NOTE, "Waiting for {who}", "Start the agents, or try covey demo."),
+}
+_PLACES = {kind: place for place, kind in enumerate(TABLE)}
+_BY_TEXT = {condition.value: condition for condition in Condition}
+# of two that say the same, only the worse one is told
+_COVERED: dict[Kind, Kind] = {
+    _C.POSITION_STALE: _C.POSITION_LOST,
+    _C.NOT_FINITE: _C.NOT_FINITE_LONG,
+    _C.LOOP_STALLED: _C.LOOP_STALLED_LONG,
+    _C.BUS_LOST: _C.BUS_LOST_LONG,
+    _C.FENCE_BREACH: _C.FENCE_BREACH_LONG,
+    _C.BATTERY_WARNING: _C.BATTERY_LOW,
+    _C.LOOP_LATE: _C.LOOP_STALLED,
+}
+_NUMBERED = frozenset((_G.CLOSE, _C.BATTERY_LOW, _C.BATTERY_WARNING, _C.LEFT_OFFBOARD))  # a shared line tells the least
+_EVENT_KINDS: dict[str, Kind] = {"record_failed": _G.RECORD_ENDED, "process_ended": _G.PROCESS_ENDED}
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """A condition that holds: of one vehicle, of a pair, or of the fleet (``subject`` empty)."""
+
+    kind: Kind
+    subject: str
+    severity: Severity
+    sentence: str
+    advice: str
+    what: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """An alarm over time. over_ns: when it ended, None while it holds. count: vehicles that share the line."""
+
+    alarm: Alarm
+    since_ns: int
+    is_acknowledged: bool = False
+    over_ns: int | None = None
+    count: int = 1
+
+    def duration_s(self, now_ns: int) -> float:
+        """How long it has lasted, or lasted."""
+        return max(0.0, ((now_ns if self.over_ns is None else self.over_ns) - self.since_ns) * 1e-9)
+
+    def text(self, now_ns: int) -> str:
+        """One line for people: what, for how long, what to do."""
+        length = lasting(self.duration_s(now_ns))
+        ended = "" if self.over_ns is None else f", over for {lasting((now_ns - self.over_ns) * 1e-9)}"
+        return f"{self.alarm.sentence} ({length}{ended}). {self.alarm.advice}"
+
+
+def conditions(state: FleetState, fleet: FleetConfig, now_ns: int) -> list[Alarm]:
+    """All that hold, the worst first. Of the fleet as a whole, of pairs, then of each vehicle."""
+    found = list(_of_fleet(state, fleet, now_ns))
+    for view in state.vehicles.values():
+        found.extend(_of_vehicle(view, fleet, now_ns))
+    return sorted(found, key=_urgency)
+
+
+class Alarms:
+    """Alarms with their time. :meth:`update` several times a second; everything here is bounded."""
+
+    def __init__(self, fleet: FleetConfig) -> None:
+        self.fleet = fleet
+        self.is_news = False  # an alarm came with the last update that wants an eye (or the bell)
+        self._lines: dict[tuple[Kind, str], Line] = {}
+        self._seen_ns: dict[tuple[Kind, str], int] = {}
+        self._over: deque[Line] = deque(maxlen=MAX_OVER)
+        self._last_event: LoggedEvent | None = None
+        self._now_ns = 0
+
+    def update(self, state: FleetState, now_ns: int) -> None:
+        """Take in the fleet as it is now."""
+        if now_ns < self._now_ns:  # a replay that was turned back
+            self._lines.clear()
+            self._over.clear()
+            self._last_event = None
+        self._now_ns = now_ns
+        before = {key: line.alarm.severity for key, line in self._lines.items()}
+        told = {(alarm.kind, alarm.subject): alarm for alarm in conditions(state, self.fleet, now_ns)}
+        told.update({(alarm.kind, alarm.subject): alarm for alarm in self._of_events(state)})
+        for key, alarm in told.items():
+            old = self._lines.get(key)
+            if old is None:
+                self._lines[key] = Line(alarm, now_ns)
+            else:
+                # worse than what was acknowledged is something else
+                is_known = old.is_acknowledged and alarm.severity <= old.alarm.severity
+                self._lines[key] = dataclasses.replace(old, alarm=alarm, is_acknowledged=is_known)
+            self._seen_ns[key] = now_ns
+        for key in [key for key in self._lines if key not in told]:
+            line = self._lines[key]
+            if line.alarm.kind in _LATCHED:
+                if line.is_acknowledged:
+                    self._end(key, now_ns)
+            elif now_ns - self._seen_ns[key] > LINGER_S * 1e9:
+                self._end(key, self._seen_ns[key])
+        self.is_news = any(
+            line.alarm.severity > max(Severity.NOTE, before.get(key, Severity.NOTE))
+            for key, line in self._lines.items()
+        )
+
+    @property
+    def lines(self) -> list[Line]:
+        """What holds: open before acknowledged, the worst first, the same alarm of many vehicles as one line."""
+        found: list[Line] = []
+        groups: dict[tuple[Kind, Severity, bool], list[Line]] = {}
+        for line in self._lines.values():
+            groups.setdefault((line.alarm.kind, line.alarm.severity, line.is_acknowledged), []).append(line)
+        for lines in groups.values():
+            found.extend(lines if len(lines) < _GROUPED else [_together(lines)])
+        return sorted(found, key=lambda line: (line.is_acknowledged, *_urgency(line.alarm)))
+
+    @property
+    def over(self) -> list[Line]:
+        """What held and is over, the newest first."""
+        return list(reversed(self._over))
+
+    @property
+    def worst(self) -> Line | None:
+        """The line that every screen shows; an acknowledged one only when no other holds."""
+        return next(iter(self.lines), None)
+
+    def of(self, vehicle: str) -> list[Line]:
+        """What concerns one vehicle, the worst first."""
+        mine = [line for line in self._lines.values() if vehicle in line.alarm.subject.split(_AND)]
+        return sorted(mine, key=lambda line: _urgency(line.alarm))
+
+    def acknowledge(self, line: Line | None = None) -> int:
+        """The operator has seen it (all that hold without ``line``): not hidden, but no longer pressing; how many."""
+        count = 0
+        for key, own in self._lines.items():
+            is_meant = line is None or (
+                own.alarm.kind == line.alarm.kind
+                and own.alarm.severity == line.alarm.severity
+                and (line.count > 1 or own.alarm.subject == line.alarm.subject)
+            )
+            if is_meant and not own.is_acknowledged:
+                self._lines[key] = dataclasses.replace(own, is_acknowledged=True)
+                count += 1
+        return count
+
+    def _end(self, key: tuple[Kind, str], over_ns: int) -> None:
+        self._over.append(dataclasses.replace(self._lines.pop(key), over_ns=over_ns))
+        self._seen_ns.pop(key, None)
+
+    def _of_events(self, state: FleetState) -> Iterator[Alarm]:
+        fresh: list[LoggedEvent] = []
+        for logged in reversed(state.events):
+            if logged is self._last_event:
+                break
+            fresh.append(logged)
+        for logged in reversed(fresh):
+            kind = _EVENT_KINDS.get(logged.event.code)
+            if kind is not None:
+                is_flying = bool(state.airborne_names)
+                yield _alarm(kind, logged.event.vehicle, is_flying=is_flying, what=plain(logged.event.sentence))
+        if state.events:
+            self._last_event = state.events[-1]
+
+
+_AND = " – "
+_LATCHED = frozenset(_EVENT_KINDS.values())  # told once by an event: they stay until acknowledged
+
+
+def lasting(seconds: float) -> str:
+    """A duration in as few characters as serve: ``4 s``, ``3 min 20 s``, ``2 h 5 min``."""
+    whole = int(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    minutes, rest = divmod(whole, 60)
+    if minutes < 60:
+        return f"{minutes} min {rest} s"
+    return f"{minutes // 60} h {minutes % 60} min"
+
+
+def plain(text: str, limit: int = 160) -> str:
+    """Text from outside as one line without control characters."""
+    return "".join(char if char.isprintable() else " " for char in text[:limit]).strip().rstrip(".")
+
+
+def table_text() -> str:
+    """The table as Markdown, for the documentation."""
+    lines = ["| condition | flying | on the ground | sentence | advice |", "|---|---|---|---|---|"]
+    for kind, row in TABLE.items():
+        sentence = row.sentence.replace("{who}", "mav1").replace("{what}", "…")
+        severities = f"{row.in_flight.name.lower()} | {row.on_ground.name.lower()}"
+        lines.append(f"| {kind.value} | {severities} | {sentence} | {row.advice} |")
+    return "\n".join(lines)
+
+
+def _urgency(alarm: Alarm) -> tuple[int, int, str]:
+    return -alarm.severity, _PLACES[alarm.kind], alarm.subject
+
+
+def _alarm(kind: Kind, subject: str, *, is_flying: bool, what: str = "", who: str = "") -> Alarm:
+    row = TABLE[kind]
+    severity = row.in_flight if is_flying else row.on_ground
+    return Alarm(kind, subject, severity, row.sentence.format(who=who or subject, what=what), row.advice, what)
+
+
+def _together(lines: list[Line]) -> Line:
+    """One line for the same alarm of many vehicles; it lasts as long as the oldest of them."""
+    first = min(lines, key=lambda line: (line.since_ns, line.alarm.subject))
+    names = sorted(line.alarm.subject for line in lines)
+    who = f"{len(lines)} of them: {', '.join(names[:_SHOWN])} and {len(names) - _SHOWN} more"
+    what = min(line.alarm.what for line in lines) if first.alarm.kind in _NUMBERED else "each for its own reason"
+    sentence = TABLE[first.alarm.kind].sentence.format(who=who, what=what)
+    return dataclasses.replace(
+        first, alarm=dataclasses.replace(first.alarm, subject=_AND.join(names), sentence=sentence), count=len(lines)
+    )
+
+
+def _of_vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> Iterator[Alarm]:
+    told, name = view.telemetry, view.name
+    if view.truth is not None and view.truth.is_collided and view.has_truth(now_ns):
+        yield _alarm(_G.COLLIDED, name, is_flying=True)
+    if told is None:
+        return
+    is_flying = told.is_airborne
+    if not view.is_fresh(now_ns):
+        yield _alarm(_G.SILENT, name, is_flying=is_flying)
+        return
+    if told.state == "failed":
+        yield _alarm(_G.FAILED, name, is_flying=is_flying, what=plain(told.reason) or "it does not say why")
+    held, unknown = _reported(told)
+    held |= _seen(told, fleet)
+    for kind in held - {covered for covered, by in _COVERED.items() if by in held}:
+        yield _alarm(kind, name, is_flying=is_flying, what=_what(kind, told))
+    for text in unknown:
+        yield _alarm(_G.UNKNOWN, name, is_flying=is_flying, what=plain(text))
+    if told.law == "off" and is_flying:
+        yield _alarm(_G.LAW_OFF, name, is_flying=True)
+    elif told.law_status.lower() in ("relaxed", "infeasible") and is_flying:
+        yield _alarm(_G.LAW_STRAINED, name, is_flying=True)
+
+
+def _reported(told: Telemetry) -> tuple[set[Kind], list[str]]:
+    """Conditions that the vehicle reports itself, and the texts that are none of ours."""
+    texts: Iterable[str] = told.conditions
+    known: set[Kind] = {_BY_TEXT[text] for text in texts if text in _BY_TEXT}
+    return known, [text for text in texts if text not in _BY_TEXT][:3]
+
+
+def _seen(told: Telemetry, fleet: FleetConfig) -> set[Kind]:
+    """Conditions that its numbers show, reported or not."""
+    found: set[Kind] = set()
+    percent = told.battery_frac * 100.0
+    if math.isfinite(percent) and percent >= 0.0:
+        if told.is_airborne and percent <= fleet.fleet.battery_land_pct:
+            found.add(_C.BATTERY_LOW)
+        elif percent <= fleet.fleet.battery_warning_pct:
+            found.add(_C.BATTERY_WARNING)
+    if told.is_airborne and not told.is_position_valid:
+        found.add(_C.POSITION_LOST)
+    elif told.is_airborne and not fleet.fleet.geofence_m.contains(told.position_enu_m):
+        found.add(_C.FENCE_BREACH)
+    return found
+
+
+def _what(kind: Kind, told: Telemetry) -> str:
+    if kind in (_C.BATTERY_LOW, _C.BATTERY_WARNING) and math.isfinite(told.battery_frac):
+        return f", {told.battery_frac * 100.0:.0f} %"
+    if kind is _C.LEFT_OFFBOARD and told.mode:
+        return f" for {plain(told.mode, 20)}"
+    return ""
+
+
+def _of_fleet(state: FleetState, fleet: FleetConfig, now_ns: int) -> Iterator[Alarm]:
+    yield from _close_pairs(state, fleet.fleet.safety_distance_m, now_ns)
+    silent = [name for name, view in state.vehicles.items() if view.telemetry is None]
+    if silent:
+        more = f" and {len(silent) - _GROUPED} more" if len(silent) > _GROUPED else ""
+        yield _alarm(_G.WAITING, "", is_flying=False, who=", ".join(silent[:_GROUPED]) + more)
+    hashes = {view.telemetry.config_hash for view in state.vehicles.values() if view.telemetry is not None}
+    if len(hashes) > 1:
+        yield _alarm(_G.FILES_DIFFER, "", is_flying=bool(state.airborne_names))
+
+
+def _close_pairs(state: FleetState, limit_m: float, now_ns: int) -> Iterator[Alarm]:
+    """Every pair below the limit of which at least one flies."""
+    spots = {name: view.position_enu_m(now_ns) for name, view in state.vehicles.items()}
+    names = [name for name, spot in spots.items() if spot is not None]
+    if len(names) < 2:
+        return
+    plan = np.array([spot[:2] for spot in spots.values() if spot is not None])
+    is_flying = np.array([state.vehicles[name].is_airborne for name in names])
+    offset = plan[:, None] - plan[None]
+    distance_m = np.hypot(offset[..., 0], offset[..., 1])
+    is_close = (distance_m < limit_m) & (is_flying[:, None] | is_flying[None])
+    for one, two in np.argwhere(np.triu(is_close, 1)):
+        what = f"{distance_m[one, two]:.2f} m apart, limit {limit_m:.2f} m"
+        yield _alarm(_G.CLOSE, _AND.join((names[one], names[two])), is_flying=True, what=what)
