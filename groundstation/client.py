@@ -19,7 +19,8 @@ from groundstation import orders as orders_
 from groundstation.direct import DirectKind, DirectResult, send_direct
 from groundstation.fleet import DIRECT_DISARMED, FleetState
 from groundstation.handle import OrderHandle, Phase, VehicleResult
-from groundstation.orders import Intent
+from groundstation.operator import Control
+from groundstation.orders import Intent, Plan
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Event, FaultOrder, Message, Order, OrderReply, Truth
 from onboard.bus.session import BusSession, OnAlive, OnMessage
@@ -28,6 +29,7 @@ from onboard.config import FleetConfig, Vehicle
 
 MAX_QUEUED = 20_000
 REPLY_TIMEOUT_S = 1.5
+CONTROL_PERIOD_NS = 100_000_000
 DIRECT_LAND_WATCH_S = 30.0
 
 Sink = Callable[[Topic, str, Message, int], None]
@@ -41,10 +43,14 @@ class FaultRefused(RuntimeError):
 class Bus(Protocol):
     """What the client needs of :class:`onboard.bus.session.BusSession`."""
 
+    @property
+    def node(self) -> str: ...
     def start(self) -> None: ...
     def stop(self) -> None: ...
     def subscribe(self, topic: Topic, name: str, on_message: OnMessage) -> None: ...
     def watch_alive(self, on_alive: OnAlive) -> None: ...
+    def claim(self, token: str) -> None: ...
+    def release(self, token: str) -> None: ...
     def order(
         self,
         vehicle: str,
@@ -71,6 +77,7 @@ class FleetClient:
         fleet: the fleet file.
         author: who orders; written into every order and every record.
         bus: for tests; by default a session that connects to all agents and the emulator and listens nowhere.
+        operates: take control of the fleet when nobody has it; without, only watch (see :mod:`groundstation.operator`).
         extra_topics: topics that only sinks want (the recorder's state, tick and mocap).
         send: for tests; the direct way to PX4.
         clock_ns, new_id: the clock and the names of orders, where time is simulated and nothing may be random.
@@ -81,6 +88,7 @@ class FleetClient:
         fleet: FleetConfig,
         *,
         author: str | None = None,
+        operates: bool = True,
         bus: Bus | None = None,
         extra_topics: Sequence[Topic] = (),
         send: Direct = send_direct,
@@ -90,9 +98,10 @@ class FleetClient:
         self.fleet = fleet
         self.author = author or _user()
         self.formation = orders_.default_formation(fleet)
+        self.spacing_m: float | None = None
         self._bus = bus or BusSession(
             namespace=fleet.namespace,
-            node=f"ground-{os.getpid()}",
+            node=f"ground-{os.getpid()}-{orders_.random_id()[:4]}",
             connect=[*(fleet.vehicles[name].agent for name in fleet.enabled_names), fleet.simulator_endpoint],
         )
         self._topics = (Topic.TELEMETRY, Topic.EVENT, Topic.TRUTH, Topic.PREFLIGHT)
@@ -111,6 +120,14 @@ class FleetClient:
         self._tasks: set[asyncio.Task[None]] = set()
         self._changed = asyncio.Event()
         self._fault_count = itertools.count()
+        self.control = Control(
+            self._bus,
+            self.author,
+            wants=operates,
+            say=lambda severity, sentence: self.publish_event(severity, "operator", sentence),
+            clock_ns=clock_ns,
+        )
+        self._look_ns = 0
 
     @property
     def state(self) -> FleetState:
@@ -155,24 +172,37 @@ class FleetClient:
         await asyncio.to_thread(self._bus.stop)
         self._loop = None
 
+    def plan(self, order: Intent | str) -> Plan:
+        """What an order would send now, or why not; nothing is sent.
+
+        Raises:
+            OrderError: the text is no order.
+        """
+        intent = orders_.parse(order, self.fleet) if isinstance(order, str) else order
+        refusal = self.control.refusal(intent.verb)
+        if refusal is not None:
+            return Plan(intent, {}, dict.fromkeys(intent.vehicles, refusal), self.formation, self.spacing_m)
+        return orders_.plan(
+            intent,
+            self.fleet,
+            self._state,
+            formation=self.formation,
+            spacing_m=self.spacing_m,
+            author=self.author,
+            node=self._bus.node,
+            now_ns=self._clock_ns(),
+            new_id=self._new_id,
+        )
+
     async def submit(self, order: Intent | str) -> OrderHandle:
         """Check and send an order; returns at once with a handle whose results fill in.
 
         Raises:
             OrderError: the text is no order.
         """
-        intent = orders_.parse(order, self.fleet) if isinstance(order, str) else order
-        plan = orders_.plan(
-            intent,
-            self.fleet,
-            self._state,
-            formation=self.formation,
-            author=self.author,
-            now_ns=self._clock_ns(),
-            new_id=self._new_id,
-        )
-        self.formation = plan.formation
-        handle = OrderHandle(intent, plan)
+        plan = self.plan(order)
+        self.formation, self.spacing_m = plan.formation, plan.spacing_m
+        handle = OrderHandle(plan.intent, plan)
         for vehicle, sent in plan.orders.items():
             self._handles[sent.order_id] = handle
             self._tell_sinks(Topic.ORDER, vehicle, sent)
@@ -318,6 +348,9 @@ class FleetClient:
         if truths:
             state = fleet_state.fold_truths(state, truths, self._clock_ns())
         self._state = state
+        if (now_ns := self._clock_ns()) >= self._look_ns:
+            self._look_ns = now_ns + CONTROL_PERIOD_NS
+            self.control.look(state)
         self._changed.set()
         for event in events:
             self._end_order(event)

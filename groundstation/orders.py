@@ -2,29 +2,31 @@
 
 Grammar (``WHO`` is ``all``, names or places: ``mav0,mav2``, ``0-1``; left out it means all)::
 
-    arm [WHO]   disarm [WHO]   hold [WHO]   land [WHO]   kill WHO
+    arm [WHO]   disarm [WHO]   hold [WHO]   land [WHO]   kill WHO   identify WHO
     takeoff [WHO] [HEIGHT]                 takeoff all 1.0
     move WHO X Y Z [in SECONDS]            move all 2 0 1.2
-    formation NAME [WHO] [X Y Z] [in SECONDS]
+    formation NAME [WHO] [SPACING] [X Y Z] [in SECONDS]
 
 ``move`` for one vehicle names its own goal. For several it names the formation's position: each one's slot is added,
 so that they never get one goal together. The formation is the last one ordered, at first the first of the fleet file.
+SPACING stretches the formation until its two nearest slots are so far apart; ``move`` keeps it.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 from groundstation.fleet import FleetState
 from onboard.bus.schema import Order, OrderKind, Vec3
 from onboard.config import ConfigError, FleetConfig, parking_distance_m
 
-Verb = Literal["arm", "disarm", "takeoff", "move", "formation", "land", "hold", "kill"]
-VERBS: tuple[Verb, ...] = ("arm", "disarm", "takeoff", "move", "formation", "land", "hold", "kill")
+Verb = Literal["arm", "disarm", "takeoff", "move", "formation", "land", "hold", "kill", "identify"]
+VERBS: tuple[Verb, ...] = get_args(Verb)
 DEFAULT_HEIGHT_M = 1.0
 ORDER_LIFE_S = 2.0
 _USAGE: dict[Verb, str] = {
@@ -32,10 +34,11 @@ _USAGE: dict[Verb, str] = {
     "disarm": "disarm [WHO]",
     "takeoff": "takeoff [WHO] [HEIGHT], for instance: takeoff all 1.0",
     "move": "move WHO X Y Z [in SECONDS], for instance: move all 2 0 1.2",
-    "formation": "formation NAME [WHO] [X Y Z] [in SECONDS], for instance: formation triangle 0 1.2 1.0",
+    "formation": "formation NAME [WHO] [SPACING] [X Y Z] [in SECONDS], for instance: formation triangle 1.6 0 1.2 1.0",
     "land": "land [WHO]",
     "hold": "hold [WHO]",
     "kill": "kill WHO, for instance: kill mav1",
+    "identify": "identify WHO, for instance: identify mav1",
 }
 
 
@@ -53,10 +56,11 @@ class Intent:
     position_enu_m: Vec3 | None = None
     formation: str | None = None
     duration_s: float = 0.0
+    spacing_m: float | None = None
 
     def __str__(self) -> str:
         numbers = () if self.position_enu_m is None else tuple(f"{value:g}" for value in self.position_enu_m)
-        height = () if self.height_m is None else (f"{self.height_m:g}",)
+        height = tuple(f"{value:g}" for value in (self.height_m, self.spacing_m) if value is not None)
         name = (self.formation,) if self.formation else ()
         ending = (f"in {self.duration_s:g} s",) if self.duration_s else ()
         return " ".join((self.verb, *name, ",".join(self.vehicles), *height, *numbers, *ending))
@@ -64,12 +68,13 @@ class Intent:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The checked result: orders to send, refusals with their reason, and the formation that holds from now on."""
+    """The checked result: orders to send, refusals with their reason, and formation and spacing that hold from now."""
 
     intent: Intent
     orders: Mapping[str, Order] = field(default_factory=dict)
     refusals: Mapping[str, str] = field(default_factory=dict)
     formation: str | None = None
+    spacing_m: float | None = None
 
 
 def parse(text: str, fleet: FleetConfig) -> Intent:
@@ -94,20 +99,21 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
         formation, rest = rest[0], rest[1:]
         if formation not in fleet.formations:
             raise OrderError(f"'{formation[:40]}' is no formation of this fleet: it has {_listed(fleet.formations)}.")
-    counts = {"takeoff": (0, 1), "move": (3,), "formation": (0, 3)}.get(verb, (0,))
+    counts = {"takeoff": (0, 1), "move": (3,), "formation": (0, 1, 3, 4)}.get(verb, (0,))
     names, numbers = _take_vehicles(rest, verb, counts, fleet)
     if verb == "kill" and not names:
         raise OrderError("Kill stops the motors in the air, so it names its vehicles: write kill mav1, or kill all.")
-    if verb == "move" and not names:
-        raise OrderError(f"Move whom? Write: {_USAGE[verb]}")
+    if verb in ("move", "identify") and not names:
+        raise OrderError(f"{verb.capitalize()} whom? Write: {_USAGE[verb]}")
     if not names:
         names = fleet.enabled_names
     if verb == "formation" and len(names) == len(fleet.enabled_names):
         names = tuple(name for name in names if name in fleet.formations[formation or ""])
     if verb == "takeoff":
         return Intent(verb, names, height_m=numbers[0] if numbers else DEFAULT_HEIGHT_M)
+    spacing_m = numbers.pop(0) if len(numbers) in (1, 4) else None
     position = (numbers[0], numbers[1], numbers[2]) if len(numbers) == 3 else None
-    return Intent(verb, names, position_enu_m=position, formation=formation, duration_s=duration_s)
+    return Intent(verb, names, position_enu_m=position, formation=formation, duration_s=duration_s, spacing_m=spacing_m)
 
 
 def default_formation(fleet: FleetConfig) -> str | None:
@@ -128,19 +134,22 @@ def plan(
     formation: str | None,
     author: str,
     now_ns: int,
+    spacing_m: float | None = None,
+    node: str = "",
     new_id: Callable[[], str] = random_id,
 ) -> Plan:
-    """Check an intent against the fleet and make its orders; ``formation`` is the one that holds now.
+    """Check an intent against the fleet and make its orders; ``formation`` and ``spacing_m`` are what holds now.
 
     If one goal of a joint move is refused, none of that move is sent: half a formation is nobody's wish.
     """
     held = intent.formation or formation
+    held_spacing_m = intent.spacing_m if intent.formation else spacing_m
     goals: dict[str, Vec3] = {}
     refusals = {name: _unknown(name, fleet) for name in intent.vehicles if name not in fleet.enabled_names}
     names = [name for name in intent.vehicles if name not in refusals]
     refusals.update({name: reason for name in names if (reason := _bad_number(intent))})
     if not refusals and intent.verb in ("move", "formation"):
-        goals, refusals = _goals(intent, fleet, state, held, names)
+        goals, refusals = _goals(intent, fleet, state, held, names, held_spacing_m)
         if not refusals:
             refusals = _goal_refusals(goals, fleet, state, now_ns)
     if not refusals and intent.verb == "takeoff":
@@ -161,16 +170,26 @@ def plan(
             position_enu_m=goals.get(name),
             height_m=intent.height_m if kind == "takeoff" else None,
             duration_s=intent.duration_s,
+            node=node,
         )
         for name in names
         if name not in refusals
     }
-    return Plan(intent, orders, refusals, held if orders and intent.verb == "formation" else formation)
+    if orders and intent.verb == "formation":
+        formation, spacing_m = held, held_spacing_m
+    return Plan(intent, orders, refusals, formation, spacing_m)
 
 
-def formation_position(fleet: FleetConfig, state: FleetState, formation: str, names: Sequence[str]) -> Vec3 | None:
-    """Where a formation is, as the mean over its vehicles of goal (or position) minus slot; None if nobody is known."""
+def slots_of(fleet: FleetConfig, formation: str, spacing_m: float | None = None) -> dict[str, Vec3]:
+    """The offsets of a formation, stretched until its two nearest slots are ``spacing_m`` apart in the plane."""
     slots = fleet.formations[formation]
+    nearest_m = min((math.dist(p[:2], q[:2]) for p, q in itertools.combinations(slots.values(), 2)), default=0.0)
+    scale = 1.0 if spacing_m is None or nearest_m <= 0.0 else spacing_m / nearest_m
+    return {name: (scale * x, scale * y, z) for name, (x, y, z) in slots.items()}
+
+
+def formation_position(slots: Mapping[str, Vec3], state: FleetState, names: Sequence[str]) -> Vec3 | None:
+    """Where a formation is, as the mean over its vehicles of position minus slot; None if nobody is known."""
     spots = []
     for name in names:
         view = state.vehicles.get(name)
@@ -206,8 +225,8 @@ def _take_vehicles(
         if len(words) < count or len(who) > 1:
             continue
         values = [_number(word) for word in numbers]
-        if count == 1 and not who and "." not in numbers[0] and _is_selection(numbers[0], fleet):
-            continue  # `takeoff 1` selects the vehicle at place 1; a height is written 1.0
+        if count in (1, 4) and not who and "." not in numbers[0] and _is_selection(numbers[0], fleet):
+            continue  # `takeoff 1` selects the vehicle at place 1; a height or a spacing is written 1.0
         if any(value is None for value in values):
             continue
         if any(not math.isfinite(value) for value in values if value is not None):
@@ -245,20 +264,28 @@ def _unknown(name: str, fleet: FleetConfig) -> str:
 
 
 def _bad_number(intent: Intent) -> str | None:
-    values = [*(intent.position_enu_m or ()), intent.duration_s, intent.height_m or 0.0]
+    values = [*(intent.position_enu_m or ()), intent.duration_s, intent.height_m or 0.0, intent.spacing_m or 0.0]
     if not all(math.isfinite(value) for value in values):
         return "A number of this order is not finite. Give metres in the fleet's frame, and seconds."
     if not 0.0 <= intent.duration_s <= 600.0:
         return f"A duration of {intent.duration_s:g} s is outside 0 to 600 s."
+    if intent.spacing_m is not None and not 0.0 < intent.spacing_m <= 1000.0:
+        return f"A spacing of {intent.spacing_m:g} m is no distance between slots. Give metres, for instance 1.6."
     return None
 
 
 def _goals(
-    intent: Intent, fleet: FleetConfig, state: FleetState | None, held: str | None, names: list[str]
+    intent: Intent,
+    fleet: FleetConfig,
+    state: FleetState | None,
+    held: str | None,
+    names: list[str],
+    spacing_m: float | None,
 ) -> tuple[dict[str, Vec3], dict[str, str]]:
     position = intent.position_enu_m
+    slots = slots_of(fleet, held, spacing_m) if held is not None else {}
     if intent.verb == "formation" and held is not None and position is None:
-        position = formation_position(fleet, state, held, names) if state is not None else None
+        position = formation_position(slots, state, names) if state is not None else None
         if position is None:
             reason = "the formation's position is not known, because no vehicle reports one. Write it: {}"
             return {}, {name: reason.format(_USAGE["formation"]) for name in names}
@@ -269,7 +296,6 @@ def _goals(
     if held is None:
         reason = "this fleet file has no formation, so several vehicles cannot share one order. Move them one by one."
         return {}, dict.fromkeys(names, reason)
-    slots = fleet.formations[held]
     goals, refusals = {}, {}
     for name in names:
         if name in slots:

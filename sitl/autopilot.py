@@ -43,6 +43,7 @@ class Autopilot:
         boot_time_s: simulated time at which it started.
         faults: reasons against arming from outside, as sentences; a fault of the emulator writes here.
         ground_time_s: when a ground station's heartbeat last came, on any link.
+        tunes: how many it was asked to play.
     """
 
     params: Parameters = field(default_factory=Parameters)
@@ -55,6 +56,7 @@ class Autopilot:
     battery_stage: BatteryStage = BatteryStage.OK
     faults: list[str] = field(default_factory=list)
     ground_time_s: float = -math.inf
+    tunes: int = 0
     journal: Journal = field(default_factory=Journal)
     failsafe: Failsafe = field(default_factory=Failsafe)
     land_detector: LandDetector = field(default_factory=LandDetector)
@@ -185,6 +187,10 @@ class Autopilot:
             if self.is_armed:
                 self._say_takeoff_height(now_s)
         return result
+
+    def play_tune(self) -> None:
+        """Play one; only its number is kept."""
+        self.tunes += 1
 
     def request_termination(self, now_s: float) -> Result:
         """MAV_CMD_DO_FLIGHTTERMINATION: motors off, still armed, until somebody disarms or it lies on the ground."""

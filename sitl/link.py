@@ -296,6 +296,12 @@ class Link:
             return []
         return commands.handle(self, message)
 
+    def _play_tune(self, message: Message) -> list[bytes]:
+        f = message.fields
+        if f["target_system"] in (0, self.view.system_id) and f["target_component"] in (0, _AUTOPILOT_COMPONENT):
+            self.autopilot.play_tune()
+        return []  # PX4 acknowledges no tune
+
     def _request_event(self, message: Message) -> list[bytes]:
         f = message.fields
         first, last = f["first_sequence"], f["last_sequence"]
@@ -372,6 +378,7 @@ _HANDLERS: dict[str, Callable[[Link, Message], list[bytes]]] = {
     "SET_POSITION_TARGET_GLOBAL_INT": Link._global_target,
     "ODOMETRY": Link._odometry,
     "VISION_POSITION_ESTIMATE": Link._vision,
+    "PLAY_TUNE": Link._play_tune,
     "REQUEST_EVENT": Link._request_event,
     "MISSION_REQUEST_LIST": Link._mission_list,
     "MISSION_COUNT": Link._mission_upload,

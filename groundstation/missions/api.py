@@ -83,6 +83,9 @@ class Fleet:
             return all(_is_ready(state, name, self.client.now_ns()) for name in self.names)
 
         if await self.client.wait_for(is_ready, timeout_s):
+            refusal = self.client.control.refusal("takeoff")
+            if refusal is not None:
+                raise NotReady(refusal, True)
             return
         now_ns = self.client.now_ns()
         reasons, heard = [], False
@@ -100,6 +103,10 @@ class Fleet:
     async def arm(self, vehicles: Who = "all", *, timeout_s: float = 15.0) -> Results:
         """Arm on the ground."""
         return await self.order(Intent("arm", self._select(vehicles)), timeout_s)
+
+    async def identify(self, vehicles: Who, *, timeout_s: float = 5.0) -> Results:
+        """Let vehicles show themselves by a tune."""
+        return await self.order(Intent("identify", self._select(vehicles)), timeout_s)
 
     async def takeoff(
         self, height_m: float = DEFAULT_HEIGHT_M, vehicles: Who = "all", *, timeout_s: float = 40.0

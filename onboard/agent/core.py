@@ -37,6 +37,7 @@ from onboard.agent.report import Report
 from onboard.agent.response import ResponseWatch
 from onboard.agent.steps import Step, View
 from onboard.agent.watch import PERIOD_S, POSITION_LOST_S
+from onboard.bus.operator import Roles
 from onboard.bus.schema import Order, OrderReply
 from onboard.config import FleetConfig
 from onboard.control import pipeline
@@ -83,7 +84,7 @@ class AgentCore:
     def __init__(self, fleet: FleetConfig, vehicle_name: str, *, boot_id: int, law: str | None = None) -> None:
         self.fleet, self.vehicle, self.boot_id = fleet, fleet.vehicles[vehicle_name], boot_id
         self.params = pipeline.pipeline_params(fleet, vehicle_name, law=law)
-        self.own = OwnState(self.vehicle)
+        self.own = OwnState(self.vehicle, fleet.fleet.global_origin)
         self.neighbours = NeighbourTable(fleet, vehicle_name)
         self.flight = Flight(fleet, self.vehicle)
         self.guard = Guard(fleet, self.own, self.neighbours, self.flight)
@@ -98,6 +99,7 @@ class AgentCore:
         self._loop = LoopTimed(0.0, 0.0, 0.0, 0)
         self._param_problems: tuple[str, ...] | None = None
         self._nodes: set[str] = set()
+        self.roles = Roles()
         self._has_ground = False
         self._has_peers = len(fleet.enabled_names) > 1 or self.vehicle.mocap_required
         self._answered: dict[str, OrderReply] = {}
@@ -118,6 +120,7 @@ class AgentCore:
             neighbours=self.neighbours,
             flight=self.flight,
             guard=self.guard,
+            roles=self.roles,
         )
 
     # -- events ------------------------------------------------------------------------------------------------------
@@ -138,6 +141,7 @@ class AgentCore:
             case NodeSeen(node, is_alive):
                 (self._nodes.add if is_alive else self._nodes.discard)(node)
                 self._has_ground = any(other.startswith("ground") for other in self._nodes)
+                self.roles.see(node, is_alive)
             case OrderArrived(order):
                 return self._take_order(order, now_ns)
             case ParamsRead(problems):
@@ -158,7 +162,7 @@ class AgentCore:
         if known is not None:
             return [Reply(known)]  # asked again: same answer, nothing begins twice
         view = replace(self._view, now_ns=now_ns, snapshot=self._snapshot)
-        reason = orders.refusal(
+        reason = self.roles.refusal(order) or orders.refusal(
             order,
             now_ns,
             flight=self.flight,
@@ -183,6 +187,8 @@ class AgentCore:
     def _begin(self, order: Order, view: View) -> None:
         flight = self.flight
         match order.kind:
+            case "identify":
+                flight.identify(view, order)
             case "arm":
                 flight.begin_start(view, order, None)
             case "takeoff":

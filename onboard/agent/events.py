@@ -131,6 +131,11 @@ class Kill:
 
 
 @dataclass(frozen=True, slots=True)
+class PlayTune:
+    """Let PX4 play a tune, so that people see which vehicle it is."""
+
+
+@dataclass(frozen=True, slots=True)
 class SendOdometry:
     """Forward a mocap pose to PX4."""
 
@@ -159,4 +164,4 @@ class Exit:
     """The vehicle is on the ground and disarmed, and somebody asked the agent to stop."""
 
 
-Command = SendAttitude | SetOffboard | Px4Land | Arm | Disarm | Kill | SendOdometry | Publish | Reply | Exit
+Command = SendAttitude | SetOffboard | Px4Land | Arm | Disarm | Kill | PlayTune | SendOdometry | Publish | Reply | Exit

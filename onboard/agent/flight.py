@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from onboard.agent.events import Arm, Command, Disarm, Kill, Publish, Px4Land, SetOffboard
+from onboard.agent.events import Arm, Command, Disarm, Kill, PlayTune, Publish, Px4Land, SetOffboard
 from onboard.agent.steps import Step, View
 from onboard.bus.schema import AgentState, Event, Order, OrderOutcome, Severity
 from onboard.bus.topics import Topic
@@ -174,6 +174,13 @@ class Flight:
         self.state, self.reason = "failed", f"Killed by order of {order.author}."
         self._enter(Step.IDLE, view)
         self._ask(view, Kill(), now=True)
+
+    def identify(self, view: View, order: Order) -> None:
+        """Show which vehicle this is; whatever it does goes on."""
+        self.out.append(PlayTune())
+        # PX4 acknowledges no tune, so nobody can say that it was heard.
+        sentence = "The tune was sent to PX4, which does not confirm it: listen, or look at the row that blinks."
+        self.say(view, "info", "identify", sentence, order.order_id, "done")
 
     # -- every tick --------------------------------------------------------------------------------------------------
 

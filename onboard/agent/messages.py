@@ -11,6 +11,7 @@ import numpy as np
 from onboard.agent.events import LoopTimed
 from onboard.agent.flight import Flight
 from onboard.agent.steps import View
+from onboard.bus.operator import Roles
 from onboard.bus.schema import StateMessage, Telemetry, TickSample, Vec3, Vec4
 from onboard.config import Vehicle
 from onboard.types import Array, LawStatus, Tick
@@ -127,6 +128,7 @@ def telemetry(
     malformed: int,
     config_hash: str,
     conditions: tuple[str, ...],
+    roles: Roles,
     action: str,
 ) -> Telemetry:
     """All that a person looks at."""
@@ -172,4 +174,6 @@ def telemetry(
         system_id=vehicle.system_id,
         conditions=conditions,
         action=action,
+        operator=roles.operator,
+        roles=roles.others,
     )

@@ -32,6 +32,8 @@ def refusal(
         return None
     if order.deadline_ns and order.deadline_ns < now_ns:
         return f"The order came {1e-9 * (now_ns - order.deadline_ns):.1f} s after its deadline: send it again."
+    if order.kind == "identify":
+        return None
     if order.kind in ("arm", "takeoff"):
         return _start(order, flight, position_enu_m, not_ready, others, fleet)
     if order.kind == "disarm":

@@ -9,6 +9,7 @@ from onboard.agent.guard import Guard
 from onboard.agent.neighbours import NeighbourTable
 from onboard.agent.own_state import OwnState
 from onboard.agent.steps import View
+from onboard.bus.operator import Roles
 from onboard.bus.schema import TickBatch, TickSample
 from onboard.bus.topics import Topic
 from onboard.config import Vehicle
@@ -33,9 +34,11 @@ class Report:
         neighbours: NeighbourTable,
         flight: Flight,
         guard: Guard,
+        roles: Roles,
     ) -> None:
         self._vehicle, self._boot_id, self._config_hash, self._law = vehicle, boot_id, config_hash, law
         self._own, self._neighbours, self._flight, self._guard = own, neighbours, flight, guard
+        self._roles = roles
         self._samples: list[TickSample] = []
         self._sequence = 0
         self._shown = (flight.state, flight.step)
@@ -108,5 +111,6 @@ class Report:
                 config_hash=self._config_hash,
                 conditions=conditions,
                 action=action,
+                roles=self._roles,
             )
             out.insert(0, Publish(Topic.TELEMETRY, telemetry))

@@ -195,6 +195,8 @@ class Agent:
                     self._link.land()
                 case ev.Kill():
                     self._link.kill()
+                case ev.PlayTune():
+                    self._link.play_tune()
                 case ev.Exit():
                     self._end(EXIT_OK)
 

@@ -16,7 +16,7 @@ Vec3 = tuple[float, float, float]
 Vec4 = tuple[float, float, float, float]
 
 AgentState = Literal["waiting", "ready", "armed", "taking off", "flying", "holding", "landing", "landed", "failed"]
-OrderKind = Literal["arm", "disarm", "takeoff", "move", "land", "hold", "kill"]
+OrderKind = Literal["arm", "disarm", "takeoff", "move", "land", "hold", "kill", "identify"]
 OrderOutcome = Literal["accepted", "done", "refused", "superseded", "failed", "timed out"]
 Severity = Literal["debug", "info", "warning", "critical"]
 
@@ -54,6 +54,7 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     """Everything that a person looks at, 5-10 Hz.
 
     conditions: what is wrong now, in the words of the failsafe table; action: what is done about it, in words.
+    operator: the token of who may give orders, as this vehicle sees it; roles: the other such tokens (see operator.py).
     """
 
     vehicle: str
@@ -95,6 +96,8 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     system_id: int
     conditions: tuple[str, ...] = ()
     action: str = ""
+    operator: str = ""
+    roles: tuple[str, ...] = ()
 
 
 class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
@@ -173,6 +176,7 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
     position_enu_m: move only, the vehicle's own goal (the ground has added the slot's offset).
     height_m: takeoff only, above the fleet's origin. duration_s: 0 = as fast as the limits allow.
     deadline_ns: on the sender's monotonic clock, after which the order must not begin.
+    node: the sender on the bus, by which the operator is known.
     """
 
     order_id: str
@@ -183,6 +187,7 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
     position_enu_m: Vec3 | None = None
     height_m: float | None = None
     duration_s: float = 0.0
+    node: str = ""
 
 
 class FaultOrder(Message, frozen=True, array_like=True, kw_only=True):

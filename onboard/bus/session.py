@@ -25,6 +25,10 @@ OnOrder = Callable[[Order | Malformed, Callable[[OrderReply], None]], None]
 OnFault = Callable[[FaultOrder | Malformed, Callable[[OrderReply], None]], None]
 OnAlive = Callable[[str, bool], None]
 _MAX_NAMES = 1000
+# What may block has a queue of its own: who waits in a queue for a peer that hangs holds up everybody else who puts
+# into it, and the control loop puts what may be dropped.
+_PATIENT = zenoh.Priority.INTERACTIVE_HIGH
+_PATIENCE_US = 1_000_000  # then the connection to a peer that takes nothing is closed
 FAULT = "fault"  # the one thing that an emulator is asked for
 
 
@@ -50,6 +54,7 @@ class BusSession:
         self._session: zenoh.Session | None = None
         self._publishers: dict[tuple[Topic, str], zenoh.Publisher] = {}
         self._followed: dict[tuple[Topic, str], Any] = {}
+        self._claims: dict[str, Any] = {}
         self._kept: list[Any] = []  # subscribers, queryables and tokens live as long as somebody holds them
 
     def start(self) -> None:
@@ -76,6 +81,7 @@ class BusSession:
             # a peer that hangs fills its queue: who publishes drops at once instead of waiting in the control loop
             ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", 0),
             ("transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments", 0),
+            ("transport/link/tx/queue/congestion_control/block/wait_before_close", _PATIENCE_US),
         ):
             config.insert_json5(path, json.dumps(value))
         try:
@@ -96,6 +102,7 @@ class BusSession:
             self._followed.clear()
             session.close()  # type: ignore[no-untyped-call]
             self._kept.clear()
+            self._claims.clear()
 
     @property
     def _open(self) -> zenoh.Session:
@@ -112,7 +119,7 @@ class BusSession:
             publisher = self._publishers[topic, name] = self._open.declare_publisher(
                 key(self.namespace, topic, name),
                 congestion_control=zenoh.CongestionControl.DROP if latest else zenoh.CongestionControl.BLOCK,
-                priority=zenoh.Priority.REAL_TIME if urgent else zenoh.Priority.DATA,
+                priority=zenoh.Priority.REAL_TIME if urgent else zenoh.Priority.DATA if latest else _PATIENT,
                 allowed_destination=zenoh.Locality.REMOTE,  # who subscribes to all vehicles pays nothing for itself
             )
         publisher.put(encode(message))
@@ -215,7 +222,19 @@ class BusSession:
             payload=encode(message),
             timeout=timeout_s,
             consolidation=zenoh.ConsolidationMode.NONE,
+            priority=_PATIENT,
         )
+
+    def claim(self, token: str) -> None:
+        """Be seen under another name too, as long as this node lives: a role, see :mod:`onboard.bus.operator`."""
+        if token not in self._claims:
+            self._claims[token] = self._open.liveliness().declare_token(key(self.namespace, Topic.ALIVE, token))
+
+    def release(self, token: str) -> None:
+        """Give up such a name."""
+        claim = self._claims.pop(token, None)
+        if claim is not None:
+            claim.undeclare()
 
     def watch_alive(self, on_alive: OnAlive) -> None:
         """Call ``on_alive(node, is_alive)`` for every node of the fleet, those already there included."""

@@ -34,7 +34,8 @@ class Snapshot:
     """The newest value of everything, with the monotonic time [ns] at which it arrived; 0 = never.
 
     quaternion_enu_flu_wxyz: PX4's own attitude, so its heading may differ from the fleet's. position_local_ned_m and
-    velocity_local_ned_m_s are in PX4's own local frame. px4_boot_ms: PX4's clock, to see it stand still.
+    velocity_local_ned_m_s are in PX4's own local frame; global_origin is where that lies: latitude and longitude in
+    degrees, altitude in metres. px4_boot_ms: PX4's clock, to see it stand still.
     """
 
     last_packet_ns: int = 0
@@ -44,6 +45,7 @@ class Snapshot:
     position_local_ned_m: Vec3 = (0.0, 0.0, 0.0)
     velocity_local_ned_m_s: Vec3 = (0.0, 0.0, 0.0)
     local_position_ns: int = 0
+    global_origin: Vec3 | None = None
     px4_boot_ms: int = 0
     heartbeat_ns: int = 0
     is_armed: bool = False
@@ -85,6 +87,9 @@ class Autopilot(Protocol):
 
     def kill(self) -> None:
         """Stop the motors now, wherever the vehicle is."""
+
+    def play_tune(self) -> None:
+        """Let it play a tune; PX4 does not say whether it did."""
 
     def send_odometry(self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float) -> None:
         """Hand a mocap pose to PX4's estimator, so that its own hold and land work."""

@@ -36,6 +36,7 @@ _TYPE_MASK_ATTITUDE_AND_THRUST = 7
 _FRAME_LOCAL_NED, _FRAME_LOCAL_FRD_VELOCITY = 1, 12
 _ESTIMATOR_TYPE_VISION = 2
 _RATES_HZ = {31: 50.0, 32: 50.0, 245: 10.0, 147: 2.0}  # ATTITUDE_QUATERNION, LOCAL_POSITION_NED, EXTENDED_SYS_STATE, ..
+_TUNE = "MFT180O4L8CEGO5CP4O4CEGO5C"  # up a chord, twice; at most 29 characters
 _ORIGIN = (47.397742, 8.545594, 489.4)  # any place will do indoors: only PX4's global frame hangs on it
 
 
@@ -176,6 +177,16 @@ class Px4Link:
     def kill(self) -> None:
         """Disarm by force: the motors stop at once, also in the air."""
         self._command(modes.CMD_ARM, 0.0, modes.FORCE_DISARM_MAGIC)
+
+    def play_tune(self) -> None:
+        """PLAY_TUNE: PX4 plays it on its buzzer or motors, and acknowledges nothing."""
+        self._send(
+            "PLAY_TUNE",
+            target_system=self.system_id,
+            target_component=_AUTOPILOT_COMPONENT_ID,
+            tune=_TUNE,
+            tune2="",
+        )
 
     def send_odometry(self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float) -> None:
         """ODOMETRY in the fleet's axes as NED; velocity is not known to a mocap and left out."""

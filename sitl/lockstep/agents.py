@@ -230,5 +230,7 @@ class AgentShell:
                     link.land()
                 case ev.Kill():
                     link.kill()
+                case ev.PlayTune():
+                    link.play_tune()
                 case ev.Exit():
                     self.kill()

@@ -226,13 +226,18 @@ class SimBus:
     def _expire(self, pair: Pair, since_ns: object) -> None:
         if self._cut.get(pair) == since_ns and pair not in self._unseen:
             self._unseen.add(pair)
-            self.tell(pair[1], pair[0], False)
+            self._tell_all_names(pair, False)
 
     def _rejoin(self, pair: Pair) -> None:
         if pair not in self._cut and pair in self._unseen:
             self._unseen.discard(pair)
             if pair[0] in self.nodes:
-                self.tell(pair[1], pair[0], True)
+                self._tell_all_names(pair, True)
+
+    def _tell_all_names(self, pair: Pair, is_alive: bool) -> None:
+        node = self.nodes.get(pair[0])
+        for name in (pair[0], *sorted(node.claims if node is not None else ())):
+            self.tell(pair[1], name, is_alive)
 
     def tell(self, listener: str, node: str, is_alive: bool) -> None:
         """One node learns that another is there or gone."""
@@ -250,7 +255,13 @@ class Node:
         self.alive_listeners: list[OnAlive] = []
         self.order_server: OnOrder | None = None
         self.fault_server: OnFault | None = None
+        self.claims: set[str] = set()
         self._is_open = False
+
+    @property
+    def node(self) -> str:
+        """Its name."""
+        return self.name
 
     def start(self) -> None:
         """Join; the others learn of it."""
@@ -258,9 +269,7 @@ class Node:
             return
         self._is_open = True
         self.bus.nodes[self.name] = self
-        for other in list(self.bus.nodes):
-            if other != self.name:
-                self.bus.send((self.name, other), Delivery.TOKEN, self.bus.tell, other, self.name, True)
+        self._tell_others(self.name, True)
 
     def stop(self) -> None:
         """Leave, as a process does that ends: its connections close, and the others notice at once."""
@@ -268,8 +277,9 @@ class Node:
             return
         self._is_open = False
         self.bus.leave(self)
-        for other in self.bus.nodes:
-            self.bus.send((self.name, other), Delivery.TOKEN, self.bus.tell, other, self.name, False)
+        for name in (*sorted(self.claims), self.name):
+            self._tell_others(name, False)
+        self.claims.clear()
         self.alive_listeners.clear()
         self.order_server = None
 
@@ -344,4 +354,22 @@ class Node:
         self.alive_listeners.append(on_alive)
         for other in list(self.bus.nodes):
             if other != self.name and not self.bus.is_cut(other, self.name):
-                self.bus.send((other, self.name), Delivery.TOKEN, on_alive, other, True)
+                for name in (other, *sorted(self.bus.nodes[other].claims)):
+                    self.bus.send((other, self.name), Delivery.TOKEN, on_alive, name, True)
+
+    def claim(self, token: str) -> None:
+        """Be seen under another name too."""
+        if token not in self.claims:
+            self.claims.add(token)
+            self._tell_others(token, True)
+
+    def release(self, token: str) -> None:
+        """Give up such a name."""
+        if token in self.claims:
+            self.claims.remove(token)
+            self._tell_others(token, False)
+
+    def _tell_others(self, name: str, is_alive: bool) -> None:
+        for other in list(self.bus.nodes):
+            if other != self.name:
+                self.bus.send((self.name, other), Delivery.TOKEN, self.bus.tell, other, name, is_alive)

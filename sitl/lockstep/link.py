@@ -216,6 +216,10 @@ class EmulatedLink:
         """Disarm by force."""
         self._ask(lambda px4, now_s: px4.request_arm(now_s, False, modes.FORCE_DISARM_MAGIC))
 
+    def play_tune(self) -> None:
+        """Let it play a tune."""
+        self._ask(lambda px4, now_s: px4.play_tune())
+
     def send_odometry(self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float) -> None:
         """ODOMETRY with the mocap's position."""
         east, north, up = position_enu_m

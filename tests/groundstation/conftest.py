@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from onboard.bus.operator import Roles
 from onboard.bus.schema import Event, Order, OrderReply, Telemetry, Truth
 from onboard.bus.topics import Topic
 from onboard.config import FleetConfig, load_fleet
@@ -79,6 +80,8 @@ class FakeBus:
             name: telemetry(name, position_enu_m=fleet.vehicles[name].start_enu_m) for name in fleet.enabled_names
         }
         self.truth_error_m = 0.0
+        self.node = "ground-test"
+        self.roles = Roles()
         self.on_message: dict[Topic, Callable[..., None]] = {}
         self._sequence = itertools.count(2)
         self._task: asyncio.Task[None] | None = None
@@ -92,6 +95,12 @@ class FakeBus:
 
     def subscribe(self, topic: Topic, name: str, on_message: Callable[..., None]) -> None:
         self.on_message[topic] = on_message
+
+    def claim(self, token: str) -> None:
+        self.roles.see(token, True)
+
+    def release(self, token: str) -> None:
+        self.roles.see(token, False)
 
     def watch_alive(self, on_alive: Callable[[str, bool], None]) -> None:
         for name in self.vehicles:
@@ -110,6 +119,7 @@ class FakeBus:
         message = msgspec.structs.replace(
             self.vehicles[name], **changes, stamp_ns=now_ns, sequence=next(self._sequence)
         )
+        message = msgspec.structs.replace(message, operator=self.roles.operator, roles=self.roles.others)
         self.vehicles[name] = message
         self.on_message[Topic.TELEMETRY](Topic.TELEMETRY, name, message)
         if self.has_truth:
