@@ -61,6 +61,11 @@ class Processes:
         """Who was started, in order."""
         return tuple(one.name for one in self._started)
 
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process ids by name, of those that have ended too."""
+        return {one.name: one.process.pid for one in self._started}
+
     def start(self, name: str, arguments: Sequence[str]) -> None:
         """Start ``python -m ...`` with its output in ``<name>.log``; ProcessError when that fails."""
         log = self._folder / f"{name}.log"
