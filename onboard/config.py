@@ -16,9 +16,10 @@ from typing import Any, Literal, get_args
 
 import msgspec
 
-from onboard import obstacles, sitl_profile
+from onboard import mocap_config, obstacles, sitl_profile
 from onboard.law_config import LawConfig as LawConfig
 from onboard.law_config import LawName as LawName
+from onboard.mocap_config import MocapConfig as MocapConfig
 from onboard.sitl_profile import SitlProfile as SitlProfile
 
 SCHEMA = 1
@@ -68,6 +69,11 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bus_lost_land_s: float = 5.0
     simulator: str | None = None
 
+    @property
+    def global_origin(self) -> Origin | None:
+        """Where on Earth the fleet frame lies, if the file says so."""
+        return self.origin if isinstance(self.origin, Origin) else None
+
 
 class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One vehicle with its type's and the defaults' values merged in."""
@@ -116,6 +122,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
     vehicles: dict[str, Vehicle]
     text: str
     obstacles: tuple[obstacles.Obstacle, ...] = ()
+    mocap: MocapConfig = MocapConfig()
 
     @property
     def namespace(self) -> str:
@@ -125,7 +132,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
     @property
     def config_hash(self) -> str:
         """Equal on all vehicles that read the same values; differing hashes refuse take-off."""
-        parts = [self.fleet, self.law, self.formations, self.vehicles, self.obstacles]
+        parts = [self.fleet, self.law, self.formations, self.vehicles, self.obstacles, self.mocap]
         values = msgspec.json.encode(parts, order="deterministic")
         return hashlib.sha256(values).hexdigest()[:12]
 
@@ -201,7 +208,7 @@ def read_toml(path: str | os.PathLike[str], what: str) -> tuple[dict[str, Any], 
 def fleet_from_mapping(data: Mapping[str, Any], *, path: str = "<fleet>", text: str = "") -> FleetConfig:
     """Resolve and validate the content of a fleet file; see :func:`load_fleet`."""
     check_schema(data, path)
-    known = {"schema", "fleet", "law", "formations", "obstacles", "types", "defaults", "vehicles"}
+    known = {"schema", "fleet", "law", "formations", "mocap", "obstacles", "types", "defaults", "vehicles"}
     for key in data:
         if key not in known:
             raise ConfigError(f"{path}: unknown key '{key}'. Known keys here: {', '.join(sorted(known))}.")
@@ -212,15 +219,14 @@ def fleet_from_mapping(data: Mapping[str, Any], *, path: str = "<fleet>", text: 
     law = convert(data.get("law", {}), LawConfig, path, "law")
     formations = convert(data.get("formations", {}), dict[str, dict[str, Vec3]], path, "formations")
     standing = convert(data.get("obstacles", []), tuple[obstacles.Obstacle, ...], path, "obstacles")
+    mocap = convert(data.get("mocap", {}), MocapConfig, path, "mocap")
     types = _tables(data.get("types", {}), path, "types")
     defaults = _table(data.get("defaults", {}), path, "defaults")
     vehicles = {
         name: _vehicle(name, index, table, types, defaults, path)
         for index, (name, table) in enumerate(_tables(data["vehicles"], path, "vehicles").items())
     }
-    config = FleetConfig(
-        path=path, fleet=fleet, law=law, formations=formations, vehicles=vehicles, text=text, obstacles=standing
-    )
+    config = FleetConfig(path, fleet, law, formations, vehicles, text, standing, mocap)
     _check(config)
     return config
 
@@ -382,6 +388,8 @@ def _check(config: FleetConfig) -> None:
                     f"{path}: 'vehicles.{name}.{key}' is {value!r}, which 'vehicles.{other}.{key}' has too. "
                     "Give each vehicle its own."
                 )
+    for sentence in mocap_config.problems(config.mocap, {name: v.body for name, v in config.vehicles.items()}):
+        raise ConfigError(f"{path}: {sentence}")
     _check_obstacles(config)
     _check_spacing(config)
 

@@ -1,0 +1,79 @@
+"""``[mocap]`` of a fleet file: which motion capture, who reads it, how its frame lies in the fleet's. A leaf."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from typing import Literal
+
+import msgspec
+
+SystemType = Literal["optitrack", "vicon", "qualisys", "vrpn", "motionanalysis", "mock"]
+BODY_NAME = r"[A-Za-z0-9_.:-]{1,60}"  # a body is a part of a key on the bus
+_OF_A_SYSTEM = ("type", "hostname", "options", "direct", "up", "yaw_deg", "offset_m")
+
+
+class MocapConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``[mocap]``: docs/mocap.md explains each key.
+
+    Attributes:
+        source: "bus" when somebody publishes ``mocap/<body>`` in the fleet's frame; "motioncapture" for a system that
+            the package of that name reads.
+        type, hostname, options: which system, where, and what else the package wants to know of it.
+        direct: every agent reads the system itself; otherwise one relay (``covey mocap``) does and publishes.
+        up: axis of the mocap's frame that points up. yaw_deg: then turned about up by this angle, counterclockwise.
+        offset_m: where the mocap's origin lies in the fleet's frame, ENU.
+        latency_s: from the exposure to the arrival here; taken off the arrival to make a sample's stamp.
+        max_rate_hz: frames beyond this rate are left out; 50 Hz is what the control needs.
+    """
+
+    source: Literal["bus", "motioncapture"] = "bus"
+    type: SystemType | None = None
+    hostname: str | None = None
+    options: dict[str, str | int | float | bool] = {}
+    direct: bool = False
+    up: Literal["z", "y"] = "z"
+    yaw_deg: float = 0.0
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    latency_s: float = 0.010
+    max_rate_hz: float = 100.0
+
+
+def problems(mocap: MocapConfig, bodies: Mapping[str, str | None]) -> Iterator[str]:
+    """What is wrong with the table, and with the names of the bodies: vehicle -> body. A sentence each."""
+    default = MocapConfig()
+    if mocap.source == "bus":
+        for key in _OF_A_SYSTEM:
+            if getattr(mocap, key) != getattr(default, key):
+                yield (
+                    f"'mocap.{key}' is given, but 'mocap.source' is 'bus', where poses come in the fleet's frame "
+                    'already. Set mocap.source = "motioncapture", or remove the key.'
+                )
+    elif mocap.type is None:
+        yield "'mocap.type' is missing: one of optitrack, vicon, qualisys, vrpn, motionanalysis, mock."
+    elif mocap.type != "mock" and not mocap.hostname:
+        yield f"'mocap.hostname' is missing: the name or address of the computer on which {mocap.type} runs."
+    for key, value, low, high in (
+        ("yaw_deg", mocap.yaw_deg, -360.0, 360.0),
+        ("latency_s", mocap.latency_s, 0.0, 0.5),
+        ("max_rate_hz", mocap.max_rate_hz, 20.0, 1000.0),
+        *((f"offset_m[{place}]", value, -1e4, 1e4) for place, value in enumerate(mocap.offset_m)),
+    ):
+        if not (math.isfinite(value) and low <= value <= high):
+            yield f"'mocap.{key}' is {value}; it must lie between {low:g} and {high:g}."
+    owners: dict[str, str] = {}
+    for vehicle, body in bodies.items():
+        if body is None:
+            continue
+        owner = owners.setdefault(body, vehicle)
+        if owner != vehicle:
+            yield (
+                f"'vehicles.{vehicle}' and 'vehicles.{owner}' have the same mocap body {body!r} (without mocap_body it "
+                "is the vehicle's name). Give each vehicle its own."
+            )
+        if not re.fullmatch(BODY_NAME, body):
+            yield (
+                f"'vehicles.{vehicle}.mocap_body' is {body!r}; a body has 1 to 60 of A-Z a-z 0-9 _ . : - as its name. "
+                "Rename it in the mocap's software and here."
+            )
