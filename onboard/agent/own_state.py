@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from onboard.agent.local_frame import LocalFrame
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import MocapPose
-from onboard.config import Vehicle
+from onboard.config import Origin, Vehicle
 from onboard.control import estimate_one as estimate
 from onboard.control.estimate import EstimateParams
-from onboard.frames import enu_from_ned
 from onboard.link.autopilot import Snapshot, Vec3, Vec4
 from onboard.types import Array, AttitudeSetpoint, State
 
@@ -36,6 +36,7 @@ class OwnState:
     """
 
     vehicle: Vehicle
+    origin: Origin | None = None
     ignored_samples: int = 0
     heading_offset_rad: float = 0.0
     _params: EstimateParams = field(init=False)
@@ -44,11 +45,12 @@ class OwnState:
     _newest: tuple[int, int] = (0, -1)
     _has_heading: bool = False
     _local_ns: int = 0
-    _local_offset_enu_m: Array | None = None
+    _local_frame: LocalFrame = field(init=False)
     _yaw_rad: float = 0.0
 
     def __post_init__(self) -> None:
         vehicle = self.vehicle
+        self._local_frame = LocalFrame(vehicle.start_enu_m, self.origin)
         if vehicle.mocap_required:
             self._params = EstimateParams(drag_1_s=vehicle.drag_1_s)
         else:
@@ -82,7 +84,7 @@ class OwnState:
     ) -> None:
         """Propagate to ``now_ns`` with the attitude flown and the throttle sent last, then take the queued samples."""
         if not self.vehicle.mocap_required:
-            self._take_local_position(snapshot, is_on_ground and not snapshot.is_armed)
+            self._take_local_position(snapshot)
         if self._memory is not None:
             self._memory = estimate.drive(
                 self._memory,
@@ -113,16 +115,13 @@ class OwnState:
         self.heading_offset_rad = _wrapped(self.heading_offset_rad + share * miss)
         self._has_heading = True
 
-    def _take_local_position(self, snapshot: Snapshot, may_anchor: bool) -> None:
+    def _take_local_position(self, snapshot: Snapshot) -> None:
         if snapshot.local_position_ns == self._local_ns:
             return
         self._local_ns = snapshot.local_position_ns
-        local = enu_from_ned(np.asarray(snapshot.position_local_ned_m))
-        if self._local_offset_enu_m is None or may_anchor:
-            # PX4's local origin is where its estimator started: on the ground we know where that is
-            self._local_offset_enu_m = np.asarray(self.vehicle.start_enu_m) - local
-        x, y, z = (local + self._local_offset_enu_m).tolist()
-        self._queue.append(((x, y, z), snapshot.local_position_ns, _yaw_rad(snapshot.quaternion_enu_flu_wxyz)))
+        position = self._local_frame.take(snapshot)
+        if position is not None:
+            self._queue.append((position, self._local_ns, _yaw_rad(snapshot.quaternion_enu_flu_wxyz)))
 
     def attitude(self, snapshot: Snapshot) -> Array:
         """Attitude in the fleet frame (4,) wxyz."""

@@ -239,6 +239,8 @@ class Agent:
                     log.warning("PX4 has restarted")
                     break
 
+                if self.fleet.fleet.global_origin is not None and self._link.snapshot().global_origin is None:
+                    self._link.request_global_origin()
 
 def _log_end(task: asyncio.Task[None]) -> None:
     """The link's upkeep never ends by itself; if a bug ends it, the flight goes on without it."""

@@ -37,6 +37,7 @@ _FRAME_LOCAL_NED, _FRAME_LOCAL_FRD_VELOCITY = 1, 12
 _ESTIMATOR_TYPE_VISION = 2
 _RATES_HZ = {31: 50.0, 32: 50.0, 245: 10.0, 147: 2.0}  # ATTITUDE_QUATERNION, LOCAL_POSITION_NED, EXTENDED_SYS_STATE, ..
 _TUNE = "MFT180O4L8CEGO5CP4O4CEGO5C"  # up a chord, twice; at most 29 characters
+_GPS_GLOBAL_ORIGIN = 49
 _ORIGIN = (47.397742, 8.545594, 489.4)  # any place will do indoors: only PX4's global frame hangs on it
 
 
@@ -227,6 +228,10 @@ class Px4Link:
             time_usec=time.monotonic_ns() // 1000,
         )
 
+    def request_global_origin(self) -> None:
+        """Ask where PX4's local frame lies: it says so by itself only at the moment when it settles there."""
+        self._command(modes.CMD_REQUEST_MESSAGE, float(_GPS_GLOBAL_ORIGIN))
+
     def request_rates(self) -> None:
         """SET_MESSAGE_INTERVAL for what the agent reads; PX4's defaults are too slow for close flight."""
         for message_id, rate_hz in _RATES_HZ.items():
@@ -317,6 +322,10 @@ def _local_position(f: dict[str, Any], now_ns: int) -> dict[str, Any]:
     return {"position_local_ned_m": position, "velocity_local_ned_m_s": velocity, "local_position_ns": now_ns}
 
 
+def _global_origin(f: dict[str, Any], _: int) -> dict[str, Any]:
+    return {"global_origin": (f["latitude"] * 1e-7, f["longitude"] * 1e-7, f["altitude"] * 1e-3)}
+
+
 def _heartbeat(f: dict[str, Any], now_ns: int) -> dict[str, Any]:
     return {
         "heartbeat_ns": now_ns,
@@ -350,3 +359,4 @@ _HANDLERS = {
     "BATTERY_STATUS": _battery,
     "STATUSTEXT": _status_text,
 }
+    "GPS_GLOBAL_ORIGIN": _global_origin,
