@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Awaitable, Callable
 from typing import ClassVar, Protocol
 
@@ -202,13 +203,20 @@ class ConsoleApp(DressedApp):
             if event.severity == "debug":
                 continue
             vehicle = "" if event.vehicle == "ground" else event.vehicle
+            stamp = self.time_text(logged.received_ns)
             if event.order_outcome in look.PHASE_SIGNS:
                 sign, colour = look.PHASE_SIGNS[event.order_outcome]
-                self._event_log.add(sign, colour, self._short(event.sentence), vehicle=vehicle)
+                self._event_log.add(sign, colour, self._short(event.sentence), vehicle=vehicle, stamp=stamp)
             else:
-                self._event_log.write(self._short(event.sentence), severity=event.severity, vehicle=vehicle)
+                sentence = self._short(event.sentence)
+                self._event_log.write(sentence, severity=event.severity, vehicle=vehicle, stamp=stamp)
         if state.events:
             self._last_event = state.events[-1]
+
+    def time_text(self, received_ns: int) -> str:
+        """When something was heard, for the event log: the time of day."""
+        ago_s = (self.client.now_ns() - received_ns) * 1e-9
+        return time.strftime("%H:%M:%S", time.localtime(time.time() - ago_s))
 
     async def _fly(self, mission: Mission) -> object:
         verdict = await mission()

@@ -25,19 +25,25 @@ class EventLog(Widget):
         self._back = 0
         self.border_title = "events"
 
-    def write(self, sentence: str, *, severity: str = "info", vehicle: str = "", vehicle_colour: str = FAINT) -> None:
+    def write(self, sentence: str, *, severity: str = "info", vehicle: str = "", stamp: str = "") -> None:
         """Add one sentence."""
         sign, colour = look.SEVERITY_SIGNS.get(severity, look.SEVERITY_SIGNS["info"])
-        self.add(sign, colour, sentence, vehicle=vehicle, vehicle_colour=vehicle_colour)
+        self.add(sign, colour, sentence, vehicle=vehicle, stamp=stamp)
 
-    def add(self, sign: str, colour: str, sentence: str, *, vehicle: str = "", vehicle_colour: str = FAINT) -> None:
-        """Add one sentence under a sign."""
-        stamp = time.strftime("%H:%M:%S")
+    def add(self, sign: str, colour: str, sentence: str, *, vehicle: str = "", stamp: str = "") -> None:
+        """Add one sentence under a sign; ``stamp`` says when, by default now."""
+        stamp = stamp or time.strftime("%H:%M:%S")
         text = clean(sentence)
         if vehicle and not text.startswith(vehicle):
             text = f"{clean(vehicle, 40)}: {text}"
         self._entries.append((stamp, sign, colour, text))
         self._lines = None
+        self.refresh()
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._entries.clear()
+        self._lines, self._back = None, 0
         self.refresh()
 
     @property
