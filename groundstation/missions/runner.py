@@ -10,6 +10,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 from groundstation.client import FaultRefused, FleetClient
+from groundstation.fleet import FleetState
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
 from groundstation.missions.files import ExpectStep, FaultStep, Mission, WaitStep, intent_of
 from groundstation.missions.verdict import Flown, Verdict, check, is_landed, judge, smallest
@@ -17,6 +18,7 @@ from onboard.config import ConfigError
 
 LAND_TIMEOUT_S = 40.0
 READY_TIMEOUT_SIM_S = 60.0  # for the first step, when emulator and agents start with the mission
+LAST_WORD_S = 0.5
 SILENT_S = 2.0  # of telemetry in flight, after which the mission ends
 
 
@@ -83,6 +85,8 @@ class MissionRun:
             self._failure = str(error) if is_known else "".join(traceback.format_exception(error)).strip()
             self.fleet.say(f"The mission ends here: {self._failure}")
             await self._on_failure()
+        # Ends of orders are never lost, a telemetry may be: the next one tells what the last step led to.
+        await self.client.wait_for(self._is_at_rest, LAST_WORD_S)
         self._end_ns = self.client.now_ns()
         return self.verdict()
 
@@ -114,6 +118,9 @@ class MissionRun:
             self.client.publish_event("critical", "agent_silent", reason)
             self.abort(reason)
         return bool(silent)
+
+    def _is_at_rest(self, state: FleetState) -> bool:
+        return all(is_landed(state, name) or state.vehicles[name].is_airborne for name in self.fleet.names)
 
     def flown(self) -> Flown:
         """What was observed so far."""

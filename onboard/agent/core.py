@@ -21,8 +21,8 @@ from onboard.agent.events import (
     NeighbourHeard,
     NodeSeen,
     OrderArrived,
-    ParamsRead,
     PoseArrived,
+    Publish,
     Reply,
     SendAttitude,
     SendOdometry,
@@ -33,18 +33,19 @@ from onboard.agent.flight import Flight
 from onboard.agent.guard import Guard, nearest_m
 from onboard.agent.neighbours import NeighbourTable
 from onboard.agent.own_state import OwnState
+from onboard.agent.readiness import Readiness
 from onboard.agent.report import Report
 from onboard.agent.response import ResponseWatch
 from onboard.agent.steps import Step, View
 from onboard.agent.watch import PERIOD_S, POSITION_LOST_S
 from onboard.bus.operator import Roles
 from onboard.bus.schema import Order, OrderReply
+from onboard.bus.topics import Topic
 from onboard.config import FleetConfig
 from onboard.control import pipeline
 from onboard.control.pipeline import Phase, PipelineMemory
 from onboard.link.autopilot import Landed, Snapshot, Vec3
-from onboard.safety import preflight
-from onboard.safety.failsafe import Action, Situation
+from onboard.safety.failsafe import Situation
 from onboard.safety.wire import is_sendable
 from onboard.types import AttitudeSetpoint, Goal, Neighbours, State, Tick
 
@@ -88,16 +89,12 @@ class AgentCore:
         self.neighbours = NeighbourTable(fleet, vehicle_name)
         self.flight = Flight(fleet, self.vehicle)
         self.guard = Guard(fleet, self.own, self.neighbours, self.flight)
-        self.not_ready: tuple[str, ...] = ()
         self.is_stopping = False
-        self.is_warm = False
         self.last_tick: Tick | None = None
-        self._config_hash = fleet.config_hash
         self._memory = pipeline.initial(self.params, np.asarray(self.vehicle.start_enu_m, dtype=np.float64))
         self._snapshot = Snapshot()
         self._view = View(0, _ZERO, _ZERO, False, self._snapshot)
         self._loop = LoopTimed(0.0, 0.0, 0.0, 0)
-        self._param_problems: tuple[str, ...] | None = None
         self._nodes: set[str] = set()
         self.roles = Roles()
         self._has_ground = False
@@ -111,10 +108,19 @@ class AgentCore:
         self._is_last_finite = True
         self._conflict_check_ns = 0
         self._response = ResponseWatch(self.vehicle)
+        self.readiness = Readiness(
+            fleet,
+            self.vehicle,
+            boot_id=boot_id,
+            law=self.params.law.name,
+            own=self.own,
+            neighbours=self.neighbours,
+            flight=self.flight,
+        )
         self._report = Report(
             self.vehicle,
             boot_id,
-            self._config_hash,
+            fleet.config_hash,
             self.params.law.name,
             own=self.own,
             neighbours=self.neighbours,
@@ -127,6 +133,7 @@ class AgentCore:
 
     def handle(self, event: EventIn, now_ns: int) -> list[Command]:
         """Take one event; only orders and poses answer at once."""
+        self.readiness.hear(event)
         match event:
             case AutopilotHeard(snapshot):
                 self._snapshot = snapshot
@@ -144,8 +151,6 @@ class AgentCore:
                 self.roles.see(node, is_alive)
             case OrderArrived(order):
                 return self._take_order(order, now_ns)
-            case ParamsRead(problems):
-                self._param_problems = problems
             case LoopTimed():
                 self._loop = event
             case MessageMalformed(count):
@@ -168,7 +173,7 @@ class AgentCore:
             flight=self.flight,
             snapshot=self._snapshot,
             position_enu_m=view.position_enu_m,
-            not_ready=self.not_ready,
+            not_ready=self.readiness.not_ready,
             others=self.neighbours.telemetries(),
             fleet=self.fleet,
         )
@@ -186,6 +191,8 @@ class AgentCore:
 
     def _begin(self, order: Order, view: View) -> None:
         flight = self.flight
+        if order.kind != "identify":
+            self.guard.ordered()
         match order.kind:
             case "identify":
                 flight.identify(view, order)
@@ -254,7 +261,7 @@ class AgentCore:
             attitude = self.own.attitude(self._snapshot)
             for code, sentence in self._response.follow(memory.observer, attitude, self._hover_frac):
                 self.flight.say(self._view, "warning", code, sentence)
-        out = self._to_wire(tick, self.guard.action)
+        out = self._to_wire(tick)
         self._check_conflict(self._last_ns)
         self._report.tick(
             out,
@@ -263,10 +270,13 @@ class AgentCore:
             period_s=self._period_s,
             is_airborne=self._is_airborne,
             distances_m=self._distances,
-            not_ready=self.not_ready,
+            not_ready=self.readiness.not_ready,
             loop=self._loop,
             malformed=self._malformed,
         )
+        report = self.readiness.due(self._last_ns)
+        if report is not None:
+            out.append(Publish(Topic.PREFLIGHT, report))
         if self.is_stopping and self.flight.situation in (Situation.GROUND, Situation.SILENT):
             out.append(Exit())
         return out
@@ -296,18 +306,20 @@ class AgentCore:
             is_stopping=self.is_stopping,
         )
         if flight.situation is Situation.GROUND:
-            self.not_ready = self._reasons_not_ready()
+            self.readiness.look(
+                self._view, self._period_s, is_airborne=self._is_airborne, hover_frac=self._hover_frac
+            )
             if flight.state in ("waiting", "ready") and flight.step is Step.IDLE:
-                flight.state = "waiting" if self.not_ready else "ready"
+                flight.state = "waiting" if self.readiness.not_ready else "ready"
 
-    def _to_wire(self, tick: Tick, action: Action) -> list[Command]:
+    def _to_wire(self, tick: Tick) -> list[Command]:
         out = self._drain()
         flight = self.flight
         if not flight.is_streaming:
             self._sent_thrust_frac = 0.0
             return out
         setpoint = tick.attitude
-        if flight.phase is not Phase.GROUND and (action is Action.LEVEL or not self._is_last_finite):
+        if flight.phase is not Phase.GROUND and (self.guard.must_be_level or not self._is_last_finite):
             hover = self._hover_frac if math.isfinite(self._hover_frac) else self.vehicle.hover_thrust_frac
             setpoint = AttitudeSetpoint(np.array([1.0, 0.0, 0.0, 0.0]), np.asarray(hover))
         # last check: finite, bounded, from a fresh position; else the wire stays silent
@@ -328,23 +340,6 @@ class AgentCore:
         snapshot, flight = self._snapshot, self.flight
         told = snapshot.is_armed and snapshot.landed in (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
         return told or (flight.is_under_law and flight.step is not Step.LIFTOFF)
-
-    def _reasons_not_ready(self) -> tuple[str, ...]:
-        now_ns, snapshot = self._view.now_ns, self._snapshot
-        facts = preflight.Facts(
-            autopilot_age_s=(now_ns - snapshot.last_packet_ns) * 1e-9 if snapshot.last_packet_ns else math.inf,
-            heartbeat_age_s=(now_ns - snapshot.heartbeat_ns) * 1e-9 if snapshot.heartbeat_ns else math.inf,
-            position_age_s=self.own.age_s,
-            position_enu_m=self._view.position_enu_m,
-            battery_frac=snapshot.battery_frac,
-            missing_neighbours=self.neighbours.missing(now_ns),
-            other_hashes=self.neighbours.other_hashes(self._config_hash),
-            config_hash=self._config_hash,
-            param_problems=self._param_problems,
-            is_law_warm=self.is_warm,
-            is_airborne=self._is_airborne,
-        )
-        return preflight.reasons(facts, self.fleet, self.vehicle)
 
     def _check_conflict(self, now_ns: int) -> None:
         flight = self.flight

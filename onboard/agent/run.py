@@ -79,7 +79,7 @@ class Agent:
         try:
             self._bus.start()
             self._subscribe(loop)
-            self._core.is_warm = True
+            self._core.readiness.is_warm = True
             gc.collect()
             gc.freeze()
             sys.setswitchinterval(0.0005)
@@ -106,7 +106,7 @@ class Agent:
 
         def neighbour(_topic: Topic, name: str, message: Message | Malformed) -> None:
             if isinstance(message, (StateMessage, Telemetry)):
-                if name != self.name:
+                if name != self.name or message.boot_id != self._core.boot_id:  # a twin counts as one
                     self._inbox.append(ev.NeighbourHeard(message, time.monotonic_ns()))
             else:
                 self._inbox.append(ev.MessageMalformed())

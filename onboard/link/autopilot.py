@@ -35,7 +35,8 @@ class Snapshot:
 
     quaternion_enu_flu_wxyz: PX4's own attitude, so its heading may differ from the fleet's. position_local_ned_m and
     velocity_local_ned_m_s are in PX4's own local frame; global_origin is where that lies: latitude and longitude in
-    degrees, altitude in metres. px4_boot_ms: PX4's clock, to see it stand still.
+    degrees, altitude in metres. px4_boot_ms: PX4's clock, to see it stand still. sensors_enabled,
+    sensors_healthy: bits of SYS_STATUS.
     """
 
     last_packet_ns: int = 0
@@ -57,6 +58,9 @@ class Snapshot:
     battery_voltage_v: float = float("nan")
     status_text: str = ""
     status_text_ns: int = 0
+    sensors_enabled: int = 0
+    sensors_healthy: int = 0
+    sensors_ns: int = 0
 
     @property
     def is_offboard(self) -> bool:

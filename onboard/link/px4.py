@@ -351,12 +351,21 @@ def _status_text(f: dict[str, Any], now_ns: int) -> dict[str, Any]:
     return {"status_text": str(f["text"]).strip(), "status_text_ns": now_ns}
 
 
+def _sys_status(f: dict[str, Any], now_ns: int) -> dict[str, Any]:
+    return {
+        "sensors_enabled": int(f["onboard_control_sensors_enabled"]),
+        "sensors_healthy": int(f["onboard_control_sensors_health"]),
+        "sensors_ns": now_ns,
+    }
+
+
 _HANDLERS = {
     "HEARTBEAT": _heartbeat,
     "ATTITUDE_QUATERNION": _attitude,
     "LOCAL_POSITION_NED": _local_position,
     "EXTENDED_SYS_STATE": _extended_state,
+    "GPS_GLOBAL_ORIGIN": _global_origin,
     "BATTERY_STATUS": _battery,
     "STATUSTEXT": _status_text,
+    "SYS_STATUS": _sys_status,
 }
-    "GPS_GLOBAL_ORIGIN": _global_origin,

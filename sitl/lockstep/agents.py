@@ -81,7 +81,7 @@ class AgentShell:
         self._lives += 1
         self.is_running, self.is_hung = True, False
         self.core = AgentCore(self.fleet, self.name, boot_id=1000 * self._lives + self.core_index)
-        self.core.is_warm = True
+        self.core.readiness.is_warm = True
         self._inbox.clear()
         self._last_ns = 0
         self.node = self._bus.node(self.name)
@@ -130,10 +130,10 @@ class AgentShell:
 
     def _subscribe(self, node: Node) -> None:
         now_ns, vehicle = self._bus.now_ns, self.core.vehicle
-        inbox, name = self._inbox, self.name
+        inbox, name, boot_id = self._inbox, self.name, self.core.boot_id
 
         def neighbour(_topic: Topic, other: str, message: Message | Malformed) -> None:
-            if isinstance(message, (StateMessage, Telemetry)) and other != name:
+            if isinstance(message, (StateMessage, Telemetry)) and (other != name or message.boot_id != boot_id):
                 inbox.append(ev.NeighbourHeard(message, now_ns()))
 
         def pose(_topic: Topic, _body: str, message: Message | Malformed) -> None:

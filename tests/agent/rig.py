@@ -21,7 +21,9 @@ DT_NS = 20_000_000
 HOVER = 0.5
 
 
-def fleet(names: tuple[str, ...] = ("mav0", "mav1"), enabled: object = "scan") -> FleetConfig:
+def fleet(
+    names: tuple[str, ...] = ("mav0", "mav1"), enabled: object = "scan", px4_params: dict[str, float] | None = None
+) -> FleetConfig:
     """A small fleet; neighbours need not be there."""
     vehicles = {
         name: {
@@ -37,6 +39,7 @@ def fleet(names: tuple[str, ...] = ("mav0", "mav1"), enabled: object = "scan") -
         {
             "schema": 1,
             "fleet": {"name": "rig", "geofence_m": {"x": [-4.0, 4.0], "y": [-4.0, 4.0], "z": [0.0, 3.0]}},
+            "defaults": {"px4_params": px4_params or {}},
             "vehicles": vehicles,
         }
     )
@@ -74,7 +77,7 @@ class Rig:
     _snapshot: Snapshot = field(default_factory=Snapshot)
 
     def __post_init__(self) -> None:
-        self.core.is_warm = True
+        self.core.readiness.is_warm = True
         self.core.handle(ev.ParamsRead(()), self.now_ns)
         self.core.handle(ev.NodeSeen("ground-1", True), self.now_ns)
 
@@ -110,6 +113,8 @@ class Rig:
                 self._snapshot,
                 last_packet_ns=now,
                 attitude_ns=now,
+                position_local_ned_m=(self.position[1], self.position[0], -self.position[2]),
+                local_position_ns=now,
                 heartbeat_ns=self._heartbeat[0],
                 is_armed=self._heartbeat[1],
                 mode=self._heartbeat[2],

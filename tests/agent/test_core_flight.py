@@ -83,7 +83,10 @@ def test_no_setpoint_leaves_before_an_order_or_after_the_landing() -> None:
 
 @pytest.mark.parametrize("error_deg", [-120.0, -20.0, 35.0, 170.0])
 def test_a_wrong_heading_of_px4_is_taken_out_by_the_mocap(error_deg: float) -> None:
-    rig = Rig(heading_error_rad=math.radians(error_deg))
+    rig = Rig(
+        AgentCore(fleet(px4_params={"EKF2_EV_CTRL": 7}), "mav0", boot_id=7),  # PX4 keeps to its compass
+        heading_error_rad=math.radians(error_deg),
+    )
     rig.fly()
     rig.order("move", position_enu_m=(1.5, 1.0, 1.0))
     furthest = 0.0
