@@ -84,6 +84,34 @@ TABLE: dict[Kind, Row] = {
     ),
     _C.NOT_FINITE_LONG: Row(_CRIT, _WARN, "{who}: its law gives no numbers", "PX4 lands it. Keep its record and log."),
     _C.FALLEN: Row(_CRIT, _CRIT, "{who} is on the ground though it should fly", "Keep off until its motors stand."),
+    _C.COLLISION_SUSPECTED: Row(
+        _CRIT, _WARN, "{who}: touched a neighbour, it seems", "It lands. Hold the others; look at both before they fly."
+    ),
+    _C.DISARMED: Row(_CRIT, _NOTE, "{who}: PX4 disarmed in flight", "Keep clear. Who used the kill switch?"),
+    _C.REBOOTED: Row(_CRIT, _WARN, "{who}: PX4 rebooted", "Keep clear; check its power and its log before it flies."),
+    _C.AUTOPILOT_FROZEN: Row(
+        _CRIT, _WARN, "{who}: PX4's clock stands still", "RC switch ready. Restart PX4 on the ground."
+    ),
+    _C.HEARTBEAT_LOST: Row(_CRIT, _WARN, "{who}: no heartbeat from PX4", "It lands. RC switch ready; check the link."),
+    _C.ATTITUDE_NOT_FOLLOWED: Row(
+        _CRIT, _WARN, "{who}: its attitude does not follow", "PX4 lands it. Check motors, propellers and OFFBOARD."
+    ),
+    _C.NOT_CLIMBING: Row(_CRIT, _WARN, "{who}: sinks with full thrust", "It lands. Check battery, load, propellers."),
+    _C.BATTERY_FALLING: Row(_CRIT, _WARN, "{who}: battery falling fast{what}", "It lands now. Change the battery."),
+    _C.MOCAP_SWAPPED: Row(
+        _CRIT, _WARN, "{who}: mocap takes it for another", "It holds; PX4 lands it if this lasts. Check the markers."
+    ),
+    _C.MOCAP_FROZEN: Row(
+        _CRIT, _WARN, "{who}: mocap repeats the same pose", "It holds; PX4 lands it if this lasts. Check the source."
+    ),
+    _C.POSITION_JUMPED: Row(
+        _CRIT, _WARN, "{who}: own position jumped", "It holds; PX4 lands it if this lasts. Check the markers."
+    ),
+    _C.NEIGHBOUR_UNSEEN: Row(
+        _CRIT, _WARN, "{who}: a neighbour is silent and not seen", "It holds. Find that one; land all if in doubt."
+    ),
+    _C.LAW_INFEASIBLE: Row(_CRIT, _NOTE, "{who}: avoidance has no answer", "It holds. Hold or land its neighbours."),
+    _C.TWIN: Row(_CRIT, _WARN, "{who}: two agents for it", "End one of them: no take-off while both run."),
     _C.SEPARATION_BREACHED: Row(
         _CRIT, _WARN, "{who}: closer to a neighbour than the limit", "The law pushes apart; hold the others."
     ),
@@ -93,16 +121,49 @@ TABLE: dict[Kind, Row] = {
     _C.LEFT_OFFBOARD: Row(
         _CRIT, _WARN, "{who}: PX4 left OFFBOARD{what}", "Somebody or something else flies it. Ask the RC pilot."
     ),
+    _C.PX4_FAILSAFE: Row(
+        _CRIT, _WARN, "{who}: PX4 left OFFBOARD by its own failsafe", "PX4 lands it. Its status text says why."
+    ),
     _C.LOOP_STALLED_LONG: Row(_CRIT, _WARN, "{who}: its loop stood still for long", "PX4 lands it. See its log."),
     _C.BUS_LOST_LONG: Row(_CRIT, _WARN, "{who}: hears nobody for long", "It lands. Check its network."),
     _G.PROCESS_ENDED: Row(_CRIT, _WARN, "{what}", "Read its log in the flight folder."),
     _G.RECORD_ENDED: Row(_CRIT, _WARN, "{what}", "The flight goes on unrecorded: land, and free some space."),
     _C.POSITION_STALE: Row(_CRIT, _WARN, "{who}: own position stale", "Check mocap or GPS; it lands if this lasts."),
     _C.NOT_FINITE: Row(_WARN, _WARN, "{who}: a tick of its law was no number", "Land it if this comes back."),
+    _C.CEILING: Row(_WARN, _WARN, "{who}: above the ceiling", "It comes down and holds."),
+    _C.FENCE_NEAR: Row(_WARN, _NOTE, "{who}: about to cross the fence", "It slows down. Hold it if this comes back."),
+    _C.SEPARATION_PREDICTED: Row(
+        _WARN, _NOTE, "{who}: will come too close to a neighbour", "It slows down. Hold one of them."
+    ),
+    _C.AUTOPILOT_BACK: Row(
+        _WARN, _NOTE, "{who}: PX4 had stood still", "It holds. Land it, and look for the cause in PX4's log."
+    ),
+    _C.ORDER_OVERDUE: Row(_WARN, _NOTE, "{who}: its order took too long", "It holds. What stands in its way?"),
     _C.LOOP_STALLED: Row(_WARN, _WARN, "{who}: its loop stood still", "It holds. Is its computer overloaded?"),
     _C.BUS_LOST: Row(_WARN, _WARN, "{who}: hears nobody", "It holds. Check its network; it lands if this lasts."),
     _C.NEIGHBOUR_SILENT: Row(
         _WARN, _WARN, "{who}: a neighbour is silent", "It keeps clear of where that one must be. Land the silent one."
+    ),
+    _C.NEIGHBOUR_INVALID: Row(
+        _WARN, _WARN, "{who}: a neighbour knows no position", "It keeps clear of where that one must be. Check mocap."
+    ),
+    _C.NEIGHBOUR_UNCOOPERATIVE: Row(
+        _WARN, _WARN, "{who}: a neighbour does not fly as it says", "Look at that one; land it if this comes back."
+    ),
+    _C.NEIGHBOUR_STALE: Row(
+        _WARN, _NOTE, "{who}: a neighbour's messages are late", "It slows down. Check the network."
+    ),
+    _C.NEIGHBOUR_BACK: Row(
+        _WARN, _NOTE, "{who}: a neighbour is heard again", "Look at that one's page for the reason."
+    ),
+    _C.CONFIG_DIFFERS: Row(
+        _WARN, _WARN, "{who}: a neighbour has another fleet file", "Give all the same one and restart the agents."
+    ),
+    _C.MOCAP_LATE: Row(_WARN, _WARN, "{who}: mocap is late", "It slows down. Check the load of the mocap's computer."),
+    _C.CLOCK_JUMPED: Row(_WARN, _WARN, "{who}: a clock jumped", "No take-off for a moment. Is time sync running wild?"),
+    _C.DISK_FULL: Row(_WARN, _WARN, "{who}: its disk is full", "No take-off. Free some space."),
+    _C.THRUST_SATURATED: Row(
+        _WARN, _NOTE, "{who}: thrust at its limit", "It slows down. Too heavy, or the battery is weak."
     ),
     _C.GROUND_LOST: Row(_WARN, _NOTE, "{who}: does not hear the ground", "Check the network from it to here."),
     _C.BATTERY_WARNING: Row(_WARN, _WARN, "{who}: battery low{what}", "Plan its landing."),
@@ -128,6 +189,17 @@ _COVERED: dict[Kind, Kind] = {
     _C.BUS_LOST: _C.BUS_LOST_LONG,
     _C.FENCE_BREACH: _C.FENCE_BREACH_LONG,
     _C.BATTERY_WARNING: _C.BATTERY_LOW,
+    _C.PX4_FAILSAFE: _C.REBOOTED,
+    _C.LEFT_OFFBOARD: _C.REBOOTED,
+    _C.HEARTBEAT_LOST: _C.AUTOPILOT_SILENT,
+    _C.AUTOPILOT_FROZEN: _C.AUTOPILOT_SILENT,
+    _C.POSITION_JUMPED: _C.MOCAP_SWAPPED,
+    _C.NEIGHBOUR_SILENT: _C.NEIGHBOUR_UNSEEN,
+    _C.SEPARATION_PREDICTED: _C.SEPARATION_BREACHED,
+    _C.SEPARATION_BREACHED: _C.COLLISION_SUSPECTED,
+    _C.THRUST_SATURATED: _C.NOT_CLIMBING,
+    _C.FENCE_NEAR: _C.FENCE_BREACH,
+    _C.CEILING: _C.FENCE_BREACH,
     _C.LOOP_LATE: _C.LOOP_STALLED,
 }
 _NUMBERED = frozenset((_G.CLOSE, _C.BATTERY_LOW, _C.BATTERY_WARNING, _C.LEFT_OFFBOARD))  # a shared line tells the least

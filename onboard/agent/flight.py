@@ -31,6 +31,7 @@ _ARRIVED_M, _ARRIVED_M_S, _ARRIVED_S = 0.12, 0.10, 0.5
 # PX4's own estimate in hover: .08-.18 m and .12-.19 m/s std per axis measured: stillness shows no better
 _ARRIVED_PX4_M, _ARRIVED_PX4_M_S = 0.6, 0.6
 _SINK_SPEED_M_S = 0.4
+_SLOW_SHARE = 0.25  # of the top speed on average; a quintic's peak is 1.9 times that
 _UNDER_GROUND_M = 0.10
 _CONTACT_HEIGHT_M, _CONTACT_M_S, _CONTACT_S = 0.06, 0.10, 0.3
 _STALLED_M, _STALLED_M_S, _STALLED_S = 0.30, 0.05, 1.5
@@ -49,6 +50,7 @@ class Flight:
     order: Order | None = None
     goal_position_enu_m: Vec3 = (0.0, 0.0, 0.0)
     is_streaming: bool = False
+    is_slow: bool = False
     ground_z_m: float = 0.0
     out: list[Command] = field(default_factory=list)
     _goal_duration_s: float = 0.0
@@ -67,6 +69,8 @@ class Flight:
             return Situation.SILENT
         if self.state == "armed" or self.step in (Step.OFFBOARD, Step.ARMING):
             return Situation.ARMED
+        if self.step is Step.LIFTOFF:
+            return Situation.LIFTOFF
         if self.state in ("taking off", "flying", "holding"):
             return Situation.FLYING
         if self.state == "landing":
@@ -122,6 +126,14 @@ class Flight:
         self.state, self.reason = "flying", ""
         self._set_goal(position_enu_m, duration_s)
         self._enter(Step.LEG, view)
+
+    def slow_down(self, view: View, reason: str) -> None:
+        """Fly the rest of the way at reduced speed, once for each order; whoever stands, sinks or climbs is slow."""
+        if self.step is not Step.LEG or self.is_slow:
+            return
+        self.is_slow, self.reason = True, reason
+        left_m = float(np.linalg.norm(np.subtract(self.goal_position_enu_m, view.position_enu_m)))
+        self._set_goal(self.goal_position_enu_m, left_m / (_SLOW_SHARE * self.vehicle.max_speed_m_s))
 
     def begin_hold(self, view: View, order: Order | None, reason: str) -> None:
         """Stop as soon as the acceleration allows, and stay there, inside the fence."""
@@ -349,7 +361,7 @@ class Flight:
         if self.order is not None:
             by = f"order {order.kind} of {order.author}" if order is not None else "a failsafe"
             self.finish(view, "superseded" if order is not None else "failed", f"Ended by {by}.")
-        self.order = order
+        self.order, self.is_slow = order, False
 
     def _enter(self, step: Step, view: View) -> None:
         self.step, self._step_ns, self._steady_ns, self._last_ask_ns = step, view.now_ns, view.now_ns, 0

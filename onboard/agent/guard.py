@@ -11,7 +11,7 @@ from onboard.agent.steps import View
 from onboard.agent.watch import Watch
 from onboard.bus.schema import Severity
 from onboard.config import FleetConfig
-from onboard.safety.failsafe import TABLE, WORDS, Action, Condition, Situation, decide, in_order
+from onboard.safety.failsafe import TABLE, WORDS, Action, Condition, Situation, decide, in_order, latched, needs_level
 
 _QUIET = {Condition.LOOP_LATE, Condition.GROUND_LOST, Condition.NOT_FINITE, Condition.SHUTDOWN}
 
@@ -19,7 +19,8 @@ _QUIET = {Condition.LOOP_LATE, Condition.GROUND_LOST, Condition.NOT_FINITE, Cond
 class Guard:
     """Watches one vehicle and obeys the failsafe table.
 
-    conditions: what holds as of the last :meth:`tick`; action: what is done about it.
+    conditions: what holds as of the last :meth:`tick`. action: the strongest that was taken since the last order, or on
+    the ground what holds now. must_be_level: whether the setpoint of this tick must be level.
     """
 
     def __init__(self, fleet: FleetConfig, own: OwnState, neighbours: NeighbourTable, flight: Flight) -> None:
@@ -27,6 +28,7 @@ class Guard:
         self._watch = Watch(fleet)
         self.conditions: set[Condition] = set()
         self.action = Action.GO_ON
+        self.must_be_level = False
         self._offboard_since_ns = 0
 
     def tick(
@@ -60,14 +62,24 @@ class Guard:
             is_stopping=is_stopping,
         )
         situation = flight.situation
-        self.action, condition = decide(situation, self.conditions)
-        if situation not in (Situation.GROUND, Situation.SILENT):
-            for new in in_order(self.conditions - before - _QUIET):
-                asked = TABLE[situation, new]
-                severity: Severity = "critical" if asked >= Action.LAND else "warning"
-                flight.say(view, severity, new.name.lower().replace("_", "-"), self._sentence(view, new, asked))
+        asked, condition = decide(situation, self.conditions)
+        self.must_be_level = needs_level(situation, self.conditions)
+        if situation is Situation.GROUND:
+            self.action = asked
+            return
+        self.action = latched(self.action, asked)
+        if situation is Situation.SILENT:
+            return
+        for new in in_order(self.conditions - before - _QUIET):
+            answer = TABLE[situation, new]
+            severity: Severity = "critical" if answer >= Action.LEVEL else "warning"
+            flight.say(view, severity, new.name.lower().replace("_", "-"), self._sentence(view, new, answer))
         if condition is not None:
-            self._obey(view, self.action, self._sentence(view, condition, self.action))
+            self._obey(view, asked, self._sentence(view, condition, asked))
+
+    def ordered(self) -> None:
+        """An operator's order begins: it decides how the vehicle flies from here on."""
+        self.action = Action.GO_ON
 
     def told(self) -> tuple[tuple[str, ...], str]:
         """Conditions and action in words, for telemetry."""
@@ -75,8 +87,11 @@ class Guard:
 
     def _obey(self, view: View, action: Action, sentence: str) -> None:
         flight = self._flight
-        if action is Action.HOLD and flight.state != "holding":
-            flight.begin_hold(view, None, sentence)
+        if action is Action.SLOW:
+            flight.slow_down(view, sentence)
+        elif action in (Action.HOLD, Action.LEVEL) and flight.situation is Situation.FLYING:
+            if flight.state != "holding":
+                flight.begin_hold(view, None, sentence)
         elif action is Action.LAND and flight.state != "landing":
             flight.begin_land(view, None, sentence)
         elif action is Action.PX4_LAND:

@@ -6,9 +6,9 @@ import itertools
 
 import pytest
 
-from onboard.safety.failsafe import TABLE, Action, Condition, Situation, decide, table_text
+from onboard.safety.failsafe import TABLE, Action, Condition, Situation, decide, latched, needs_level, table_text
 
-AIRBORNE = (Situation.FLYING, Situation.LANDING)
+AIRBORNE = (Situation.LIFTOFF, Situation.FLYING, Situation.LANDING)
 
 
 @pytest.mark.parametrize(("situation", "condition"), list(itertools.product(Situation, Condition)))
@@ -40,6 +40,12 @@ def test_what_lasts_is_answered_at_least_as_strongly_as_what_has_just_begun() ->
         (Condition.NOT_FINITE, Condition.NOT_FINITE_LONG),
         (Condition.LOOP_STALLED, Condition.LOOP_STALLED_LONG),
         (Condition.BATTERY_WARNING, Condition.BATTERY_LOW),
+        (Condition.POSITION_JUMPED, Condition.MOCAP_SWAPPED),
+        (Condition.NEIGHBOUR_SILENT, Condition.NEIGHBOUR_UNSEEN),
+        (Condition.SEPARATION_PREDICTED, Condition.SEPARATION_BREACHED),
+        (Condition.SEPARATION_BREACHED, Condition.COLLISION_SUSPECTED),
+        (Condition.THRUST_SATURATED, Condition.NOT_CLIMBING),
+        (Condition.FENCE_NEAR, Condition.FENCE_BREACH),
     ]
     for (short, long), situation in itertools.product(pairs, Situation):
         assert TABLE[situation, long] >= TABLE[situation, short]
@@ -50,6 +56,36 @@ def test_of_two_conditions_the_stronger_action_wins(situation: Situation, first:
     for second in Condition:
         action, _ = decide(situation, {first, second})
         assert action is max(TABLE[situation, first], TABLE[situation, second])
+
+
+def test_on_every_path_to_the_ground_a_stronger_action_is_never_taken_back() -> None:
+    for before, asked in itertools.product(Action, repeat=2):
+        assert latched(before, asked) >= asked
+        if before not in (Action.REFUSE, Action.LEVEL):
+            assert latched(before, asked) >= before
+    assert latched(Action.LEVEL, Action.GO_ON) is Action.HOLD
+    assert latched(Action.REFUSE, Action.GO_ON) is Action.GO_ON
+
+
+def test_level_flight_is_for_a_missing_position_or_number_only_and_never_hidden_by_a_landing() -> None:
+    asks = {condition for (_, condition), action in TABLE.items() if action is Action.LEVEL}
+    assert asks == {Condition.POSITION_STALE, Condition.NOT_FINITE}
+    both = {Condition.POSITION_STALE, Condition.BATTERY_LOW}
+    assert decide(Situation.FLYING, both)[0] is Action.LAND
+    assert needs_level(Situation.FLYING, both)
+
+
+def test_what_makes_silence_in_flight_is_only_what_takes_the_controls_away() -> None:
+    silent = {condition for condition in Condition if TABLE[Situation.FLYING, condition] is Action.STOP}
+    assert silent == {
+        Condition.LEFT_OFFBOARD,
+        Condition.PX4_FAILSAFE,
+        Condition.DISARMED,
+        Condition.REBOOTED,
+        Condition.AUTOPILOT_SILENT,
+        Condition.AUTOPILOT_FROZEN,
+        Condition.FALLEN,
+    }
 
 
 def test_without_conditions_it_goes_on() -> None:
