@@ -22,13 +22,15 @@ from onboard.types import GRAVITY_M_S2, Array, BoolArray, Goal, IntArray, LawSta
 class Scenario:
     """start_enu_m (F, N, 3); legs_enu_m (F, L, N, 3) flown one after the other; duration_s (L,) asked for each.
 
-    A leg ends when all have arrived, or after timeout_s.
+    A leg ends when all have arrived, or after timeout_s. is_parked (N,): who stands on the ground all the while, and
+    does not avoid anybody; nobody where it is empty.
     """
 
     start_enu_m: Array
     legs_enu_m: Array
     duration_s: Array
     timeout_s: float = 40.0
+    is_parked: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +104,8 @@ def fly(
     inbox = np.repeat(outbox[0][:, None], count, axis=1)  # (F, receiver, sender, fields)
     age = np.full((flights, count, count), noise_values.message_delay_ticks * dt_s)
     others = fleet_step.all_others(count)
-    everybody = np.ones(age.shape, bool)
+    parked = np.array(scenario.is_parked or [False] * count)
+    is_cooperative = np.broadcast_to(~parked, age.shape)
     leg = np.zeros(flights, np.int64)
     leg_time, stay = np.zeros(flights), np.zeros((flights, count))
     arrival = np.full((flights, legs), np.inf)
@@ -135,12 +138,13 @@ def fly(
         tick = controller.step(
             state,
             Goal(goal_position, duration, sequence),
-            fleet_step.heard(inbox, age, others, everybody),
+            fleet_step.heard(inbox, age, others, is_cooperative),
             dt_s=dt_s,
         )
         outbox = [fleet_step.message(state, tick.law), *outbox[:-1]]
         status, command = tick.law.status, tick.law.thrust.thrust_enu_m_s2
         world.advance(tick.attitude, gust_noise, noise_values, dt_s)
+        world.position[:, parked], world.velocity[:, parked] = start[:, parked], 0.0
         # judged on true positions
         gap = world.position[:, upper[0], :2] - world.position[:, upper[1], :2]
         nearest = np.sqrt(np.einsum("fpc,fpc->fp", gap, gap)).min(-1, initial=np.inf)
@@ -159,7 +163,7 @@ def fly(
         away = np.sqrt(((world.position - goal_position) ** 2).sum(-1))
         stay = np.where(away < arrival_m, stay + dt_s, 0.0)
         leg_time = leg_time + dt_s
-        is_there = np.asarray((stay >= settle_s).all(-1))
+        is_there = np.asarray((stay >= settle_s)[:, ~parked].all(-1))
         is_over = is_open & (is_there | (leg_time >= scenario.timeout_s))
         if is_over.any():
             done = np.flatnonzero(is_over)
