@@ -99,7 +99,7 @@ class ConsoleApp(DressedApp):
         self._fleet_title = title or fleet.fleet.name
         self.alarms = Alarms(fleet)
         self.has_bell = has_bell
-        self._history = History()
+        self._history = History(fleet.fleet.battery_land_pct / 100.0)
         self._last_event: LoggedEvent | None = None
         self._kill: tuple[str, str, float] | None = None
         self._handle: OrderHandle | None = None
@@ -108,7 +108,7 @@ class ConsoleApp(DressedApp):
         self._mission_line = ""
         # Held here, not looked up: a timer may still come while the screen is being taken apart.
         self._title_bar = TitleBar("title")
-        self._fleet_table = FleetTable(fleet)
+        self._fleet_table = FleetTable(fleet, self._history)
         self._plan = PlanView(fleet, self._history)
         self._separation = SeparationView(fleet, self._history)
         self._event_log = EventLog()
@@ -162,7 +162,7 @@ class ConsoleApp(DressedApp):
         self._history.add(state, now_ns)
         self._write_new_events(state)
         self._fleet_table.show(state, now_ns)
-        self._plan.show(state, now_ns)
+        self._plan.show(state, now_ns, self._fleet_table.selected, self._fleet_table.marked)
         self._separation.show(state, now_ns)
         heard = sum(view.is_fresh(now_ns) for view in state.vehicles.values())
         title = self._title_bar

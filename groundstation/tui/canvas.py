@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
+from rich.cells import get_character_cell_size
 from rich.segment import Segment
+from rich.style import Style
+from textual.strip import Strip
 
 from groundstation.tui.look import style
 
@@ -12,6 +17,8 @@ FloatArray = NDArray[np.float64]
 # Bit of each dot within a cell, by row and column (the Unicode braille block's own order).
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uint8)
 _MAX_STEPS = 4000
+_SPACE, _BRAILLE = 0x20, 0x2800
+_TAIL = 0x10FFFF  # second cell of a wide character: taken, and not written
 
 
 class Canvas:
@@ -20,18 +27,16 @@ class Canvas:
     def __init__(self, width: int, height: int) -> None:
         self.width, self.height = max(1, width), max(1, height)
         self.cells = np.zeros((self.height, self.width), np.uint8)
-        self.colours = np.zeros((self.height, self.width), np.int16)
-        self._palette: list[str] = ["#000000"]
-        self._text: dict[tuple[int, int], tuple[str, str, bool]] = {}
+        self.colours = np.zeros((self.height, self.width), np.int32)
+        self._chars = np.zeros((self.height, self.width), np.uint32)  # 0: no text here
 
     def dots(self, x: FloatArray, y: FloatArray, colour: str) -> None:
-        """Set dots (n,); what lies outside or is not finite is left out. The last colour of a cell wins."""
-        fits = np.isfinite(x) & np.isfinite(y)
-        fits &= (x >= 0) & (x < 2 * self.width) & (y >= 0) & (y < 4 * self.height)
+        """Set dots x, y (n,); what lies outside or is not finite is left out. The last colour of a cell wins."""
+        with np.errstate(invalid="ignore"):
+            fits = (x >= 0) & (x < 2 * self.width) & (y >= 0) & (y < 4 * self.height)  # false for what is no number
         columns, rows = x[fits].astype(np.int64), y[fits].astype(np.int64)
-        bits = _BITS[rows % 4, columns % 2]
-        np.bitwise_or.at(self.cells, (rows // 4, columns // 2), bits)
-        self.colours[rows // 4, columns // 2] = self._index(colour)
+        np.bitwise_or.at(self.cells, (rows >> 2, columns >> 1), _BITS[rows & 3, columns & 1])
+        self.colours[rows >> 2, columns >> 1] = _index(colour, False)
 
     def line(self, start: tuple[float, float], end: tuple[float, float], colour: str, gap: int = 1) -> None:
         """A straight line of dots; with ``gap`` n only every n-th dot is set."""
@@ -41,41 +46,82 @@ class Canvas:
         along = np.linspace(0.0, 1.0, steps + 1)[::gap]
         self.dots(start[0] + along * (end[0] - start[0]), start[1] + along * (end[1] - start[1]), colour)
 
-    def circle(self, centre: tuple[float, float], radius: float, colour: str) -> None:
-        """A circle of dots, radius in dots."""
-        if not np.isfinite([*centre, radius]).all() or not 0.0 < radius < 1e4:
-            return
-        angle = np.linspace(0.0, 2.0 * np.pi, int(min(_MAX_STEPS, max(12, 5 * radius))), endpoint=False)
-        self.dots(centre[0] + radius * np.cos(angle), centre[1] + radius * np.sin(angle), colour)
+    def circles(self, centres: FloatArray, radius: float, colour: str, gap: int = 1) -> None:
+        """Circles of dots about centres (n, 2), radius in dots; with ``gap`` n only every n-th dot is set."""
+        if 0.0 < radius < 1e4 and len(centres):
+            x, y = _round(max(12, min(_MAX_STEPS, int(5 * radius))) // gap)
+            self.dots((centres[:, :1] + radius * x).ravel(), (centres[:, 1:] + radius * y).ravel(), colour)
+
+    def copy(self) -> Canvas:
+        """The same picture, to draw on."""
+        twin = Canvas(self.width, self.height)
+        twin.cells, twin.colours, twin._chars = self.cells.copy(), self.colours.copy(), self._chars.copy()
+        return twin
 
     def text(self, column: int, row: int, text: str, colour: str, bold: bool = False) -> None:
-        """Text from a cell on, one cell per character; what lies outside is left out."""
-        for offset, char in enumerate(text):
-            if 0 <= column + offset < self.width and 0 <= row < self.height:
-                self._text[(row, column + offset)] = (char, colour, bold)
-
-    def segments(self, row: int) -> list[Segment]:
-        """One line of the picture."""
+        """Text from a cell on; wide characters take two cells; what lies outside is left out."""
         if not 0 <= row < self.height:
-            return [Segment(" " * self.width)]
-        found: list[Segment] = []
-        run, key = "", ("#000000", False)
-        for column in range(self.width):
-            placed = self._text.get((row, column))
-            if placed is not None:
-                char, now = placed[0], (placed[1], placed[2])
-            else:
-                bits = int(self.cells[row, column])
-                char = chr(0x2800 + bits) if bits else " "
-                now = (self._palette[self.colours[row, column]], False) if bits else key
-            if now != key and run:
-                found.append(Segment(run, style(key[0], bold=key[1])))
-                run = ""
-            run, key = run + char, now
-        found.append(Segment(run, style(key[0], bold=key[1])))
+            return
+        kind = _index(colour, bold)
+        for char in text:
+            width = get_character_cell_size(char)
+            if width and column >= 0 and column + width <= self.width:
+                self._chars[row, column : column + width] = [ord(char), _TAIL][:width]
+                self.colours[row, column : column + width] = kind
+            column += width
+
+    def is_free(self, column: int, row: int, width: int) -> bool:
+        """Whether text of this width has room here without covering other text or leaving the picture."""
+        is_inside = 0 <= row < self.height and column >= 0 and column + width <= self.width
+        return is_inside and not self._chars[row, column : column + width].any()
+
+    def strips(self) -> list[Strip]:
+        """The picture, line by line."""
+        chars = np.where(
+            self._chars > 0, self._chars, np.where(self.cells > 0, np.uint32(_BRAILLE) + self.cells, np.uint32(_SPACE))
+        )
+        # A blank takes the colour of its left neighbour: fewer pieces to write.
+        is_blank = chars == _SPACE
+        columns = np.where(is_blank, 0, np.arange(self.width))
+        colours = np.take_along_axis(self.colours, np.maximum.accumulate(columns, axis=1), axis=1)
+        breaks = colours[:, 1:] != colours[:, :-1]
+        lines = chars.astype("<u4").tobytes().decode("utf-32-le")
+        found = []
+        for row in range(self.height):
+            line = lines[row * self.width : (row + 1) * self.width]
+            edges = [0, *(np.flatnonzero(breaks[row]) + 1).tolist(), self.width]
+            kinds = colours[row, edges[:-1]].tolist()
+            segments = [
+                Segment(line[start:end], _style(kind))
+                for kind, start, end in zip(kinds, edges[:-1], edges[1:], strict=True)
+            ]
+            strip = Strip(segments, self.width)
+            if chr(_TAIL) in line:
+                whole = [Segment(part.text.replace(chr(_TAIL), ""), part.style) for part in segments]
+                strip = Strip(whole).adjust_cell_length(self.width)
+            found.append(strip)
         return found
 
-    def _index(self, colour: str) -> int:
-        if colour not in self._palette:
-            self._palette.append(colour)
-        return self._palette.index(colour)
+
+_KINDS: dict[tuple[str, bool], int] = {}
+_STYLES: list[Style] = []
+
+
+def _index(colour: str, bold: bool) -> int:
+    """A small number for a colour, the same in every picture."""
+    kind = _KINDS.get((colour, bold))
+    if kind is None:
+        kind = _KINDS[(colour, bold)] = len(_STYLES)
+        _STYLES.append(style(colour, bold=bold))
+    return kind
+
+
+def _style(kind: int) -> Style:
+    return _STYLES[kind] if kind < len(_STYLES) else style()
+
+
+@lru_cache(256)
+def _round(count: int) -> tuple[FloatArray, FloatArray]:
+    """Points of the unit circle (count,)."""
+    angle = np.linspace(0.0, 2.0 * np.pi, max(4, count), endpoint=False)
+    return np.cos(angle), np.sin(angle)

@@ -1,7 +1,7 @@
 """How the console is dressed for its terminal: light or dark, with colour or without, in Unicode or in ASCII.
 
-Widgets draw one way only: dark, in colour, in Unicode. What a terminal needs otherwise is changed on the way out, line by
-line, so that no widget can forget it. Every sign keeps its width in cells, so nothing moves.
+Widgets draw one way only: dark, in colour, in Unicode. What a terminal needs otherwise is changed on the way out, line
+by line, so that no widget can forget it. Every sign keeps its width in cells, so nothing moves.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from groundstation.tui.look import LIGHT
 
 _SIGNS = {
     "…": "~", "○": "o", "◎": "@", "●": "*", "■": "=", "▲": "^", "▼": "v", "✖": "X", "✔": "+", "✓": "*", "·": ".",
-    "→": ">", "←": "<", "↑": "^", "↓": "v", "↗": "/", "↘": "\\", "↷": "/", "▸": ">", "✛": "+", "◇": "o", "▌": ">",
-    "█": "#", "▏": "-", "▎": "-", "▍": "-", "▋": "=", "▊": "=", "▉": "=", "▮": "|", "▯": ".", "–": "-", "—": "-",
-    "×": "x", "°": "o", "²": "2", "±": "~", "µ": "u", "≥": ">", "≤": "<", "‖": "|", "▶": ">", "⏸": "=",
+    "→": ">", "←": "<", "↑": "^", "↓": "v", "↗": "/", "↖": "\\", "↙": "/", "↘": "\\", "↷": "/", "▸": ">", "✛": "+",
+    "▌": ">", "█": "#", "▏": "-", "▎": "-", "▍": "-", "▋": "=", "▊": "=", "▉": "=", "▮": "|", "▯": ".", "–": "-",
+    "—": "-", "×": "x", "°": "o", "²": "2", "±": "~", "µ": "u", "≥": ">", "≤": "<", "‖": "|", "▶": ">", "⏸": "=",
     "▁": "_", "▂": ".", "▃": "-", "▄": "=", "▅": "+", "▆": "*", "▇": "%", "▔": "-", "▕": "|", "▐": "|", "▀": "-",
     "‘": "'", "’": "'", "“": '"', "”": '"', "↻": "@", "⚠": "!", "☠": "X", "◀": "<", "⋯": "~", "∞": "8",
 }  # fmt: skip
@@ -38,8 +38,8 @@ _SIGNS = {
 def is_ascii_wanted(environ: Mapping[str, str], *, is_utf8_forced: bool = bool(sys.flags.utf8_mode)) -> bool:
     """Whether the terminal is to see ASCII only: asked for by COVEY_ASCII, or named by a locale that is not UTF-8.
 
-    Without any locale, as in many containers, Unicode is assumed. ``is_utf8_forced``: Python found the plain C locale and
-    wrote its own LC_CTYPE into the environment, which is then nobody's wish.
+    Without any locale, as in many containers, Unicode is assumed. ``is_utf8_forced``: Python found the plain C locale
+    and wrote its own LC_CTYPE into the environment, which is then nobody's wish.
     """
     asked = environ.get("COVEY_ASCII", "").strip().lower()
     if asked:

@@ -114,7 +114,7 @@ def fit(text: str, width: int, *, right: bool = False) -> str:
 
 
 def fit_name(name: str, width: int) -> str:
-    """A name in exactly ``width`` cells: too long a one is cut in its middle, since names of a fleet differ at the end."""
+    """A name in exactly ``width`` cells, cut in its middle where too long: names of a fleet differ at their ends."""
     cells = cell_len(name)
     if cells <= width or width < 4:
         return fit(name, width)

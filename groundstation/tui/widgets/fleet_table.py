@@ -1,227 +1,410 @@
-"""A row per vehicle: what it does, how it is, who is near, and why it cannot fly.
+"""A row per vehicle: what it does, how it is, who is near, and why it cannot fly; sorted, filtered, marked.
 
-A ScrollView with its own ``render_line``: a stock table costs ten times as much at 10 Hz.
+A ScrollView with its own ``render_line``: a stock table costs ten times as much at 10 Hz. Cursor and marks belong to
+vehicles and not to rows: a row that moves takes them along.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
+import re
+from collections.abc import Iterable
 from typing import ClassVar
 
+from rich.cells import cell_len
 from rich.segment import Segment
+from textual import events
 from textual.binding import Binding, BindingType
-from textual.geometry import Region, Size
+from textual.geometry import Size
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 
 from groundstation.fleet import FleetState, VehicleView
 from groundstation.tui import look
-from groundstation.tui.look import BAD, CALM, FAINT, GOOD, TEXT, WARN, clean, number
-from onboard.bus.schema import Telemetry
-from onboard.config import FleetConfig
+from groundstation.tui.history import History
+from groundstation.tui.look import BAD, CALM, FAINT, TEXT, WARN, clean, number
+from groundstation.tui.widgets.fleet_columns import COLUMNS, SORTS, WHY_WIDTH, Column, Row, choose_columns, reason
+from groundstation.tui.widgets.lines import Lines
+from onboard.config import ConfigError, FleetConfig
 
-Cell = tuple[str, str]  # text and colour
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """``rank`` decides who stays when the terminal is narrow: 0 always."""
-
-    title: str
-    width: int
-    rank: int
-    cell: Callable[[Telemetry, FleetConfig], Cell]
-    right: bool = False
+SORT_S = 1.0  # rows that change places ten times a second cannot be read
+ALL_MARKED_S = 5.0  # a selection of everybody is forgotten by itself
+_SILENCE_WIDTH = 18
 
 
-def _state(told: Telemetry, fleet: FleetConfig) -> Cell:
-    sign, colour = look.STATE_SIGNS.get(told.state, ("?", WARN))
-    return f"{sign} {clean(told.state, 20)}", colour
-
-
-def _battery(told: Telemetry, fleet: FleetConfig) -> Cell:
-    percent = told.battery_frac * 100.0
-    text = f"{number(percent, 0, limit=999):>3}%" if number(percent, 0, limit=999) != "-" else "  - "
-    if percent <= fleet.fleet.battery_land_pct:
-        return f"✖{text}", BAD
-    return (f"▲{text}", WARN) if percent <= fleet.fleet.battery_warning_pct else (f" {text}", TEXT)
-
-
-def _battery_bar(told: Telemetry, fleet: FleetConfig) -> Cell:
-    return look.meter(told.battery_frac, 5), _battery(told, fleet)[1].replace(TEXT, GOOD)
-
-
-def _nearest(told: Telemetry, fleet: FleetConfig) -> Cell:
-    if not told.nearest_vehicle or number(told.nearest_distance_m, 2) == "-":
-        return "-", FAINT
-    text = f"{number(told.nearest_distance_m, 2):>5} {clean(told.nearest_vehicle, 12)}"
-    limit_m = fleet.fleet.safety_distance_m
-    if told.nearest_distance_m < limit_m:
-        return text, BAD if told.is_airborne else TEXT
-    return text, WARN if told.nearest_distance_m < 1.25 * limit_m and told.is_airborne else TEXT
-
-
-def _law(told: Telemetry, fleet: FleetConfig) -> Cell:
-    status = clean(told.law_status, 12).lower()
-    if told.law == "off":
-        return "off", WARN
-    if status in ("", "inactive"):
-        return "·", FAINT
-    bars = "▮" * max(1, min(4, round(told.intervention_m_s2 / 0.8))) if number(told.intervention_m_s2) != "-" else "▮"
-    if status == "saturated":
-        return f"{bars:<4} {number(told.intervention_m_s2)}", CALM
-    return f"{bars:<4} {status}", WARN
-
-
-def _order(told: Telemetry, fleet: FleetConfig) -> Cell:
-    if not told.order_kind:
-        return "·", FAINT
-    phase = clean(told.order_phase, 20)
-    colour = GOOD if phase == "done" else BAD if phase in ("failed", "refused") else TEXT
-    return f"{clean(told.order_kind, 10)} {phase}".strip(), colour
-
-
-def _why(told: Telemetry, fleet: FleetConfig) -> Cell:
-    if told.not_ready and not told.is_airborne:
-        more = f" (+{len(told.not_ready) - 1})" if len(told.not_ready) > 1 else ""
-        return f"{clean(told.not_ready[0], 160)}{more}", WARN
-    return clean(told.reason, 160), BAD if told.state == "failed" else FAINT
-
-
-def _speed(told: Telemetry, fleet: FleetConfig) -> Cell:
-    return number(sum(axis * axis for axis in told.velocity_enu_m_s) ** 0.5, 1), TEXT
-
-
-def _position(told: Telemetry, fleet: FleetConfig) -> Cell:
-    if not told.is_position_valid:
-        return "no position", WARN
-    return " ".join(f"{number(axis, 2, sign=True, limit=9999):>6}" for axis in told.position_enu_m[:2]), TEXT
-
-
-def _height(told: Telemetry, fleet: FleetConfig) -> Cell:
-    return (number(told.position_enu_m[2], 2, limit=9999) if told.is_position_valid else "-"), TEXT
-
-
-COLUMNS = (
-    Column("state", 12, 0, _state),
-    Column("armed", 5, 2, lambda told, fleet: ("armed", WARN) if told.is_armed else ("·", FAINT)),
-    Column("mode", 9, 5, lambda told, fleet: (clean(told.mode, 12) or "-", TEXT)),
-    Column("x      y m", 13, 4, _position),
-    Column("z m", 5, 1, _height, True),
-    Column("m/s", 4, 2, _speed, True),
-    Column(" bat", 5, 0, _battery),
-    Column("", 5, 8, _battery_bar),
-    Column("volt", 5, 6, lambda told, fleet: (number(told.battery_voltage_v, 1, limit=999), TEXT), True),
-    Column("near m", 11, 1, _nearest),
-    Column("law", 9, 3, _law),
-    Column("order", 17, 3, _order),
-    Column("loop p99", 8, 9, lambda told, fleet: (number(told.loop_period_p99_ms, 1, unit=" ms"), FAINT), True),
-)
-_AGE_WIDTH, _NUMBER_WIDTH, _WHY_WIDTH = 5, 3, 12
-
-
-def choose_columns(width: int, name_width: int) -> tuple[tuple[Column, ...], int]:
-    """Columns that fit, in their order, and what is left for the reason at the end (0: no room)."""
-    left = width - _NUMBER_WIDTH - name_width - 1 - _AGE_WIDTH - 2
-    kept: set[int] = set()
-    for index in sorted(range(len(COLUMNS)), key=lambda index: COLUMNS[index].rank):
-        if COLUMNS[index].width + 1 <= left:
-            kept.add(index)
-            left -= COLUMNS[index].width + 1
-        else:
-            break
-    return tuple(COLUMNS[index] for index in sorted(kept)), left if left >= _WHY_WIDTH else 0
-
-
-class FleetTable(ScrollView, can_focus=True):
-    """The fleet, one line each; the cursor's row is the vehicle that the kill key means."""
+class FleetTable(Lines, ScrollView, can_focus=True):
+    """The fleet, one line each; the cursor's row is the vehicle that the kill key means, marks are who orders mean."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up,k", "cursor(-1)", "up", show=False),
         Binding("down,j", "cursor(1)", "down", show=False),
+        Binding("home,g", "cursor(-1000000)", "first", show=False),
+        Binding("end,G", "cursor(1000000)", "last", show=False),
+        Binding("space", "mark", "mark", show=False),
+        Binding("shift+up,K", "mark_along(-1)", "mark upward", show=False),
+        Binding("shift+down,J", "mark_along(1)", "mark downward", show=False),
+        Binding("asterisk,ctrl+a", "mark_all", "mark all or none", show=False),
+        Binding("slash", "type('filter')", "filter", show=False),
+        Binding("m", "type('mark')", "mark by id or range", show=False),
+        Binding("s", "sort(1)", "sort by", show=False),
+        Binding("S", "turn_sort", "sort the other way", show=False),
     ]
 
-    def __init__(self, fleet: FleetConfig) -> None:
+    def __init__(self, fleet: FleetConfig, history: History | None = None) -> None:
         super().__init__(id="fleet")
         self.fleet = fleet
-        self.cursor = 0
-        self._views: list[VehicleView] = []
+        self.history = history or History()
+        self.filter = ""
+        self.sort, self.is_reversed = "place", False
+        self._cursor = ""
+        self._marks: set[str] = set()
+        self._forget_s = math.inf
+        self._typing, self._typed, self._refusal = "", "", ""
+        self._views: list[VehicleView] = [VehicleView(name) for name in fleet.enabled_names]
+        self._rows: list[VehicleView] = list(self._views)
+        self._places = {view.name: place for place, view in enumerate(self._views)}
+        self._sorted_s = -math.inf
+        self._has_nodes = False
         self._now_ns = 0
-        self.border_title = "fleet"
+        self._titles = ("", "")
+        self._say()
+
+    @property
+    def _now_s(self) -> float:
+        return self._now_ns * 1e-9
 
     @property
     def selected(self) -> str | None:
-        """Name of the vehicle under the cursor."""
-        names = self.fleet.enabled_names
-        return names[self.cursor] if 0 <= self.cursor < len(names) else None
+        """Name of the vehicle under the cursor; None when no row is shown."""
+        names = [view.name for view in self._rows]
+        return self._cursor if self._cursor in names else names[0] if names else None
+
+    @property
+    def cursor(self) -> int:
+        """Row of the cursor, as shown."""
+        return next((row for row, view in enumerate(self._rows) if view.name == self.selected), 0)
+
+    @property
+    def marked(self) -> tuple[str, ...]:
+        """Marked vehicles, in the order of the fleet file, also those that the filter hides."""
+        return tuple(view.name for view in self._views if view.name in self._marks)
+
+    def mark(self, names: Iterable[str]) -> None:
+        """Mark these and nobody else; unknown names are left out. Marks of everybody are forgotten after 5 s."""
+        known = {view.name for view in self._views}
+        self._marks = known & set(names)
+        is_all = len(self._marks) > 1 and self._marks == known
+        self._forget_s = self._now_s + ALL_MARKED_S if is_all else math.inf
+        self._say()
+        self.redraw()
+
+    def keep_marks(self) -> None:
+        """Count the 5 s of a selection of everybody from now: the operator is still about it."""
+        if math.isfinite(self._forget_s):
+            self._forget_s = self._now_s + ALL_MARKED_S
 
     def show(self, state: FleetState, now_ns: int) -> None:
-        """Draw this state; the age column changes even when nothing else does."""
-        self._views, self._now_ns = list(state.vehicles.values()), now_ns
-        height = len(self._views) + 1
-        if self.virtual_size.height != height:
-            self.virtual_size = Size(self.size.width, height)
-        self.refresh()
+        """Draw this state."""
+        self._views, self._now_ns, self._has_nodes = list(state.vehicles.values()), now_ns, bool(state.nodes)
+        if len(self._places) != len(self._views) or not self._marks <= self._places.keys():
+            self._places = {view.name: place for place, view in enumerate(self._views)}
+            self._marks &= self._places.keys()
+        if self._now_s >= self._forget_s:
+            self._marks, self._forget_s = set(), math.inf
+        self._arrange()
+        self._say()
+        self.redraw()
+
+    # -- keys --------------------------------------------------------------------------------------------------------
 
     def action_cursor(self, step: int) -> None:
         """Move the cursor by ``step`` rows."""
-        self.cursor = max(0, min(len(self.fleet.enabled_names) - 1, self.cursor + step))
-        self.scroll_to_region(Region(0, self.cursor + 1, 1, 1), animate=False)
-        self.refresh()
+        self._move_to(self.cursor + step)
 
-    def render_line(self, y: int) -> Strip:
+    def action_mark(self) -> None:
+        """Mark the vehicle under the cursor, or not any more, and go on to the next."""
+        name = self.selected
+        if name is not None:
+            self.mark(self._marks ^ {name})
+            self.action_cursor(1)
+
+    def action_mark_along(self, step: int) -> None:
+        """Mark from here to the next row: a range, row by row."""
+        names = [view.name for view in self._rows]
+        if names:
+            here = self.cursor
+            there = max(0, min(len(names) - 1, here + step))
+            self._move_to(there)
+            self.mark(self._marks | {names[here], names[there]})
+
+    def action_mark_all(self) -> None:
+        """Mark all that are shown; when they are, mark nobody."""
+        shown = {view.name for view in self._rows}
+        self.mark(() if shown <= self._marks else self._marks | shown)
+
+    def action_sort(self, step: int) -> None:
+        """Sort by the next column."""
+        self.sort = SORTS[(SORTS.index(self.sort) + step) % len(SORTS)]
+        self._resort()
+
+    def action_turn_sort(self) -> None:
+        """Sort the other way round."""
+        self.is_reversed = not self.is_reversed
+        self._resort()
+
+    def action_type(self, what: str) -> None:
+        """Write a filter, or names and places to mark, in the table's own title; enter takes it, escape leaves."""
+        self._typing, self._typed, self._refusal = what, self.filter if what == "filter" else "", ""
+        self._say()
+
+    def on_key(self, event: events.Key) -> None:
+        """While something is written every key belongs to it; a digit begins a list of places to mark."""
+        if not self._typing:
+            if event.character is None or not event.character.isdigit():
+                if event.key == "escape" and (self.filter or self._marks):
+                    event.stop()
+                    self.filter = ""
+                    self.mark(())
+                    self._resort()
+                return
+            self.action_type("mark")
+        event.stop()
+        event.prevent_default()
+        if event.key == "escape":
+            self.filter = "" if self._typing == "filter" else self.filter
+            self._typing = ""
+        elif event.key == "enter":
+            self._take()
+        elif event.key in ("backspace", "ctrl+h"):
+            self._typed = self._typed[:-1]
+        elif event.key == "ctrl+u":
+            self._typed = ""
+        elif event.is_printable and event.character is not None:
+            self._typed = clean(self._typed + event.character, 60)
+        if self._typing == "filter":
+            self.filter = self._typed
+        self._resort()
+
+    def on_click(self, event: events.Click) -> None:
+        """A click chooses the vehicle."""
+        offset = event.get_content_offset(self)
+        if offset is not None and offset.y > 0:
+            self._move_to(offset.y - 1 + self.scroll_offset.y)
+
+    def on_blur(self) -> None:
+        """What is half written is dropped."""
+        self._typing = ""
+        self._say()
+        self.redraw()
+
+    def on_focus(self) -> None:
+        """The cursor shows it."""
+        self.redraw()
+
+    def _take(self) -> None:
+        """Enter: the filter stays; the list of places and names is marked, or a sentence says why not."""
+        if self._typing == "mark" and self._typed.strip():
+            try:
+                names = self.fleet.select(self._typed.strip())
+            except ConfigError as error:
+                self._refusal = str(error)
+                return
+            self._typing = ""
+            self.mark(names)
+            self._move_to(next((row for row, view in enumerate(self._rows) if view.name in self._marks), self.cursor))
+        self._typing = ""
+
+    def _move_to(self, row: int) -> None:
+        if not self._rows:
+            return
+        row = max(0, min(len(self._rows) - 1, row))
+        self._cursor = self._rows[row].name
+        body = max(1, self.size.height - 1)  # the heading stays where it is
+        top = max(row - body + 1, min(row, round(self.scroll_offset.y)))
+        self.scroll_to(y=top, animate=False, force=True)
+        self.redraw()
+
+    # -- order and choice --------------------------------------------------------------------------------------------
+
+    def _resort(self) -> None:
+        self._sorted_s = -math.inf
+        self._arrange()
+        self._say()
+        self.redraw()
+
+    def _arrange(self) -> None:
+        """Which rows are shown, and in which order; sorted once a second at most."""
+        by_name = {view.name: view for view in self._views if not self.filter or self._is_wanted(view)}
+        now_s = self._now_s
+        if now_s - self._sorted_s >= SORT_S or {view.name for view in self._rows} != by_name.keys():
+            self._sorted_s = now_s
+            self._rows = sorted(by_name.values(), key=self._key)
+        else:
+            self._rows = [by_name[view.name] for view in self._rows]
+        if self._cursor not in by_name:
+            self._cursor = self._rows[min(self.cursor, len(self._rows) - 1)].name if self._rows else ""
+        height = len(self._rows) + 1
+        if self.virtual_size.height != height:
+            self.virtual_size = Size(self.size.width, height)
+
+    def _is_wanted(self, view: VehicleView) -> bool:
+        return is_wanted(self._row(view), view, self.filter, self._places.get(view.name, 0))
+
+    def _key(self, view: VehicleView) -> tuple[bool, float, str, int]:
+        """Whoever has no value stands last, in either direction."""
+        place = self._places.get(view.name, 0)
+        turn = -1.0 if self.is_reversed else 1.0
+        if self.sort == "place":
+            return False, turn * place, "", place
+        if self.sort == "name":
+            name = "".join(chr(0x10FFFF - ord(char)) for char in view.name) if self.is_reversed else view.name
+            return False, 0.0, name, place
+        column = next(column for column in COLUMNS if column.title == self.sort)
+        row = self._row(view)
+        value = math.nan if row is None or column.sort is None else column.sort(row)
+        return math.isnan(value), 0.0 if math.isnan(value) else turn * value, "", place
+
+    def _row(self, view: VehicleView) -> Row | None:
+        if view.telemetry is None:
+            return None
+        drain = self.history.drains.get(view.name)
+        return Row(view, view.telemetry, self.fleet, drain, view.age_s(self._now_ns))
+
+    def _say(self) -> None:
+        """The border tells what is written, filtered, sorted and marked."""
+        title = "fleet" if len(self._views) < 10 else f"fleet of {len(self._views)}"
+        if self._typing:
+            title = f"{self._typing}: {self._typed}▏"
+            title += f" {self._refusal}" if self._refusal else ""
+        elif self.filter:
+            title += f" · filter {self.filter}: {len(self._rows)} of {len(self._views)}"
+        marks = self.marked
+        said = ""
+        if marks:
+            shown = {view.name for view in self._rows}
+            hidden = sum(name not in shown for name in marks)
+            said = f"{len(marks)} marked" if len(marks) < len(self._views) or len(marks) < 2 else "ALL marked"
+            said += f", {hidden} hidden by the filter" if hidden else ""
+            left_s = self._forget_s - self._now_s
+            said += f", {math.ceil(max(0.0, left_s))} s" if math.isfinite(left_s) else ""
+        if self.sort != "place" or self.is_reversed:
+            said += f"{' · ' if said else ''}by {self.sort} {'▲' if self.is_reversed else '▼'}"
+        if self._titles != (title, said):
+            self._titles = title, said
+            self.border_title, self.border_subtitle = _plain(title), _plain(said)
+
+    # -- drawing -----------------------------------------------------------------------------------------------------
+
+    def draw(self, width: int, height: int) -> list[Strip]:
         """The heading stays on the first line; the rows scroll below it."""
-        width = self.size.width
-        row = y + self.scroll_offset.y - 1 if y else -1
-        names = [view.name for view in self._views] or list(self.fleet.enabled_names)
-        name_width = max(4, min(16, max((len(name) for name in names), default=4)))
-        columns, left = choose_columns(width, name_width)
-        if row < 0:
-            parts = [" " * _NUMBER_WIDTH + look.fit("name", name_width)]
-            parts += [look.fit(column.title, column.width, right=column.right) for column in columns]
-            age_width = _AGE_WIDTH if left else width - len(" ".join(parts)) - 2
-            parts += [look.fit("age s", age_width, right=True)] + ([" why"] if left else [])
-            return Strip([Segment(look.fit(" ".join(parts), width), look.style(FAINT))])
-        if row >= len(self._views):
-            return Strip.blank(width)
-        segments = self._row(self._views[row], row, name_width, columns, left)
-        return Strip(segments).adjust_cell_length(width)
+        names = [view.name for view in self._views]
+        digits = max(2, len(str(max(0, len(names) - 1))))
+        name_width = max(4, min(24 if width >= 150 else 16, max(map(cell_len, names), default=4)))
+        columns, left = choose_columns(width - digits - name_width - 4)
+        parts = [" " * (digits + 3) + look.fit("name", name_width)]
+        parts += [look.fit(column.title, column.width, right=column.right) for column in columns]
+        heading = " ".join(parts) + (" why" if left else "")
+        lines = [Strip([Segment(look.fit(heading, width), look.style(FAINT))], width)]
+        top = round(self.scroll_offset.y)
+        here = self.selected
+        for view in self._rows[top : top + height - 1]:
+            segments = self._segments(view, view.name == here, digits, name_width, columns, left)
+            lines.append(Strip(segments).adjust_cell_length(width))
+        if not self._rows and height > 1:
+            empty = f"nobody matches '{clean(self.filter, 40)}'; esc shows all" if self.filter else "no vehicles"
+            lines.append(Strip([Segment(look.fit(f"    {empty}", width), look.style(WARN))], width))
+        return lines
 
-    def _row(
-        self, view: VehicleView, row: int, name_width: int, columns: tuple[Column, ...], left: int
+    def watch_scroll_y(self, old_value: float, new_value: float) -> None:
+        """Other rows are seen."""
+        super().watch_scroll_y(old_value, new_value)
+        self.redraw()
+
+    def _segments(
+        self,
+        view: VehicleView,
+        is_here: bool,
+        digits: int,
+        name_width: int,
+        columns: tuple[Column, ...],
+        left: int,
     ) -> list[Segment]:
-        told = view.telemetry
-        is_here = row == self.cursor
-        colour = look.vehicle_colour(row)
-        gap = Segment(" ")
+        place = self._places.get(view.name, 0)
+        is_marked = view.name in self._marks
+        tint = look.style(look.vehicle_colour(place), bold=True)
         segments = [
             Segment("▌" if is_here else " ", look.style(TEXT if self.has_focus else FAINT, bold=True)),
-            Segment(f"{row:>1} "[:2], look.style(colour, bold=True)),
-            Segment(look.fit(view.name, name_width), look.style(colour, bold=True)),
-            gap,
+            Segment("✓" if is_marked else " ", look.style(CALM, bold=True)),
+            Segment(f"{place:>{digits}} {look.fit_name(clean(view.name, 80), name_width)} ", tint),
         ]
-        if told is None:
-            return [*segments, Segment("… waiting: nothing heard from its agent yet", look.style(FAINT))]
-        is_stale = not view.is_fresh(self._now_ns)
+        row = self._row(view)
+        if row is None:
+            gone = "" if not self._has_nodes or view.is_alive else " (not on the bus)"
+            return [*segments, Segment(f"… waiting: nothing heard from its agent yet{gone}", look.style(FAINT))]
+        is_stale, told = not view.is_fresh(self._now_ns), row.told
+        skip = 0
         if is_stale:
-            silence = f"NO TELEM {number(view.age_s(self._now_ns), 1, limit=9999)} s"
-            segments += [Segment(look.fit(silence, 18), look.style(BAD, bold=True)), gap]
-        for index, column in enumerate(columns):
-            # The silence takes the places of state and its neighbours; what was last heard follows, dimmed.
-            if is_stale and sum(item.width + 1 for item in columns[: index + 1]) <= 19:
+            silence = f"NO TELEM {number(row.age_s, 1, limit=99999)} s"
+            segments.append(Segment(look.fit(silence, _SILENCE_WIDTH) + " ", look.style(BAD, bold=True)))
+            skip = _SILENCE_WIDTH + 1
+        # What keeps a vehicle on the ground is worth more than numbers of a flight.
+        has_reason = bool(told.not_ready or told.state == "failed") and not told.is_airborne and not is_stale
+        used = 0
+        for place_of_column, column in enumerate(columns):
+            used += column.width + 1
+            if used <= skip:
                 continue
-            text, tint = column.cell(told, self.fleet)
-            segments += [
-                Segment(look.fit(text, column.width, right=column.right), look.style(tint, dim=is_stale)),
-                gap,
-            ]
-        if not is_stale:
-            age_s = number(view.age_s(self._now_ns), 1, limit=9999)
-            used = sum(segment.cell_length for segment in segments)
-            age_width = _AGE_WIDTH if left else self.size.width - used - 1
-            segments.append(Segment(look.fit(age_s, age_width, right=True), look.style(FAINT)))
-            if left:
-                text, tint = _why(told, self.fleet)
-                segments += [Segment(" "), Segment(look.fit(text, left), look.style(tint))]
+            if used - column.width - 1 < skip:  # begins below the silence: what is left of its width stays empty
+                segments.append(Segment(" " * (used - skip)))
+                continue
+            if has_reason and column.is_of_flight and left < WHY_WIDTH * 2:
+                rest = sum(other.width + 1 for other in columns[place_of_column:]) + left
+                text, colour = reason(row)
+                segments.append(Segment(look.fit(text, rest), look.style(colour)))
+                return segments
+            text, colour = column.cell(row)
+            text = look.fit(text, column.width, right=column.right)
+            segments.append(Segment(f"{text} ", look.style(colour, dim=is_stale)))
+        if left:
+            text, colour = self._silence(view, row) if is_stale else reason(row)
+            segments.append(Segment(look.fit(text, left), look.style(colour, dim=is_stale)))
         return segments
+
+    def _silence(self, view: VehicleView, row: Row) -> tuple[str, str]:
+        where = "" if not self._has_nodes else ", its agent is there" if view.is_alive else ", its agent has gone"
+        return f"was {clean(row.told.state, 20)}{where}", FAINT
+
+
+def is_wanted(row: Row | None, view: VehicleView, wish: str, place: int) -> bool:
+    """Whether every word of the filter fits: part of the name, a range of places, a state, mode, or a condition.
+
+    ``silent``, ``waiting``, ``armed``, ``airborne``, ``unready`` and ``low`` are conditions; ``!`` turns a word round.
+    """
+    words = [view.name.lower()] if row is None else [view.name.lower(), *row.told.state.split(), row.told.mode.lower()]
+    if row is None:
+        words.append("waiting")
+    else:
+        told = row.told
+        holds = {
+            "silent": row.age_s > 1.0,
+            "armed": told.is_armed,
+            "airborne": told.is_airborne,
+            "unready": bool(told.not_ready) and not told.is_airborne,
+            "low": told.battery_frac * 100.0 <= row.fleet.fleet.battery_warning_pct,
+        }
+        words += [word for word, is_so in holds.items() if is_so]
+    return all(_fits(term, words, place) for term in wish.lower().split())
+
+
+def _fits(term: str, words: list[str], place: int) -> bool:
+    if term.startswith("!") and len(term) > 1:
+        return not _fits(term[1:], words, place)
+    span = re.fullmatch(r"([0-9]{1,6})-([0-9]{1,6})", term)
+    if span:
+        return int(span[1]) <= place <= int(span[2])
+    return term in words[0] or any(word.startswith(term) for word in words[1:])
+
+
+def _plain(text: str) -> str:
+    """Border titles read markup; what is written there is none."""
+    return text.replace("[", "\\[")
