@@ -29,6 +29,7 @@ _PASSED_ON = {
     "sitl-check": ("whether a MAVLink endpoint behaves as a real PX4", "sitl.conformance.__main__"),
     "identify": ("a vehicle's lag, drag, hover throttle and lean, flown or from a record", "groundstation.identify"),
     "plot": ("figures of a recorded flight", "groundstation.plot"),
+    "replay": ("a recorded flight in the console", "groundstation.replay"),
 }
 _BENCHES = {
     "lockstep": ("how much faster than time flights in lockstep are, and where the time goes", "sitl.lockstep.bench"),

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple, get_type_hints
 
 import msgspec
 
+from onboard.bus import schema as schema_
 from onboard.bus.schema import Message, OrderReply, TickBatch
 from onboard.bus.topics import Topic
 
 MAX_STAMP_NS = (1 << 63) - 1
 REPLY = "reply"
 _encode = msgspec.json.Encoder().encode
+_decode = msgspec.json.Decoder(dict[str, Any]).decode
 RECORDED = (Topic.STATE, Topic.TICK, Topic.MOCAP)  # beside what the ground listens to anyhow
 
 
@@ -38,6 +41,48 @@ def rows(topic: Topic, name: str, message: Message, received_ns: int) -> list[Ro
 def as_mapping(message: Message) -> dict[str, Any]:
     """Field names and values; on the bus the same message travels without its names."""
     return msgspec.structs.asdict(message)
+
+
+KINDS: dict[str, type[Message]] = {
+    name: kind for name, kind in vars(schema_).items() if isinstance(kind, type) and issubclass(kind, Message)
+}
+_FIELDS: dict[type[Message], tuple[tuple[str, Any, bool], ...]] = {}
+
+
+def from_json(kind: type[Message], data: bytes) -> Message | None:
+    """The message of a row again; None when it is none. JSON knows no NaN: null stands for it in the record.
+
+    Fields that this version does not know are left out; what the version of the record did not know gets its default.
+    """
+    try:
+        told = _decode(data)
+        return msgspec.convert([_value(told, *field) for field in _fields(kind)], kind)
+    except (msgspec.DecodeError, msgspec.ValidationError, UnicodeDecodeError, RecursionError, KeyError):
+        return None
+
+
+def _fields(kind: type[Message]) -> tuple[tuple[str, Any, bool], ...]:
+    """Name, default and whether null means NaN, of each field."""
+    if kind not in _FIELDS:
+        found = []
+        for field in msgspec.structs.fields(kind):
+            is_number = "float" in str(field.type) and "None" not in str(field.type)
+            found.append((field.name, field.default, is_number))
+        _FIELDS[kind] = tuple(found)
+    return _FIELDS[kind]
+
+
+def _value(told: dict[str, Any], name: str, default: Any, is_number: bool) -> Any:
+    value = told[name] if default is msgspec.NODEFAULT else told.get(name, default)
+    if not is_number:
+        return value
+    if value is None:
+        return math.nan
+    if isinstance(value, list):
+        return [math.nan if part is None else part for part in value]
+    if isinstance(value, dict):
+        return {key: math.nan if part is None else part for key, part in value.items()}
+    return value
 
 
 def json_schema(kind: type[Message]) -> bytes:
