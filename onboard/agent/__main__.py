@@ -19,6 +19,12 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument(
         "--apply-params", action="store_true", help="set PX4's required parameters instead of only checking them"
     )
+    found.add_argument(
+        "--mocap", choices=["bus"], help="listen to poses on the bus, whatever mocap.direct says: for emulated vehicles"
+    )
+    found.add_argument(
+        "--realtime", action="store_true", help="let the control loop take precedence over other processes, if allowed"
+    )
     return found
 
 
@@ -34,7 +40,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ValueError:
         print(f"agent: --vehicle {arguments.vehicle} must name one vehicle.", file=sys.stderr)
         return EXIT_WRONG_INPUT
-    return run_agent(fleet, name, apply_params=arguments.apply_params, law=arguments.law)
+    return run_agent(
+        fleet,
+        name,
+        apply_params=arguments.apply_params,
+        law=arguments.law,
+        is_realtime=arguments.realtime,
+        has_bus_mocap=arguments.mocap == "bus",
+    )
 
 
 if __name__ == "__main__":

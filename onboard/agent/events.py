@@ -57,12 +57,14 @@ class ParamsRead:
 
 @dataclass(frozen=True, slots=True)
 class LoopTimed:
-    """Statistics of the loop's period over the last window."""
+    """Statistics of the loop's period over the last window, and how far behind its schedule it began."""
 
     p50_ms: float
     p99_ms: float
     max_ms: float
     late_ticks: int
+    lateness_p99_ms: float = 0.0
+    missed_ticks: int = 0
 
 
 @dataclass(frozen=True, slots=True)

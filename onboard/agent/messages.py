@@ -168,6 +168,8 @@ def telemetry(
         loop_period_p99_ms=loop.p99_ms,
         loop_period_max_ms=loop.max_ms,
         late_ticks=loop.late_ticks,
+        loop_lateness_p99_ms=loop.lateness_p99_ms,
+        missed_ticks=loop.missed_ticks,
         malformed_messages=malformed,
         hover_thrust_frac=float(tick.hover_thrust_frac),
         config_hash=config_hash,

@@ -2,13 +2,12 @@
 
 One thread runs the core: a timer on an absolute schedule calls it 50 times a second. What comes from MAVSDK's and
 Zenoh's threads is handed over and waits for the next tick, orders excepted. Blocking calls (parameters, discovery,
-reliable messages) have executors of their own, so that nothing can stand between a tick and the wire.
+reliable messages, whom to listen to) have threads of their own, so that nothing can stand between a tick and the wire.
 """
 
 from __future__ import annotations
 
 import asyncio
-import gc
 import logging
 import os
 import signal
@@ -21,17 +20,20 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from onboard.agent import events as ev
+from onboard.agent import process
 from onboard.agent.core import AgentCore
+from onboard.agent.outbox import Outbox
 from onboard.agent.ticker import Ticker
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessage, Telemetry
 from onboard.bus.session import BusError, BusSession
 from onboard.bus.topics import TOPICS, Delivery, Topic
-from onboard.config import FleetConfig
+from onboard.config import FleetConfig, MocapConfig
 from onboard.link.autopilot import LinkError
 from onboard.link.params import differences, required_params
 from onboard.link.px4 import Px4Link
-from onboard.mocap.bus_source import BusMocap
+from onboard.mocap.choose import source_of
+from onboard.mocap.source import MocapSource
 from onboard.safety.failsafe import Situation
 
 EXIT_OK, EXIT_WRONG_INPUT, EXIT_INTERRUPTED = 0, 2, 130
@@ -40,7 +42,9 @@ _MAX_EVENTS = 2000
 _STATISTICS_TICKS = 25
 _FAILED_TICKS_TO_LAND = 25
 _PARAM_REPEAT_S = 5.0
-_SILENT_NS = 1_000_000_000
+_TIDY_TICKS = 500  # on the ground
+# A setpoint that comes later than this after its tick began was held up on the way: PX4 is not to have it.
+_SETPOINT_NS = 60_000_000
 
 log = logging.getLogger("covey.agent")
 
@@ -48,9 +52,18 @@ log = logging.getLogger("covey.agent")
 class Agent:
     """One vehicle's process."""
 
-    def __init__(self, fleet: FleetConfig, name: str, *, apply_params: bool, law: str | None) -> None:
+    def __init__(
+        self,
+        fleet: FleetConfig,
+        name: str,
+        *,
+        apply_params: bool,
+        law: str | None,
+        is_realtime: bool = False,
+        has_bus_mocap: bool = False,
+    ) -> None:
         self.fleet, self.name, self.vehicle = fleet, name, fleet.vehicles[name]
-        self._apply_params = apply_params
+        self._apply_params, self._is_realtime = apply_params, is_realtime
         self._core = AgentCore(fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF, law=law)
         self._link = Px4Link(self.vehicle.autopilot, self.vehicle.system_id)
         others = [fleet.vehicles[other].agent for other in fleet.enabled_names if other != name]
@@ -60,12 +73,15 @@ class Agent:
             listen=[self.vehicle.agent],
             connect=[*others, fleet.simulator_endpoint],
         )
-        self._inbox: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)
+        self._inbox: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)  # the newest matter
+        self._notices: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)  # few, and none may be pushed out by the others
         self._replies: dict[str, Callable[[OrderReply], None]] = {}
         self._blocking = ThreadPoolExecutor(1, thread_name_prefix="link")
-        self._reliable = ThreadPoolExecutor(1, thread_name_prefix="bus")
+        self._reliable, self._interest = Outbox("bus"), Outbox("interest")
+        self._mocap: MocapSource | None = None
+        self._mocap_table = MocapConfig() if has_bus_mocap else fleet.mocap
         self._ended: asyncio.Future[int] | None = None
-        self._ticks = self._failed_ticks = self._signals = 0
+        self._ticks = self._failed_ticks = self._signals = self._tick_ns = 0
         self._was_ready = False
 
     async def run(self) -> int:
@@ -80,9 +96,9 @@ class Agent:
             self._bus.start()
             self._subscribe(loop)
             self._core.readiness.is_warm = True
-            gc.collect()
-            gc.freeze()
-            sys.setswitchinterval(0.0005)
+            process.settle()
+            if self._is_realtime:
+                log.info("%s", process.take_precedence())
             place = self.vehicle.index / max(1, len(self.fleet.vehicles))
             ticker = self._ticker = Ticker(PERIOD_NS, self._tick, offset_ns=int(place * PERIOD_NS))
             ticker.start(loop)
@@ -95,7 +111,10 @@ class Agent:
                 link_task.cancel()
         finally:
             self._blocking.shutdown(wait=True, cancel_futures=True)
-            self._reliable.shutdown(wait=True, cancel_futures=False)
+            self._interest.stop()
+            self._reliable.stop()
+            if self._mocap is not None:
+                self._mocap.stop()
             self._bus.stop()
             self._link.stop()
 
@@ -114,15 +133,19 @@ class Agent:
         def pose(message: MocapPose, received_ns: int) -> None:
             self._inbox.append(ev.PoseArrived(message, received_ns))
 
+        def malformed() -> None:
+            self._inbox.append(ev.MessageMalformed())
+
         def order(message: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
             loop.call_soon_threadsafe(self._ordered, message, reply)
 
         self._bus.subscribe(Topic.STATE, "*", neighbour)
         self._bus.subscribe(Topic.TELEMETRY, "*", neighbour)
         if self.vehicle.mocap_required and self.vehicle.body:
-            BusMocap(self._bus, self.vehicle.body, pose, lambda: self._inbox.append(ev.MessageMalformed())).start()
+            self._mocap = source_of(self._mocap_table, self._bus, self.vehicle.body, pose, malformed)
+            self._mocap.start()
         self._bus.serve_orders(self.name, order)
-        self._bus.watch_alive(lambda node, is_alive: self._inbox.append(ev.NodeSeen(node, is_alive)))
+        self._bus.watch_alive(lambda node, is_alive: self._notices.append(ev.NodeSeen(node, is_alive)))
 
     def _ordered(self, message: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
         if isinstance(message, Malformed):
@@ -138,17 +161,19 @@ class Agent:
     def _signalled(self) -> None:
         self._signals += 1
         if self._signals > 1:
-            log.warning("asked twice: ending at once; if in the air, PX4's own failsafe lands")
+            os.write(2, b"asked twice: ending at once; if in the air, PX4's own failsafe lands\n")
             os._exit(EXIT_INTERRUPTED)
         else:
             log.info("asked to stop: landing first if in the air")
-            self._inbox.append(ev.ShutdownAsked())
+            self._notices.append(ev.ShutdownAsked())
 
     # -- tick --------------------------------------------------------------------------------------------------------
 
     def _tick(self) -> None:
-        now_ns = time.monotonic_ns()
+        now_ns = self._tick_ns = time.monotonic_ns()
         try:
+            while self._notices:
+                self._execute(self._core.handle(self._notices.popleft(), now_ns))
             while self._inbox:
                 self._execute(self._core.handle(self._inbox.popleft(), now_ns))
             self._core.handle(ev.AutopilotHeard(self._link.snapshot()), now_ns)
@@ -161,18 +186,23 @@ class Agent:
             if self._failed_ticks == _FAILED_TICKS_TO_LAND:
                 self._link.land()
         self._ticks += 1
+        ticker, flight = self._ticker, self._core.flight
         if self._ticks % _STATISTICS_TICKS == 0:
-            p50, p99, longest = self._ticker.statistics_ms()
-            self._core.handle(ev.LoopTimed(p50, p99, longest, self._ticker.late_ticks), now_ns)
-        if not self._was_ready and self._core.flight.state == "ready":
-            self._was_ready = True
-            print(f"agent {self.name}: ready", flush=True)
+            timed = ev.LoopTimed(
+                *ticker.statistics_ms(), ticker.late_ticks, ticker.lateness_p99_ms(), ticker.missed_ticks
+            )
+            self._core.handle(timed, now_ns)
+        if self._ticks % _TIDY_TICKS == 0 and flight.situation is Situation.GROUND:
+            process.tidy()
+        if not self._was_ready and flight.state == "ready":
+            self._was_ready = self._reliable.submit(lambda: print(f"agent {self.name}: ready", flush=True))
 
     def _execute(self, commands: list[ev.Command]) -> None:
         for command in commands:
             match command:
                 case ev.SendAttitude(setpoint):
-                    self._link.send_attitude(setpoint)
+                    if time.monotonic_ns() - self._tick_ns < _SETPOINT_NS:
+                        self._link.send_attitude(setpoint)
                 case ev.Publish(topic, message):
                     if TOPICS[topic].delivery is Delivery.RELIABLE:
                         log.info("%s", getattr(message, "sentence", topic.value))
@@ -215,7 +245,7 @@ class Agent:
                     break
             except LinkError as error:
                 log.error("%s", error)
-                self._inbox.append(ev.ParamsRead((str(error),)))
+                self._notices.append(ev.ParamsRead((str(error),)))
                 await asyncio.sleep(_PARAM_REPEAT_S)
         log.info("PX4 answers at %s", self.vehicle.autopilot)
         while True:
@@ -230,17 +260,17 @@ class Agent:
                 if problems is None or (problems and self._core.flight.situation is Situation.GROUND):
                     actual = await loop.run_in_executor(self._blocking, self._link.read_params, required)
                     problems = differences(required, actual)
-                    self._inbox.append(ev.ParamsRead(problems))
+                    self._notices.append(ev.ParamsRead(problems))
                     for sentence in problems:
                         log.warning("%s", sentence)
+                if self.fleet.fleet.global_origin is not None and self._link.snapshot().global_origin is None:
+                    self._link.request_global_origin()
                 await asyncio.sleep(_PARAM_REPEAT_S if problems else 1.0)
                 before, boot_ms = boot_ms, self._link.snapshot().px4_boot_ms
                 if boot_ms + 1000 < before:
                     log.warning("PX4 has restarted")
                     break
 
-                if self.fleet.fleet.global_origin is not None and self._link.snapshot().global_origin is None:
-                    self._link.request_global_origin()
 
 def _log_end(task: asyncio.Task[None]) -> None:
     """The link's upkeep never ends by itself; if a bug ends it, the flight goes on without it."""
@@ -270,13 +300,24 @@ def _warm_up(fleet: FleetConfig, name: str, law: str) -> None:
     assert core.last_tick is None or np.isfinite(core.last_tick.attitude.quaternion_wxyz).all()
 
 
-def run_agent(fleet: FleetConfig, name: str, *, apply_params: bool = False, law: str | None = None) -> int:
+def run_agent(
+    fleet: FleetConfig,
+    name: str,
+    *,
+    apply_params: bool = False,
+    law: str | None = None,
+    is_realtime: bool = False,
+    has_bus_mocap: bool = False,
+) -> int:
     """Run one agent until it is told to stop; exit status as in the documentation of the commands."""
-    level = os.environ.get("COVEY_LOG", "INFO")
-    logging.basicConfig(level=level, format=f"%(asctime)s {name} %(levelname)s %(message)s", stream=sys.stderr)
-    agent = Agent(fleet, name, apply_params=apply_params, law=law)
+    lines = process.log_elsewhere(name, os.environ.get("COVEY_LOG", "INFO"))
+    agent = Agent(
+        fleet, name, apply_params=apply_params, law=law, is_realtime=is_realtime, has_bus_mocap=has_bus_mocap
+    )
     try:
         return asyncio.run(agent.run())
     except (LinkError, BusError) as error:
         print(f"agent {name}: {error}", file=sys.stderr, flush=True)
         return EXIT_WRONG_INPUT
+    finally:
+        lines.stop()

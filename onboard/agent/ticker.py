@@ -17,7 +17,8 @@ _WINDOW = 500  # ten seconds at 50 Hz
 class Ticker:
     """Calls ``on_tick`` every ``period_ns``, first at a multiple of the period plus ``offset_ns``.
 
-    Ticks that were missed are not made up for. ``late_ticks`` counts those that came later than ``late_ns``.
+    Ticks that were missed are not made up for but counted: ``missed_ticks``. ``late_ticks`` counts those whose period
+    was longer than it should be by ``late_ns``.
     """
 
     def __init__(
@@ -27,14 +28,16 @@ class Ticker:
         self._fd: int | None = None
         self._handle: asyncio.TimerHandle | None = None
         self._periods_ms: deque[float] = deque(maxlen=_WINDOW)
-        self._last_ns = 0
-        self.late_ticks = 0
+        self._lateness_ms: deque[float] = deque(maxlen=_WINDOW)
+        self._last_ns = self._first_ns = 0
+        self.late_ticks = self.missed_ticks = 0
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Begin to tick."""
         now_ns = time.monotonic_ns()
-        first_ns = (now_ns // self._period_ns + 1) * self._period_ns + self._offset_ns
+        first_ns = self._first_ns = (now_ns // self._period_ns + 1) * self._period_ns + self._offset_ns
         self._last_ns = 0
+        self._loop = loop
         libc = ctypes.CDLL(None, use_errno=True)
         if hasattr(libc, "timerfd_create"):
             fd = libc.timerfd_create(_CLOCK_MONOTONIC, _TFD_FLAGS)
@@ -43,9 +46,7 @@ class Ticker:
                 libc.timerfd_settime(fd, _TFD_TIMER_ABSTIME, spec, None)
                 self._fd = fd
                 loop.add_reader(fd, self._readable)
-                self._loop = loop
                 return
-        self._loop = loop
         self._next_ns = first_ns
         self._handle = loop.call_at(first_ns * 1e-9, self._timed)
 
@@ -67,18 +68,26 @@ class Ticker:
         last = len(ordered) - 1
         return ordered[last // 2], ordered[round(0.99 * last)], ordered[-1]
 
+    def lateness_p99_ms(self) -> float:
+        """99th percentile of how far behind the schedule the ticks of the last ten seconds began."""
+        ordered = sorted(self._lateness_ms)
+        return ordered[round(0.99 * (len(ordered) - 1))] if ordered else 0.0
+
     def _readable(self) -> None:
         if self._fd is None:
             return
         try:
-            os.read(self._fd, 8)
+            (expired,) = struct.unpack("q", os.read(self._fd, 8))
         except BlockingIOError:
             return
+        self.missed_ticks += expired - 1
         self._run()
 
     def _timed(self) -> None:
         now_ns = time.monotonic_ns()
-        self._next_ns += max(1, (now_ns - self._next_ns) // self._period_ns + 1) * self._period_ns
+        missed = max(0, (now_ns - self._next_ns) // self._period_ns)
+        self.missed_ticks += missed
+        self._next_ns += (missed + 1) * self._period_ns
         self._handle = self._loop.call_at(self._next_ns * 1e-9, self._timed)
         self._run()
 
@@ -88,5 +97,6 @@ class Ticker:
             period_ns = now_ns - self._last_ns
             self._periods_ms.append(period_ns * 1e-6)
             self.late_ticks += period_ns > self._period_ns + self._late_ns
+        self._lateness_ms.append((now_ns - self._first_ns) % self._period_ns * 1e-6)
         self._last_ns = now_ns
         self._on_tick()

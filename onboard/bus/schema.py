@@ -98,6 +98,8 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     action: str = ""
     operator: str = ""
     roles: tuple[str, ...] = ()
+    loop_lateness_p99_ms: float = 0.0
+    missed_ticks: int = 0
 
 
 class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):

@@ -7,12 +7,14 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
 
 from onboard.agent.__main__ import main
+from onboard.agent.outbox import Outbox
 from onboard.agent.ticker import Ticker
 
 FLEET = """
@@ -102,7 +104,7 @@ async def test_the_ticker_keeps_an_absolute_schedule_and_counts_what_comes_late(
     def tick() -> None:
         stamps.append(time.monotonic_ns())
         if len(stamps) == 10:
-            time.sleep(0.05)  # a blocked loop: two ticks are missed, none is made up for
+            time.sleep(0.05)  # a blocked loop: two ticks are due at once and become one
 
     ticker = Ticker(20_000_000, tick, offset_ns=3_000_000)
     ticker.start(asyncio.get_running_loop())
@@ -113,8 +115,47 @@ async def test_the_ticker_keeps_an_absolute_schedule_and_counts_what_comes_late(
     ticker.stop()
     ticker.stop()
     assert ticker.late_ticks >= 1
+    assert ticker.missed_ticks >= 1
+    assert 0.0 <= ticker.lateness_p99_ms() < 20.0
     late_ns = sorted((stamp - 3_000_000) % 20_000_000 for stamp in stamps)
     assert late_ns[len(late_ns) // 2] < 5_000_000
     median, _, longest = ticker.statistics_ms()
     assert median == pytest.approx(20.0, abs=3.0)
     assert longest > 45.0
+
+
+def test_an_outbox_keeps_the_order_drops_what_is_too_much_and_survives_what_fails(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    outbox, done, gate = Outbox("test", most=3), [], threading.Event()
+    assert outbox.submit(gate.wait, 5.0)
+    assert outbox.submit(done.append, 1)
+    assert outbox.submit(done.append)  # one argument too few
+    assert not outbox.submit(done.append, 2)  # a hung bus: whoever submits goes on
+    assert outbox.dropped == 1
+    gate.set()
+    while not outbox.submit(done.append, 3):
+        time.sleep(0.01)
+    outbox.stop()
+    outbox.stop()
+    assert done == [1, 3]
+    assert "left undone: TypeError" in caplog.text
+
+
+def test_a_reader_of_the_log_that_hangs_does_not_hold_up_who_logs() -> None:
+    program = (
+        "import logging, time\n"
+        "from onboard.agent.process import log_elsewhere\n"
+        "lines = log_elsewhere('mav0', 'INFO')\n"
+        "begin = time.monotonic()\n"
+        "for _ in range(5000): logging.getLogger('covey').info('x' * 200)\n"  # a megabyte; a pipe holds 64 kB
+        "print(time.monotonic() - begin, flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    command = [sys.executable, "-c", program]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            assert float(process.stdout.readline()) < 5.0
+        finally:
+            process.kill()

@@ -1,0 +1,43 @@
+"""Work that may wait, done elsewhere in its order: by one thread, from a queue that never grows without bound."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+MAX_WAITING = 200
+
+log = logging.getLogger("covey.agent")
+
+
+class Outbox:
+    """One thread that calls what is submitted, one after the other.
+
+    When too much waits already, what comes next is dropped and counted: whoever submits is never held up.
+    """
+
+    def __init__(self, name: str, most: int = MAX_WAITING) -> None:
+        self.dropped = 0
+        self._room = threading.BoundedSemaphore(most)
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix=name)
+
+    def submit(self, function: Callable[..., object], *args: Any) -> bool:
+        """Call ``function(*args)`` soon; False when too much waits already."""
+        if not self._room.acquire(blocking=False):
+            self.dropped += 1
+            return False
+        self._worker.submit(function, *args).add_done_callback(self._done)
+        return True
+
+    def stop(self) -> None:
+        """Do what waits and end; a second call does nothing."""
+        self._worker.shutdown(wait=True)
+
+    def _done(self, work: Future[object]) -> None:
+        self._room.release()
+        error = work.exception()
+        if error is not None:
+            log.error("left undone: %s: %s", type(error).__name__, error)

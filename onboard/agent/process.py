@@ -1,0 +1,64 @@
+"""What the control loop needs of its process, so that nothing in it stands between a tick and the wire.
+
+Python's collector runs on the ground only; log lines are written by a thread of their own, since whoever reads them may
+hang; Python's lock changes hands quickly; and on a drone's own computer the loop's thread may take precedence.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import logging
+import logging.handlers
+import os
+import queue
+import sys
+
+_MAX_LINES = 2000
+_SWITCH_S = 0.0005
+_REALTIME_PRIORITY = 10
+
+
+class _Lines(logging.handlers.QueueHandler):
+    """Hands records over; what does not fit is dropped, because the writer hangs already."""
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        with contextlib.suppress(queue.Full):
+            self.queue.put_nowait(record)
+
+
+def log_elsewhere(name: str, level: str) -> logging.handlers.QueueListener:
+    """Log to stderr from a thread of its own; ``stop()`` of what is returned writes what is left."""
+    lines: queue.Queue[logging.LogRecord] = queue.Queue(_MAX_LINES)
+    writer = logging.StreamHandler(sys.stderr)
+    writer.setFormatter(logging.Formatter(f"%(asctime)s {name} %(levelname)s %(message)s"))
+    listener = logging.handlers.QueueListener(lines, writer)
+    logging.basicConfig(level=level, handlers=[_Lines(lines)], force=True)
+    listener.start()
+    return listener
+
+
+def settle() -> None:
+    """After everything is loaded: collect once, never look at what is there now again, and never collect unasked.
+
+    A collection in flight would cost ticks; without one only what refers to itself stays, which the agent's code does
+    not make tick by tick. :func:`tidy` collects while nothing flies.
+    """
+    sys.setswitchinterval(_SWITCH_S)
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+
+
+def tidy() -> None:
+    """Collect what has come since :func:`settle`; for the ground."""
+    gc.collect()
+
+
+def take_precedence() -> str:
+    """Let the calling thread run before everything else on this machine; a sentence that says whether it may."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_REALTIME_PRIORITY))
+    except (OSError, AttributeError) as error:
+        return f"The loop runs without real-time priority ({error}): allow it with LimitRTPRIO={_REALTIME_PRIORITY}."
+    return f"The loop runs with real-time priority {_REALTIME_PRIORITY}."
