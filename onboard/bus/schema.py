@@ -219,7 +219,10 @@ class OrderReply(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class MocapPose(Message, frozen=True, array_like=True, kw_only=True):
-    """Pose of one body, measured at ``stamp_ns``; the quaternion rotates body FLU to fleet ENU."""
+    """Pose of one body, measured at ``stamp_ns``; the quaternion rotates body FLU to fleet ENU.
+
+    source: the node whose clock stamps it; empty when that is the receiver's own.
+    """
 
     body: str
     boot_id: int
@@ -228,6 +231,29 @@ class MocapPose(Message, frozen=True, array_like=True, kw_only=True):
     is_tracked: bool
     position_enu_m: Vec3
     quaternion_enu_flu_wxyz: Vec4
+    source: str = ""
+
+
+class HeardClock(msgspec.Struct, frozen=True, array_like=True):
+    """A node's clock message of ``sent_ns``, by its own clock, arrived at ``received_ns`` by the teller's."""
+
+    node: str
+    host: int
+    sent_ns: int
+    received_ns: int
+
+
+class ClockMessage(Message, frozen=True, array_like=True, kw_only=True):
+    """A node's monotonic clock, and what it heard of the others': twice a second, ``onboard/bus/clocks.py``.
+
+    host: what shares one clock has the same; another boot is another host.
+    """
+
+    node: str
+    host: int
+    sequence: int
+    sent_ns: int
+    heard: tuple[HeardClock, ...] = ()
 
 
 class Truth(Message, frozen=True, array_like=True, kw_only=True):

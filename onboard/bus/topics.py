@@ -22,6 +22,7 @@ class Topic(str, Enum):
     PREFLIGHT = "preflight"
     ORDER = "order"
     MOCAP = "mocap"
+    CLOCK = "clock"
     TRUTH = "truth"
     ALIVE = "alive"
     SIM = "sim"
@@ -55,6 +56,7 @@ TOPICS: dict[Topic, TopicSpec] = {
     Topic.PREFLIGHT: TopicSpec(schema.PreflightReport, 1.0, 3.0, Delivery.LATEST, "agent on the ground -> ground"),
     Topic.ORDER: TopicSpec(schema.Order, 0.0, 5.0, Delivery.QUERY, "ground -> agent, answered"),
     Topic.MOCAP: TopicSpec(schema.MocapPose, 50.0, 0.2, Delivery.LATEST, "mocap relay -> agents"),
+    Topic.CLOCK: TopicSpec(schema.ClockMessage, 2.0, 60.0, Delivery.LATEST, "agents, ground, relay <-> each other"),
     Topic.TRUTH: TopicSpec(schema.Truth, 50.0, 1.0, Delivery.LATEST, "emulator -> recorder, never an agent"),
     Topic.SIM: TopicSpec(schema.FaultOrder, 0.0, 5.0, Delivery.QUERY, "ground -> emulator, answered; never an agent"),
     Topic.ALIVE: TopicSpec(None, 0.0, 1.0, Delivery.TOKEN, "all -> all"),
