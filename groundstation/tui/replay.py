@@ -98,8 +98,7 @@ class ReplayApp(ConsoleApp):
             yield widget
 
     def on_mount(self) -> None:
-        """Begin where it was asked for."""
-        super().on_mount()
+        """Begin where it was asked for; the console's own beginning comes by itself."""
         if self.replay.timeline.broken:
             self._event_log.write(self.replay.timeline.broken, severity="warning")
         if self._at_s > 0.0:
