@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 
 import msgspec
 
+from onboard.agent import takeover
 from onboard.agent.events import EventIn, LoopTimed, NeighbourHeard, NodeSeen, ParamsRead, PoseArrived
 from onboard.agent.flight import Flight
 from onboard.agent.neighbours import NeighbourTable
@@ -15,7 +17,7 @@ from onboard.agent.steps import View
 from onboard.bus.schema import PreflightReport, StateMessage
 from onboard.config import FleetConfig, Vec3, Vehicle
 from onboard.control.bounds import ACCURACIES
-from onboard.control.feasibility import error_class, fence_finding, fleet_findings, start_finding
+from onboard.control.feasibility import error_class, fleet_findings, start_finding
 from onboard.control.findings import Finding
 from onboard.link.autopilot import Snapshot, Vec4
 from onboard.link.params import FUSES_HEADING, FUSES_POSITION, required_params
@@ -25,7 +27,7 @@ from onboard.safety.go_no_go import Facts
 
 RECORDER = "recorder"  # first word of the bus node of whoever records
 _REPORT_EVERY_NS = 1_000_000_000
-_RATE_OVER_NS = 1_000_000_000
+_RATE_OVER_NS = _AT_REST_NS = 1_000_000_000
 _TWIN_FOR_NS = 3_000_000_000
 _TILT_TIME_S = 0.5
 _HANDLED_RAD, _WRONG_TILT_RAD = math.radians(12.0), math.radians(10.0)
@@ -68,6 +70,7 @@ class Readiness:
         self._tilts: tuple[Vec3, Vec3] | None = None  # directions of up in the body, of mocap and PX4, low-passed
         self._has_wrong_tilt = self._has_flown = False
         self._attitude_ns = self._counted = 0
+        self._fastest = (0.0, 0)  # speed of the last second, and when that was
         self._count_from_ns: int | None = None
         self._attitude_hz: float | None = None
         self._fleet_refusals: tuple[Refusal, ...] | None = None
@@ -94,11 +97,19 @@ class Readiness:
     def look(self, view: View, dt_s: float, *, is_airborne: bool, hover_frac: float) -> tuple[str, ...]:
         """What refuses take-off at this tick on the ground."""
         self._count_attitudes(view.now_ns, view.snapshot)
+        speed_m_s = math.hypot(*view.velocity_enu_m_s)
+        if speed_m_s >= self._fastest[0] or view.now_ns - self._fastest[1] > _AT_REST_NS:
+            self._fastest = speed_m_s, view.now_ns
         self._compare_tilts(view.snapshot, dt_s)
         self._has_flown |= self._flight.state == "landed"
         self._facts = self._gather(view, is_airborne, hover_frac)
         self.not_ready = preflight.reasons(self._facts, self._fleet, self._vehicle)
         return self.not_ready
+
+    def reasons_in_air(self, view: View, hover_frac: float) -> tuple[str, ...]:
+        """What refuses to take over a flying vehicle."""
+        facts = self._gather(view, True, hover_frac)
+        return preflight.reasons(facts, self._fleet, self._vehicle, takeover.RULES)
 
     def due(self, now_ns: int) -> PreflightReport | None:
         """The report, once a second while :meth:`look` is called."""
@@ -132,7 +143,7 @@ class Readiness:
             has_twin=self._twin_ns is not None and now_ns - self._twin_ns < _TWIN_FOR_NS,
             position_age_s=own.age_s,
             position_enu_m=view.position_enu_m,
-            speed_m_s=math.hypot(*view.velocity_enu_m_s),
+            speed_m_s=self._fastest[0],
             sample_delay_s=None if sample is None else sample[2],
             sample_age_s=math.inf if sample is None else _age_s(now_ns, sample[1]),
             px4_position_enu_m=(east, north, -down) if snapshot.local_position_ns else None,
@@ -170,18 +181,18 @@ class Readiness:
         return self._fleet_refusals + self._place_refusals
 
     def _judge_places(self, position_enu_m: Vec3) -> tuple[Refusal, ...]:
-        """Where it stands: the fence, and the nearest of those who stand as well."""
-        fleet, own = self._flown(), {self._vehicle.name: position_enu_m}
-        found = [fence_finding(fleet, own, "where it stands")]
+        """Where it stands, beside the nearest of those who stand as well."""
+        fleet = self._flown()
         others = {
             name: told.position_enu_m
             for name, told in self._neighbours.telemetries().items()
             if told.is_position_valid and not told.is_airborne
         }
-        if others:
-            nearest = min(others, key=lambda name: math.dist(position_enu_m[:2], others[name][:2]))
-            found.append(start_finding(fleet, {**own, nearest: others[nearest]}, ACCURACIES[error_class(fleet)]))
-        return _refused(found)
+        if not others:
+            return ()
+        nearest = min(others, key=lambda name: math.dist(position_enu_m[:2], others[name][:2]))
+        spots = {self._vehicle.name: position_enu_m, nearest: others[nearest]}
+        return _refused((start_finding(fleet, spots, ACCURACIES[error_class(fleet)]),))
 
     def _flown(self) -> FleetConfig:
         """The fleet file with the law that is really flown."""
@@ -220,7 +231,7 @@ _UP: Vec3 = (0.0, 0.0, 1.0)
 _judged: dict[tuple[str, str], tuple[Refusal, ...]] = {}
 
 
-def _refused(findings: tuple[Finding, ...] | list[Finding]) -> tuple[Refusal, ...]:
+def _refused(findings: Iterable[Finding]) -> tuple[Refusal, ...]:
     return tuple((f.name, f.sentence.removesuffix(f" {f.remedy}"), f.remedy) for f in findings if f.status == "refused")
 
 

@@ -181,11 +181,11 @@ def agreement(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
         return _NO_POSITION
     heading_deg, tilt_deg = math.degrees(f.heading_miss_rad), math.degrees(f.tilt_miss_rad)
     words: dict[str, object] = {"heading": heading_deg, "tilt": tilt_deg}
-    if tilt_deg > TILT_MISS_DEG:
+    if not tilt_deg <= TILT_MISS_DEG:  # so that what is not a number is not fine
         return "tilt", words
     if f.has_wrong_tilt:
         return "handled", words
-    is_turned = abs(heading_deg) > HEADING_MISS_DEG
+    is_turned = not abs(heading_deg) <= HEADING_MISS_DEG
     if is_turned and f.fuses_heading:
         return "heading", words
     if f.fuses_position:
@@ -193,7 +193,7 @@ def agreement(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
             return "untold", words
         words["away"] = math.dist(f.px4_position_enu_m, f.position_enu_m)
         words["px4"] = _where(f.px4_position_enu_m)
-        if math.dist(f.px4_position_enu_m, f.position_enu_m) > FAR_FROM_PX4_M:
+        if not math.dist(f.px4_position_enu_m, f.position_enu_m) <= FAR_FROM_PX4_M:
             return "apart", words
     return ("compass" if is_turned else OK), words
 
@@ -201,7 +201,7 @@ def agreement(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
 def at_rest(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     if not f.has_position:
         return _NO_POSITION
-    return ("moving" if f.speed_m_s > MOVING_M_S else OK), {"speed": f.speed_m_s}
+    return ("moving" if not f.speed_m_s <= MOVING_M_S else OK), {"speed": f.speed_m_s}
 
 
 def spot(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
@@ -211,10 +211,8 @@ def spot(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
         return _NO_POSITION
     off_m = math.dist(f.position_enu_m[:2], vehicle.start_enu_m[:2])
     words: dict[str, object] = {"off": off_m, "spot": _where(vehicle.start_enu_m), "where": _where(f.position_enu_m)}
-    if off_m <= OFF_SPOT_M:
+    if off_m <= OFF_SPOT_M or f.has_flown:
         return OK, words
-    if f.has_flown:
-        return "landed", words
     for name in fleet.enabled_names:
         if name != vehicle.name and math.dist(f.position_enu_m[:2], fleet.vehicles[name].start_enu_m[:2]) < OFF_SPOT_M:
             return "swapped", {**words, "other": name}

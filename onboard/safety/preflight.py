@@ -7,7 +7,7 @@ and an order is refused in the words that the preflight page shows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 from onboard.config import FleetConfig, Vehicle
@@ -61,13 +61,19 @@ def checks(facts: Facts, fleet: FleetConfig, vehicle: Vehicle) -> tuple[Check, .
     return tuple(rule.check(facts, fleet, vehicle) for rule in RULES)
 
 
-def reasons(facts: Facts, fleet: FleetConfig, vehicle: Vehicle) -> tuple[str, ...]:
-    """What refuses take-off, in words with the remedy, in the table's order; empty when nothing does."""
-    return tuple(_refusals(facts, fleet, vehicle))
+def reasons(facts: Facts, fleet: FleetConfig, vehicle: Vehicle, only: Collection[str] | None = None) -> tuple[str, ...]:
+    """What refuses take-off, in words with the remedy, in the table's order; empty when nothing does.
+
+    Args:
+        only: names of the rules to ask; all by default.
+    """
+    return tuple(_refusals(facts, fleet, vehicle, only))
 
 
-def _refusals(facts: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
+def _refusals(facts: Facts, fleet: FleetConfig, vehicle: Vehicle, only: Collection[str] | None) -> Iterator[str]:
     for rule in RULES:
+        if only is not None and rule.name not in only:
+            continue
         key, _ = rule.judge(facts, fleet, vehicle)
         if key not in (OK, SKIP) and not rule.faults[key].is_advice:
             check = rule.check(facts, fleet, vehicle)
@@ -242,9 +248,6 @@ RULES: tuple[Rule, ...] = (
                 "The mocap sees it at {where}, {off:.2f} m from its take-off spot {spot}.",
                 "If it stands there, correct start_enu_m or carry it to its spot; else the mocap's frame is turned or "
                 "mirrored: correct its axes.",
-            ),
-            "landed": Fault(
-                "It stands {off:.2f} m from its take-off spot, where it landed.", "Nothing to do.", is_advice=True
             ),
         },
         judge.spot,
