@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from onboard.agent import messages, orders
+from onboard.agent import messages, orders, takeover
 from onboard.agent.events import (
     AutopilotHeard,
     Command,
@@ -167,16 +167,7 @@ class AgentCore:
         if known is not None:
             return [Reply(known)]  # asked again: same answer, nothing begins twice
         view = replace(self._view, now_ns=now_ns, snapshot=self._snapshot)
-        reason = self.roles.refusal(order) or orders.refusal(
-            order,
-            now_ns,
-            flight=self.flight,
-            snapshot=self._snapshot,
-            position_enu_m=view.position_enu_m,
-            not_ready=self.readiness.not_ready,
-            others=self.neighbours.telemetries(),
-            fleet=self.fleet,
-        )
+        reason = self.roles.refusal(order) or self._refusal(order, view)
         if reason is None and self.is_stopping and order.kind not in ("kill", "land", "disarm"):
             reason = "This agent has been asked to stop: start it again."
         reply = OrderReply(
@@ -188,6 +179,22 @@ class AgentCore:
         if reason is None:
             self._begin(order, view)
         return [Reply(reply), *self._drain()]
+
+    def _refusal(self, order: Order, view: View) -> str | None:
+        late = orders.late_sentence(order, view.now_ns)
+        if late is None and order.kind == "hold" and self.flight.state == "failed":
+            not_ready = self.readiness.reasons_in_air(view, self._hover_frac)
+            return takeover.refusal(view, not_ready, self._distances, self.fleet)
+        return orders.refusal(
+            order,
+            view.now_ns,
+            flight=self.flight,
+            snapshot=self._snapshot,
+            position_enu_m=view.position_enu_m,
+            not_ready=self.readiness.not_ready,
+            others=self.neighbours.telemetries(),
+            fleet=self.fleet,
+        )
 
     def _begin(self, order: Order, view: View) -> None:
         flight = self.flight
@@ -205,6 +212,8 @@ class AgentCore:
                 assert order.position_enu_m is not None
                 flight.begin_move(view, order, order.position_enu_m, max(0.0, order.duration_s))
                 self._conflict_check_ns = view.now_ns + int(_CONFLICT_CHECK_S * 1e9)
+            case "hold" if flight.state == "failed":
+                flight.begin_takeover(view, order)
             case "hold":
                 flight.begin_hold(view, order, "ordered")
             case "land" if flight.state == "failed":
@@ -306,9 +315,7 @@ class AgentCore:
             is_stopping=self.is_stopping,
         )
         if flight.situation is Situation.GROUND:
-            self.readiness.look(
-                self._view, self._period_s, is_airborne=self._is_airborne, hover_frac=self._hover_frac
-            )
+            self.readiness.look(self._view, self._period_s, is_airborne=self._is_airborne, hover_frac=self._hover_frac)
             if flight.state in ("waiting", "ready") and flight.step is Step.IDLE:
                 flight.state = "waiting" if self.readiness.not_ready else "ready"
 

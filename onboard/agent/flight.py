@@ -94,7 +94,7 @@ class Flight:
     @property
     def must_be_offboard(self) -> bool:
         """Whether a heartbeat with another mode means that somebody took the vehicle away."""
-        return self.is_streaming and self.step is not Step.OFFBOARD
+        return self.is_streaming and self.step not in (Step.OFFBOARD, Step.TAKEOVER)
 
     def goal(self) -> Goal:
         """For guidance."""
@@ -143,6 +143,14 @@ class Flight:
         self._enter(Step.ARRIVED, view)
         if order is not None:
             self.finish(view, "done", "Holding.")
+
+    def begin_takeover(self, view: View, order: Order) -> None:
+        """Fly on from PX4's hold: stream setpoints for this place until PX4 says that it follows them."""
+        self._replace_order(view, order)
+        self.state, self.reason, self.is_streaming = "holding", Step.TAKEOVER.value, True
+        self.ground_z_m = self.vehicle.start_enu_m[2]
+        self._set_goal(self._stop_point(view), 0.0)
+        self._enter(Step.TAKEOVER, view)
 
     def begin_land(self, view: View, order: Order | None, reason: str) -> None:
         """Descend where it is, under the law."""
@@ -207,6 +215,7 @@ class Flight:
             Step.DESCENT: self._descend,
             Step.CONTACT: self._await_landed,
             Step.PX4: self._await_px4_landing,
+            Step.TAKEOVER: self._take_over,
         }.get(self.step, self._idle)
         handler(view)
 
@@ -227,7 +236,7 @@ class Flight:
             self.say(view, "info", "landed", "On the ground and disarmed.")
             self.state = "landed"
         elif self.state in ("waiting", "ready", "landed") and armed and not view.is_on_ground and self.order is None:
-            self.stop(view, "PX4 flies without this agent: land it from the transmitter, or order land or kill.")
+            self.stop(view, "PX4 flies without this agent: order land or kill, or hold when PX4 holds its place.")
 
     def _await_offboard(self, view: View) -> None:
         if view.snapshot.is_offboard and view.snapshot.heartbeat_ns > self._step_ns and self._seconds(view) > 0.1:
@@ -250,6 +259,18 @@ class Flight:
             self._give_up_start(view, f"PX4 did not arm within {CONFIRM_TIMEOUT_S:.0f} s. {text}".strip())
         else:
             self._ask(view, Arm())
+
+    def _take_over(self, view: View) -> None:
+        if view.snapshot.is_offboard and self._told(view):
+            self._enter(Step.ARRIVED, view)
+            self.reason = "ordered"
+            self.finish(view, "done", "Taken over from PX4's hold; holding.")
+        elif self._seconds(view) > CONFIRM_TIMEOUT_S:
+            self.stop(
+                view, f"PX4 did not enter OFFBOARD within {CONFIRM_TIMEOUT_S:.0f} s: it flies without this agent."
+            )
+        elif self._seconds(view) > _STREAM_BEFORE_OFFBOARD_S:
+            self._ask(view, SetOffboard())
 
     def _give_up_start(self, view: View, sentence: str) -> None:
         self.finish(view, "failed", sentence)

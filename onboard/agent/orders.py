@@ -30,8 +30,9 @@ def refusal(
     """A sentence why ``order`` cannot be begun, or None. Kill is never refused, not even when it is late."""
     if order.kind == "kill":
         return None
-    if order.deadline_ns and order.deadline_ns < now_ns:
-        return f"The order came {1e-9 * (now_ns - order.deadline_ns):.1f} s after its deadline: send it again."
+    late = late_sentence(order, now_ns)
+    if late is not None:
+        return late
     if order.kind == "identify":
         return None
     if order.kind in ("arm", "takeoff"):
@@ -50,6 +51,13 @@ def refusal(
     if order.kind == "move":
         return _move(order, others, fleet)
     return None
+
+
+def late_sentence(order: Order, now_ns: int) -> str | None:
+    """What to say of an order that came after its deadline; None of one in time."""
+    if not order.deadline_ns or order.deadline_ns >= now_ns:
+        return None
+    return f"The order came {1e-9 * (now_ns - order.deadline_ns):.1f} s after its deadline: send it again."
 
 
 def _start(

@@ -21,6 +21,7 @@ class Step(Enum):
     DESCENT = "descent"
     CONTACT = "on the ground, waiting for PX4"
     PX4 = "PX4 lands"
+    TAKEOVER = "taking over from PX4's hold"
 
 
 @dataclass(frozen=True, slots=True)
