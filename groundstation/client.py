@@ -21,6 +21,7 @@ from groundstation.fleet import DIRECT_DISARMED, FleetState
 from groundstation.handle import OrderHandle, Phase, VehicleResult
 from groundstation.operator import Control
 from groundstation.orders import Intent, Plan
+from groundstation.ticks import BusTicks, Follows
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Event, FaultOrder, Message, Order, OrderReply, Truth
 from onboard.bus.session import BusSession, OnAlive, OnMessage
@@ -40,7 +41,7 @@ class FaultRefused(RuntimeError):
     """A fault was not injected: a sentence that says why."""
 
 
-class Bus(Protocol):
+class Bus(Follows, Protocol):
     """What the client needs of :class:`onboard.bus.session.BusSession`."""
 
     @property
@@ -128,6 +129,7 @@ class FleetClient:
             clock_ns=clock_ns,
         )
         self._look_ns = 0
+        self.ticks = BusTicks(self._bus)
 
     @property
     def state(self) -> FleetState:
@@ -169,6 +171,7 @@ class FleetClient:
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+        self.ticks.stop()
         await asyncio.to_thread(self._bus.stop)
         self._loop = None
 

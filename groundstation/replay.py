@@ -28,6 +28,7 @@ from groundstation.orders import Intent, OrderError
 from groundstation.recording.channels import as_mapping
 from groundstation.recording.timeline import Reading, Timeline, Told
 from groundstation.recording.writer import event_line
+from groundstation.ticks import KEPT
 from onboard.bus.schema import TickSample, Truth
 from onboard.config import ConfigError, FleetConfig, load_fleet
 
@@ -36,7 +37,6 @@ STEP_NS = 100_000_000  # the console's own period: what it would have seen live
 KEYFRAME_NS = 2_000_000_000
 MEMORY_NS = 60_000_000_000  # before the place looked for, so that trails and charts are there
 MAX_KEYFRAMES = 20_000
-TICKS = 1500
 _BREATH_S = 0.02  # of work at a time, between which the console is drawn
 _BACK_NS = 1_000_000_000
 _SEEN = frozenset(("telemetry", "truth", "event", "preflight"))
@@ -46,11 +46,27 @@ REFUSAL = "This is a recorded flight: nothing can be ordered. Attach to a flying
 OnStep = Callable[[FleetState, int], None]
 
 
+class RecordedTicks:
+    """The pipeline's values of one vehicle, as the record has them."""
+
+    def __init__(self, on_change: Callable[[], None]) -> None:
+        self.values: deque[TickSample] = deque(maxlen=KEPT)
+        self.vehicle: str | None = None
+        self._on_change = on_change
+
+    def follow(self, vehicle: str | None) -> None:
+        """Keep this vehicle's values from now on, newest last; None: nobody's."""
+        if vehicle != self.vehicle:
+            self.vehicle = vehicle
+            self.values.clear()
+            self._on_change()
+
+
 class Replay:
     """Plays a record. Call :meth:`play` often; seek with :meth:`seek`.
 
     Attributes:
-        is_playing, speed: what :meth:`play` does. ticks: the followed vehicle's pipeline values, newest last.
+        is_playing, speed: what :meth:`play` does. ticks: the followed vehicle's pipeline values.
         seeking: how far a seek is, 0 to 1, None when none is under way.
     """
 
@@ -59,11 +75,10 @@ class Replay:
         self.timeline = timeline
         self.is_playing = True
         self.speed = speed
-        self.ticks: deque[TickSample] = deque(maxlen=TICKS)
+        self.ticks = RecordedTicks(self._read_again)
         self.seeking: float | None = None
         self._listeners: list[OnStep] = []
         self._resets: list[Callable[[], None]] = []
-        self._followed: str | None = None
         self._keyframes: list[tuple[int, FleetState]] = [(timeline.begin_ns - 1, fleet_state.initial(fleet))]
         self._state, self._now_ns = self._keyframes[0][1], self._keyframes[0][0]
         self._reading = self._read_on()
@@ -88,13 +103,6 @@ class Replay:
             OrderError: always.
         """
         raise OrderError(REFUSAL)
-
-    def follow_ticks(self, vehicle: str | None) -> None:
-        """Keep this vehicle's pipeline values from now on; None: nobody's."""
-        if vehicle != self._followed:
-            self._followed = vehicle
-            self.ticks.clear()
-            self._reading = self._read_on()
 
     # -- playing ---------------------------------------------------------------------------------------------------
 
@@ -177,13 +185,16 @@ class Replay:
     def _turn_back(self, before_ns: int) -> None:
         place = max(0, bisect.bisect_right(self._keyframes, before_ns, key=lambda pair: pair[0]) - 1)
         self._now_ns, self._state = self._keyframes[place]
-        self.ticks.clear()
+        self.ticks.values.clear()
         self._reading = self._read_on()
         for reset in self._resets:
             reset()
 
+    def _read_again(self) -> None:
+        self._reading = self._read_on()
+
     def _read_on(self) -> Reading:
-        return self.timeline.told(self._now_ns, _SEEN if self._followed is None else _WITH_TICKS)
+        return self.timeline.told(self._now_ns, _SEEN if self.ticks.vehicle is None else _WITH_TICKS)
 
     def _steps(self, until_ns: int) -> Iterator[None]:
         """Fold the record on to ``until_ns``, and pause after every step."""
@@ -208,8 +219,8 @@ class Replay:
                 continue
             for one in group:
                 if isinstance(one.message, TickSample):
-                    if one.name == self._followed:
-                        self.ticks.append(one.message)
+                    if one.name == self.ticks.vehicle:
+                        self.ticks.values.append(one.message)
                     continue
                 state = fleet_state.fold(state, one.message, one.stamp_ns)
                 view = state.vehicles.get(one.name)
