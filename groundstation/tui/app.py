@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Awaitable, Callable
 from typing import ClassVar, Protocol
@@ -21,12 +20,14 @@ from groundstation.orders import Intent, OrderError
 from groundstation.tui import look
 from groundstation.tui.dress import DressedApp
 from groundstation.tui.history import History
+from groundstation.tui.panels import rooms
 from groundstation.tui.screens.alarms import AlarmsScreen
 from groundstation.tui.screens.dialogs import HelpScreen, QuitScreen
 from groundstation.tui.screens.live import LiveScreen
 from groundstation.tui.widgets.bars import ResultLine, StatusBar, TitleBar
 from groundstation.tui.widgets.event_log import EventLog
 from groundstation.tui.widgets.fleet_table import FleetTable
+from groundstation.tui.widgets.lines import Lines
 from groundstation.tui.widgets.order_line import OrderLine
 from groundstation.tui.widgets.plan_view import PlanView
 from groundstation.tui.widgets.separation import SeparationView
@@ -125,8 +126,8 @@ class ConsoleApp(DressedApp):
             yield self._plan
             with Vertical(id="right"):
                 yield self._separation
+                yield self._verdict
                 yield self._event_log
-        yield self._verdict
         yield self._result_line
         with Horizontal(id="line"):
             yield Static(" : ", id="prompt", markup=False)
@@ -145,14 +146,21 @@ class ConsoleApp(DressedApp):
             self._mission_worker = self.run_worker(self._fly(self._mission), exit_on_error=False)
 
     def on_resize(self, event: events.Resize) -> None:
-        """The table is as high as its rows, the plan as wide as its fence is at this height."""
-        width, height = event.size
-        table = min(len(self.fleet.enabled_names) + 3, max(4, round(0.45 * height)))
-        self._fleet_table.styles.height = table
-        rows = max(4, height - table - 6)
-        fence = self.fleet.fleet.geofence_m
-        wish = 2 + 2 * rows * min(4.0, (fence.x[1] - fence.x[0]) / (fence.y[1] - fence.y[0]))
-        self._plan.styles.width = max(10, min(math.ceil(wish) + 4, round(0.62 * width)))
+        """Other sizes, other rooms."""
+        self._give_rooms(event.size.width, event.size.height)
+
+    def on_lines_alone(self, message: Lines.Alone) -> None:
+        """A panel takes all the room, or gives it back."""
+        self._give_rooms(*self.size, message.name)
+
+    def _give_rooms(self, width: int, height: int, alone: str | None = None) -> None:
+        screen = self.screen_stack[0]
+        if alone is None:
+            alone = next((name.removeprefix("only-") for name in screen.classes if name.startswith("only-")), "")
+        count = len(self.client.state.vehicles)
+        self._fleet_table.styles.height, self._plan.styles.width = rooms(
+            width, height, count, self.fleet.fleet.geofence_m, alone
+        )
 
     # -- what is seen ----------------------------------------------------------------------------------------------
 
@@ -232,7 +240,7 @@ class ConsoleApp(DressedApp):
         box.border_title = "✔ mission passed" if is_good else "✖ mission failed"
         box.border_subtitle = "v hides · q quits"
         box.set_class(not is_good, "bad")
-        box.display = True
+        self._open_verdict(True)
         box.update("\n".join(sentences))
         self._mission_line = "✔ mission passed" if is_good else "✖ mission failed"
         for sentence in sentences:
@@ -333,7 +341,11 @@ class ConsoleApp(DressedApp):
         """Hide or show the verdict."""
         box = self._verdict
         if box.border_title:
-            box.display = not box.display
+            self._open_verdict(not box.display)
+
+    def _open_verdict(self, is_open: bool) -> None:
+        """It stands where the events are, which tell the same: the plan keeps its room."""
+        self._verdict.display, self._event_log.display = is_open, not is_open
 
     async def action_leave(self) -> None:
         """Quit; a flying fleet is asked about first."""

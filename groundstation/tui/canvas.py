@@ -49,7 +49,7 @@ class Canvas:
     def circles(self, centres: FloatArray, radius: float, colour: str, gap: int = 1) -> None:
         """Circles of dots about centres (n, 2), radius in dots; with ``gap`` n only every n-th dot is set."""
         if 0.0 < radius < 1e4 and len(centres):
-            x, y = _round(max(12, min(_MAX_STEPS, int(5 * radius))) // gap)
+            x, y = _round(max(12, min(_MAX_STEPS, int(8 * radius))) // gap)
             self.dots((centres[:, :1] + radius * x).ravel(), (centres[:, 1:] + radius * y).ravel(), colour)
 
     def copy(self) -> Canvas:

@@ -78,6 +78,13 @@ def style(colour: str = TEXT, *, bold: bool = False, dim: bool = False) -> Style
     return _STYLES[key]
 
 
+@lru_cache(256)
+def faded(colour: str) -> str:
+    """A colour half way to the ground: for what lies behind."""
+    parts = (round(0.45 * int(colour[i : i + 2], 16) + 0.55 * int(GROUND[i : i + 2], 16)) for i in (1, 3, 5))
+    return "#" + "".join(f"{part:02x}" for part in parts)
+
+
 def vehicle_colour(index: int) -> str:
     """Colour of the vehicle at this place of the fleet file."""
     return VEHICLE_COLOURS[index % len(VEHICLE_COLOURS)]

@@ -14,7 +14,7 @@ from groundstation.fleet import FleetState, VehicleView
 from groundstation.tui import look
 from groundstation.tui.canvas import Canvas
 from groundstation.tui.history import FAR_M, History
-from groundstation.tui.look import BAD, CALM, FAINT, RULE, TEXT, WARN
+from groundstation.tui.look import BAD, FAINT, RULE, TEXT, WARN
 from onboard.config import FleetConfig
 from onboard.obstacles import Obstacle
 
@@ -25,6 +25,7 @@ _ARROWS = "→↗↑↖←↙↓↘"
 _NEAR_M = 0.12  # what is nearer to its vehicle is hidden by it
 _NAMES_WIDTH = 90  # cells from which on names stand beside few vehicles
 _FEW = 12
+_DENSE = 40  # cells a vehicle, below which only numbers are written
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,13 +121,16 @@ def draw_fleet(
         if pair.is_flying and pair.distance_m < limit_m
         for name in (pair.first, pair.second)
     }
+    chosen = {selected, *marked}
+    is_dense = window.width * window.height < _DENSE * len(views)
     _draw_trails(canvas, window, history, views)
     for index, view in enumerate(views):
-        _draw_aims(canvas, window, view, spots.get(view.name), look.vehicle_colour(index))
+        if not is_dense or view.name in chosen:
+            _draw_aims(canvas, window, view, spots.get(view.name), look.vehicle_colour(index))
     _draw_circles(canvas, window, limit_m / 2.0, views, spots, too_close, now_ns)
     for view in views:
         _draw_avoidance(canvas, window, view, spots, now_ns)
-    _write(canvas, window, fleet, views, spots, too_close, now_ns, selected, set(marked))
+    _write(canvas, window, fleet, views, spots, too_close, now_ns, selected, set(marked), is_dense)
 
 
 def _draw_trails(canvas: Canvas, window: Window, history: History, views: list[VehicleView]) -> None:
@@ -136,7 +140,7 @@ def _draw_trails(canvas: Canvas, window: Window, history: History, views: list[V
         trails = [history.trails[view.name] for view in views[first::colours] if view.name in history.trails]
         if trails:
             dots = window.dots(np.concatenate(trails))
-            canvas.dots(dots[:, 0], dots[:, 1], look.vehicle_colour(first))
+            canvas.dots(dots[:, 0], dots[:, 1], look.faded(look.vehicle_colour(first)))
 
 
 def _draw_aims(canvas: Canvas, window: Window, view: VehicleView, spot: Spot | None, colour: str) -> None:
@@ -185,11 +189,11 @@ def _draw_avoidance(canvas: Canvas, window: Window, view: VehicleView, spots: Ma
     if other is None:
         return
     start, end = window.dot(*spot[:2]), window.dot(*other[:2])
-    canvas.line(start, end, CALM, gap=2)
+    canvas.line(start, end, TEXT, gap=2)
     angle = math.atan2(start[1] - end[1], end[0] - start[0])
     # At a third of the way: of two that avoid each other both arrows are seen.
     column, row = window.cell(spot[0] + (other[0] - spot[0]) * 0.36, spot[1] + (other[1] - spot[1]) * 0.36)
-    canvas.text(column, row, _ARROWS[round(angle / (math.pi / 4.0)) % 8], CALM, bold=True)
+    canvas.text(column, row, _ARROWS[round(angle / (math.pi / 4.0)) % 8], TEXT, bold=True)
 
 
 def _write(
@@ -202,8 +206,13 @@ def _write(
     now_ns: int,
     selected: str | None,
     marked: set[str],
+    is_dense: bool,
 ) -> None:
-    """Numbers first, so that no height covers one; ``[1]`` under the cursor, ``1!`` too close, ``1?`` silent."""
+    """Numbers first, so that no height covers one; ``[1]`` under the cursor, ``1!`` too close, ``1?`` silent.
+
+    In a dense crowd there is room for numbers only: they take the colour of the height.
+    """
+    heights_m = fleet.fleet.geofence_m.z
     written: list[tuple[int, int, int, VehicleView]] = []
     for index, view in enumerate(views):
         if view.name not in spots or view.telemetry is None:
@@ -213,13 +222,14 @@ def _write(
         text = f"[{index}]{sign}" if view.name == selected else f"{'✓' if view.name in marked else ''}{index}{sign}"
         column, row = window.cell(*spots[view.name][:2])
         column -= view.name == selected or view.name in marked
-        colour = FAINT if is_stale else BAD if sign else look.vehicle_colour(index)
+        own = look.height_colour(spots[view.name][2], heights_m) if is_dense else look.vehicle_colour(index)
+        colour = FAINT if is_stale else BAD if sign else own
         canvas.text(column, row, text, colour, bold=True)
         written.append((column, row, len(text), view))
     has_names = window.width >= _NAMES_WIDTH and len(views) <= _FEW
     for column, row, length, view in written:
         told, spot = view.telemetry, spots[view.name]
-        if told is None:
+        if told is None or (is_dense and view.name != selected and view.name not in marked):
             continue
         name = f"{look.fit_name(look.clean(view.name), 12).rstrip()} " if has_names else ""
         is_stale = not view.is_fresh(now_ns)
@@ -229,7 +239,7 @@ def _write(
         places = ((column + length + 1, row), (column - width - 1, row), (column, row - 1), (column, row + 1))
         place = next((place for place in places if label and canvas.is_free(place[0], place[1], width)), None)
         if place is not None:
-            tint = FAINT if is_stale else look.height_colour(spot[2], fleet.fleet.geofence_m.z)
+            tint = FAINT if is_stale else look.height_colour(spot[2], heights_m)
             canvas.text(*place, name, TEXT if not is_stale else FAINT)
             canvas.text(place[0] + cell_len(name), place[1], height, tint)
 

@@ -32,7 +32,8 @@ class Bar(Widget):
 
     def render_line(self, y: int) -> Strip:
         """The line."""
-        return Strip(self._segments if y == 0 else []).adjust_cell_length(self.size.width, self.rich_style)
+        line = Strip(self._segments if y == 0 else []).adjust_cell_length(self.size.width)
+        return line.apply_style(self.rich_style)
 
 
 class TitleBar(Bar):

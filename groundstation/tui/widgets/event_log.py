@@ -67,7 +67,8 @@ class EventLog(Widget):
         width, height = self.size
         if self._lines is None:
             self._lines = self._wrapped(width, height)
-        return Strip(self._lines[y] if y < len(self._lines) else []).adjust_cell_length(width)
+        line = Strip(self._lines[y] if y < len(self._lines) else []).adjust_cell_length(width)
+        return line.apply_style(self.rich_style)
 
     def _wrapped(self, width: int, height: int) -> list[list[Segment]]:
         has_time = width >= 46

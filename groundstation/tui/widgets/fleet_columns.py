@@ -202,7 +202,7 @@ def choose_columns(width: int) -> tuple[tuple[Column, ...], int]:
     left, kept = width, set[int]()
     for index in sorted(range(len(COLUMNS)), key=lambda index: COLUMNS[index].rank):
         if COLUMNS[index].width + 1 > left:
-            break
+            continue
         kept.add(index)
         left -= COLUMNS[index].width + 1
     return tuple(COLUMNS[index] for index in sorted(kept)), left if left >= WHY_WIDTH else 0

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
+from textual.binding import Binding, BindingType
 from textual.geometry import Region, Size
+from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
@@ -10,12 +14,29 @@ from textual.widget import Widget
 class Lines(Widget):
     """Draws what :meth:`draw` gives, and asks the screen for the changed lines only."""
 
-    _lines: list[Strip]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("z", "alone", "this alone", show=False)]
+
+    _lines: list[Strip]  # as drawn, without the widget's ground
     _drawn: Size | None = None
 
     def draw(self, width: int, height: int) -> list[Strip]:
         """The lines of a picture of this size, each ``width`` cells long; fewer lines leave the rest empty."""
         raise NotImplementedError
+
+    class Alone(Message):
+        """A panel (its id, or "" for none) is to have all the room."""
+
+        def __init__(self, name: str) -> None:
+            super().__init__()
+            self.name = name
+
+    def action_alone(self) -> None:
+        """Give this panel all the room, or give it back."""
+        own = f"only-{self.id}"
+        is_alone = self.screen.has_class(own)
+        self.screen.remove_class(*(name for name in self.screen.classes if name.startswith("only-")))
+        self.screen.set_class(not is_alone, own)
+        self.post_message(self.Alone("" if is_alone else str(self.id)))
 
     def redraw(self) -> None:
         """Draw now; what looks as before costs the terminal nothing."""
@@ -41,7 +62,8 @@ class Lines(Widget):
         """One line, ``y`` counted from the top of what is seen."""
         if self._drawn != self.size:
             self._lines, self._drawn = self.draw(*self.size), self.size
-        return _line(self._lines, y) or Strip.blank(self.size.width)
+        line = _line(self._lines, y)
+        return Strip.blank(self.size.width, self.rich_style) if line is None else line.apply_style(self.rich_style)
 
 
 def _line(lines: list[Strip], y: int) -> Strip | None:

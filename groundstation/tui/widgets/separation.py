@@ -24,7 +24,7 @@ _LEAST_CHART = 3
 _PERIOD_TOP_MS, _AGE_TOP_MS = 40.0, 200.0  # what fills a spark: two periods, and news that is too old
 
 
-class SeparationView(Lines):
+class SeparationView(Lines, can_focus=True):
     """Horizontal distances between centres, in metres, as the vehicles report them, and the truth where told."""
 
     def __init__(self, fleet: FleetConfig, history: History) -> None:
