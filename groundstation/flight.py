@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from groundstation.check import refuse_unflyable
 from groundstation.client import FleetClient
 from groundstation.missions.files import Mission, load_mission
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
@@ -65,6 +66,8 @@ def prepare(
     if is_simulated:
         fleet = _own_fleet(mission.fleet, folder, law, has_free_ports)
         mission = load_mission(mission_path, fleet)
+    refuse_unflyable(mission, is_simulated)
+    if is_simulated:
         busy = busy_ports(fleet) if needs_ports else []
         if busy:
             more = f" ({len(busy)} ports are in use)" if len(busy) > 1 else ""
@@ -100,7 +103,7 @@ def start_processes(settings: Settings, processes: Processes) -> None:
     path = str(settings.folder / "fleet.toml")
     processes.start(EMULATOR, ["sitl", "--fleet", path, "--seed", str(settings.seed)])
     for name in settings.mission.fleet.enabled_names:
-        processes.start(name, ["onboard", "--fleet", path, "--vehicle", name, "--apply-params"])
+        processes.start(name, ["onboard", "--fleet", path, "--vehicle", name, "--apply-params", "--mocap", "bus"])
 
 
 class Flight:
@@ -170,7 +173,7 @@ class Flight:
         client = self._client = FleetClient(self._fleet, extra_topics=RECORDED)
         record = self._record = RecordWriter(
             self.settings.folder,
-            on_failure=lambda sentence: client.publish_event("critical", "record_failed", sentence),
+            on_failure=self._record_failed,
         )
         try:
             if self.settings.is_simulated:
@@ -180,6 +183,7 @@ class Flight:
             record.start()
             client.add_sink(record.put)
             await client.start()
+            client.tell_recording(record.failure is None)
             yield client
         finally:
             # Whatever interrupts the clearing up, the processes end: kill() runs even if an await here is cancelled.
@@ -189,6 +193,12 @@ class Flight:
                 await asyncio.to_thread(record.stop)
             finally:
                 self._processes.kill()
+
+    def _record_failed(self, sentence: str) -> None:
+        if self._client is not None:
+            self._client.publish_event("critical", "record_failed", sentence)
+            if self._client.is_started:
+                self._client.tell_recording(False)
 
     async def _mission(self) -> Verdict:
         assert self._run is not None

@@ -18,8 +18,6 @@ from onboard.types import Array, BoolArray, IntArray, Neighbours
 
 SILENT_S = 0.3
 _FORGET_NODE_S = 2.0
-_SAME_CLOCK_NS = 500_000_000
-_OTHER_CLOCK_DELAY_NS = 20_000_000
 _MANY = 16  # neighbours from which on arrays are cheaper than floats
 
 
@@ -108,7 +106,7 @@ class NeighbourTable:
         self._ages_told_s = self._ages_s.tolist()
 
     def hear(self, message: StateMessage | Telemetry, received_ns: int) -> bool:
-        """Take a message; False when it is from nobody we know, repeated, out of order or not finite."""
+        """Take a message with its stamp on our clock; False when from nobody we know, repeated, late or not finite."""
         place = self._places.get(message.vehicle)
         if place is None:
             return False
@@ -123,10 +121,7 @@ class NeighbourTable:
         self._newest[:, place] = message.boot_id, message.sequence
         if not message.is_valid:
             return True  # it knows no position: the last valid one ages, and is avoided like a silent vehicle's
-        delay_ns = received_ns - message.stamp_ns
-        # Agents of one host share the clock. A stamp of another clock says nothing: then the arrival counts.
-        shared = 0 <= delay_ns < _SAME_CLOCK_NS
-        self._stamp_ns[place] = message.stamp_ns if shared else received_ns - _OTHER_CLOCK_DELAY_NS
+        self._stamp_ns[place] = min(message.stamp_ns, received_ns)  # nothing comes from the future
         self._numbers[place] = _numbers(message)
         self._flags[:, place] = True, message.is_airborne, message.is_cooperative
         self._aged_ns = -1
@@ -144,9 +139,7 @@ class NeighbourTable:
         self.ignored_messages += int(np.count_nonzero(is_here & ~is_news))
         np.copyto(self._newest, arrived.whole[1:, others], where=is_news)
         taken = is_news & is_valid
-        delay_ns = received_ns - stamp_ns
-        is_shared = (delay_ns >= 0) & (delay_ns < _SAME_CLOCK_NS)
-        np.copyto(self._stamp_ns, np.where(is_shared, stamp_ns, received_ns - _OTHER_CLOCK_DELAY_NS), where=taken)
+        np.copyto(self._stamp_ns, np.minimum(stamp_ns, received_ns), where=taken)
         if taken.all():
             np.take(arrived.numbers, others, axis=0, out=self._numbers, mode="clip")
         else:

@@ -24,6 +24,7 @@ from onboard.agent import process
 from onboard.agent.core import AgentCore
 from onboard.agent.outbox import Outbox
 from onboard.agent.ticker import Ticker
+from onboard.bus.clock_node import ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessage, Telemetry
 from onboard.bus.session import BusError, BusSession
@@ -73,6 +74,7 @@ class Agent:
             listen=[self.vehicle.agent],
             connect=[*others, fleet.simulator_endpoint],
         )
+        self._clock = ClockNode(self._bus)
         self._inbox: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)  # the newest matter
         self._notices: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)  # few, and none may be pushed out by the others
         self._replies: dict[str, Callable[[OrderReply], None]] = {}
@@ -126,12 +128,17 @@ class Agent:
         def neighbour(_topic: Topic, name: str, message: Message | Malformed) -> None:
             if isinstance(message, (StateMessage, Telemetry)):
                 if name != self.name or message.boot_id != self._core.boot_id:  # a twin counts as one
-                    self._inbox.append(ev.NeighbourHeard(message, time.monotonic_ns()))
+                    now_ns = time.monotonic_ns()
+                    if isinstance(message, StateMessage):
+                        message = self._clock.state(name, message, now_ns)
+                    self._inbox.append(ev.NeighbourHeard(message, now_ns))
             else:
                 self._inbox.append(ev.MessageMalformed())
 
         def pose(message: MocapPose, received_ns: int) -> None:
-            self._inbox.append(ev.PoseArrived(message, received_ns))
+            aged = self._clock.pose(message, received_ns)
+            if aged is not None:
+                self._inbox.append(ev.PoseArrived(aged, received_ns))
 
         def malformed() -> None:
             self._inbox.append(ev.MessageMalformed())
@@ -139,6 +146,7 @@ class Agent:
         def order(message: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
             loop.call_soon_threadsafe(self._ordered, message, reply)
 
+        self._clock.start()
         self._bus.subscribe(Topic.STATE, "*", neighbour)
         self._bus.subscribe(Topic.TELEMETRY, "*", neighbour)
         if self.vehicle.mocap_required and self.vehicle.body:
@@ -155,7 +163,8 @@ class Agent:
             return
         self._replies[message.order_id] = reply
         self._core.handle(ev.AutopilotHeard(self._link.snapshot()), time.monotonic_ns())
-        self._execute(self._core.handle(ev.OrderArrived(message), time.monotonic_ns()))
+        now_ns = time.monotonic_ns()
+        self._execute(self._core.handle(ev.OrderArrived(self._clock.order(message, now_ns)), now_ns))
         log.info("order %s of %s", message.kind, message.author)
 
     def _signalled(self) -> None:
@@ -178,6 +187,8 @@ class Agent:
                 self._execute(self._core.handle(self._inbox.popleft(), now_ns))
             self._core.handle(ev.AutopilotHeard(self._link.snapshot()), now_ns)
             self._execute(self._core.tick(now_ns))
+            if self._ticks % _STATISTICS_TICKS == 0:
+                self._clock.beat()
             self._failed_ticks = 0
         except Exception as error:  # our own bug in flight: the one place that catches it
             log.exception("tick failed")
@@ -311,9 +322,7 @@ def run_agent(
 ) -> int:
     """Run one agent until it is told to stop; exit status as in the documentation of the commands."""
     lines = process.log_elsewhere(name, os.environ.get("COVEY_LOG", "INFO"))
-    agent = Agent(
-        fleet, name, apply_params=apply_params, law=law, is_realtime=is_realtime, has_bus_mocap=has_bus_mocap
-    )
+    agent = Agent(fleet, name, apply_params=apply_params, law=law, is_realtime=is_realtime, has_bus_mocap=has_bus_mocap)
     try:
         return asyncio.run(agent.run())
     except (LinkError, BusError) as error:

@@ -7,9 +7,11 @@ import os
 import time
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from onboard.bus.clocks import Clocks
 from onboard.bus.codec import Malformed
-from onboard.bus.schema import ClockMessage, Message
+from onboard.bus.schema import ClockMessage, Message, MocapPose, Order, StateMessage
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 
@@ -34,6 +36,28 @@ class ClockNode:
     def start(self) -> None:
         """Listen to the others; the bus must be open."""
         self._bus.subscribe(Topic.CLOCK, "*", self._receive)
+
+    def state(self, node: str, message: StateMessage, received_ns: int) -> StateMessage:
+        """A neighbour's state with its stamp on our clock; the very same where the clock is shared."""
+        stamp_ns = self.clocks.own_ns(node, message.stamp_ns, received_ns)
+        return message if stamp_ns == message.stamp_ns else replace(message, stamp_ns=stamp_ns)
+
+    def pose(self, pose: MocapPose, received_ns: int) -> MocapPose | None:
+        """A mocap's pose with its stamp on our clock; None while the clock of its source is not measured."""
+        if not pose.source:
+            return pose
+        if not self.clocks.is_measured(pose.source):
+            return None
+        stamp_ns = self.clocks.own_ns(pose.source, pose.stamp_ns, received_ns)
+        return pose if stamp_ns == pose.stamp_ns else replace(pose, stamp_ns=stamp_ns)
+
+    def order(self, order: Order, received_ns: int) -> Order:
+        """An order with its stamp and its deadline on our clock."""
+        stamp_ns = self.clocks.own_ns(order.node, order.stamp_ns, received_ns)
+        if stamp_ns == order.stamp_ns:
+            return order
+        deadline_ns = order.deadline_ns and order.deadline_ns - order.stamp_ns + stamp_ns
+        return replace(order, stamp_ns=stamp_ns, deadline_ns=deadline_ns)
 
     def beat(self) -> None:
         """Tell our clock; never blocks."""

@@ -7,6 +7,7 @@ tell a lost body from a dead source.
 
 from __future__ import annotations
 
+import logging
 import os
 import select
 import subprocess
@@ -30,6 +31,7 @@ _CONNECT_S = 5.0
 _AGAIN_S = 1.0
 _LARGEST_FRAME = 1 << 20
 
+log = logging.getLogger("covey.mocap")
 _decoder = msgspec.msgpack.Decoder(RawFrame)
 
 
@@ -71,6 +73,7 @@ class Poses:
                 is_tracked=True,
                 position_enu_m=self._frame.position_enu_m(position),
                 quaternion_enu_flu_wxyz=self._frame.quaternion_enu_flu_wxyz(quaternion),
+                source=self.source,
             )
             self._last[body] = pose
             found.append(pose)
@@ -90,6 +93,7 @@ class CapturedMocap:
         mocap: the fleet file's table, with ``source = "motioncapture"``.
         body: whose poses; ``*`` for all.
         on_pose, on_malformed: as of every source.
+        node: who passes the poses on over the bus; empty when they stay in this process.
         default_options: for the package, where the fleet file says nothing.
     """
 
@@ -100,10 +104,11 @@ class CapturedMocap:
         on_pose: OnPose,
         on_malformed: OnMalformed,
         *,
+        node: str = "",
         default_options: dict[str, str] | None = None,
     ) -> None:
         self._body, self._on_pose, self._on_malformed = body, on_pose, on_malformed
-        self._poses = Poses(mocap, boot_id=int.from_bytes(os.urandom(4), "little") & 0x7FFFFFFF)
+        self._poses = Poses(mocap, boot_id=int.from_bytes(os.urandom(4), "little") & 0x7FFFFFFF, source=node)
         given = {key: _text(value) for key, value in mocap.options.items()}
         host = {"hostname": mocap.hostname} if mocap.hostname else {}
         self._settings = Settings(mocap.type or "", {**(default_options or {}), **host, **given})
@@ -117,6 +122,11 @@ class CapturedMocap:
     def problem(self) -> str:
         """Why nothing comes; empty while frames come."""
         return self._problem
+
+    def _say(self, problem: str) -> None:
+        if problem and problem != self._problem:
+            log.warning("%s", problem)
+        self._problem = problem
 
     @property
     def reader_pid(self) -> int | None:
@@ -158,7 +168,7 @@ class CapturedMocap:
             if not select.select([pipe], [], [], 0.1)[0]:
                 if time.monotonic() - heard_s > patience_s:
                     since = "anything" if patience_s == _CONNECT_S else "more"
-                    self._problem = (
+                    self._say(
                         f"{self._where} did not send {since} for {patience_s:.0f} s. Check that it streams, "
                         "mocap.hostname and the network; trying again."
                     )
@@ -166,18 +176,19 @@ class CapturedMocap:
                 continue
             data = os.read(pipe, 1 << 16)
             if not data:
-                self._problem = self._problem or f"The process that reads {self._where} ended; starting it again."
+                self._say(self._problem or f"The process that reads {self._where} ended; starting it again.")
                 return
             pending += data
             while (frame := _next_frame(pending)) is not None:
                 if isinstance(frame, str):
                     self._on_malformed()
-                    self._problem = f"The process that reads {self._where} wrote what is no frame: {frame}."
+                    self._say(f"The process that reads {self._where} wrote what is no frame: {frame}.")
                     return
                 if frame.problem:
-                    self._problem = frame.problem
+                    self._say(frame.problem)
                     continue
-                self._problem, heard_s, patience_s = "", time.monotonic(), _QUIET_S
+                self._say("")
+                heard_s, patience_s = time.monotonic(), _QUIET_S
                 for pose in self._poses.of(frame):
                     if self._body in ("*", pose.body):
                         self._on_pose(pose, frame.arrived_ns)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 
+from onboard.bus.clock_node import ClockNode
 from onboard.bus.schema import MocapPose
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
@@ -25,6 +26,7 @@ from onboard.mocap_config import BODY_NAME
 
 EXIT_OK, EXIT_INCOMPLETE, EXIT_NOBODY = 0, 1, 10
 NODE = "mocap"
+_BEAT_S = 0.5
 
 
 def bodies_of(fleet: FleetConfig) -> dict[str, str]:
@@ -50,6 +52,7 @@ class Relay:
     say: Callable[[str], None]
     report: Report = field(init=False)
     _bus: BusSession = field(init=False)
+    _clock: ClockNode = field(init=False)
     _source: CapturedMocap = field(init=False)
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _unnameable: set[str] = field(default_factory=set)
@@ -60,8 +63,14 @@ class Relay:
         self._bus = BusSession(
             namespace=self.fleet.namespace, node=NODE, listen=[self.fleet.simulator_endpoint], connect=agents
         )
+        self._clock = ClockNode(self._bus)
         self._source = CapturedMocap(
-            self.fleet.mocap, "*", self._pass_on, lambda: None, default_options=mock_options(self.fleet)
+            self.fleet.mocap,
+            "*",
+            self._pass_on,
+            lambda: None,
+            node=NODE,
+            default_options=mock_options(self.fleet),
         )
 
     def run(self, *, seconds: float | None, every_s: float, stopped: threading.Event) -> int:
@@ -76,13 +85,19 @@ class Relay:
             f"mocap: {mocap.type} at {mocap.hostname or 'this computer'} -> bus {self.fleet.namespace}/mocap/*, "
             f"{mocap.latency_s * 1e3:.0f} ms taken off each stamp. Ctrl-C ends."
         )
-        began_s, was_complete = time.monotonic(), False
+        began_s = told_s = time.monotonic()
+        was_complete = False
         try:
+            self._clock.start()
             self._source.start()
             self.report.close_window(time.monotonic_ns())
-            while not stopped.wait(every_s if seconds is None else min(every_s, seconds)):
-                was_complete = self._tell(was_complete)
-                if seconds is not None and time.monotonic() - began_s >= seconds:
+            while not stopped.wait(min(_BEAT_S, every_s)):
+                self._clock.beat()
+                now_s = time.monotonic()
+                is_over = seconds is not None and now_s - began_s >= seconds
+                if is_over or now_s - told_s >= every_s:
+                    told_s, was_complete = now_s, self._tell(was_complete)
+                if is_over:
                     break
         finally:
             self._source.stop()

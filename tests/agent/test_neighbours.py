@@ -101,10 +101,16 @@ def test_a_restarted_neighbour_is_heard_again_although_its_count_begins_anew() -
 
 
 @pytest.mark.parametrize("stamp_ns", [10**17, 7 * S])
-def test_a_stamp_of_another_clock_or_of_the_future_counts_from_its_arrival(stamp_ns: int) -> None:
+def test_a_stamp_of_the_future_counts_from_its_arrival(stamp_ns: int) -> None:
     table = _table()
     table.hear(_state(stamp_ns=stamp_ns), 5 * S)
-    assert table.age_s("mav1", 5 * S + 100_000_000) == pytest.approx(0.12)
+    assert table.age_s("mav1", 5 * S + 100_000_000) == pytest.approx(0.10)
+
+
+def test_a_message_that_was_held_up_is_as_old_as_it_is() -> None:
+    table = _table()
+    table.hear(_state(stamp_ns=3 * S), 5 * S)
+    assert table.age_s("mav1", 5 * S) == pytest.approx(2.0)
 
 
 def test_strangers_are_ignored() -> None:
