@@ -34,7 +34,7 @@ Command = Callable[[str, str], list[str]]
 
 def agent_command(path: str, name: str) -> list[str]:
     """What starts the agent of vehicle ``name`` of the fleet file at ``path``, after ``python -m``."""
-    return ["onboard", "--fleet", path, "--vehicle", name, "--apply-params"]
+    return ["onboard", "--fleet", path, "--vehicle", name, "--apply-params", "--mocap", "bus"]
 
 
 def fleet_data(count: int, spacing_m: float, name: str = "stage") -> dict[str, Any]:
