@@ -27,6 +27,7 @@ _PASSED_ON = {
     "check": ("whether fleet or mission files are right and can be flown", "groundstation.check"),
     "simulate": ("the law over many perturbed flights, seeded", "sitl.campaign.cli"),
     "sitl-check": ("whether a MAVLink endpoint behaves as a real PX4", "sitl.conformance.__main__"),
+    "sitl-truth": ("ground truth of real PX4s with SIH, for verdicts", "sitl.truth"),
     "identify": ("a vehicle's lag, drag, hover throttle and lean, flown or from a record", "groundstation.identify"),
     "plot": ("figures of a recorded flight", "groundstation.plot"),
     "replay": ("a recorded flight in the console", "groundstation.replay"),
