@@ -129,7 +129,7 @@ def draw_fleet(
             _draw_aims(canvas, window, view, spots.get(view.name), look.vehicle_colour(index))
     _draw_circles(canvas, window, limit_m / 2.0, views, spots, too_close, now_ns)
     for view in views:
-        _draw_avoidance(canvas, window, view, spots, now_ns)
+        _draw_avoidance(canvas, window, view, spots, now_ns, is_dense and view.name not in chosen)
     _write(canvas, window, fleet, views, spots, too_close, now_ns, selected, set(marked), is_dense)
 
 
@@ -178,8 +178,15 @@ def _draw_circles(
         canvas.circles(np.array(centres), radius_m * window.scale, colour, gap)
 
 
-def _draw_avoidance(canvas: Canvas, window: Window, view: VehicleView, spots: Mapping[str, Spot], now_ns: int) -> None:
-    """A line with an arrow from who avoids to whom it avoids."""
+def _draw_avoidance(
+    canvas: Canvas,
+    window: Window,
+    view: VehicleView,
+    spots: Mapping[str, Spot],
+    now_ns: int,
+    is_faint: bool,
+) -> None:
+    """A line with an arrow from who avoids to whom it avoids; in a dense crowd a faint line."""
     told, spot = view.telemetry, spots.get(view.name)
     if told is None or spot is None or not told.is_airborne or not view.is_fresh(now_ns):
         return
@@ -189,7 +196,9 @@ def _draw_avoidance(canvas: Canvas, window: Window, view: VehicleView, spots: Ma
     if other is None:
         return
     start, end = window.dot(*spot[:2]), window.dot(*other[:2])
-    canvas.line(start, end, TEXT, gap=2)
+    canvas.line(start, end, FAINT if is_faint else TEXT, gap=2)
+    if is_faint:
+        return
     angle = math.atan2(start[1] - end[1], end[0] - start[0])
     # At a third of the way: of two that avoid each other both arrows are seen.
     column, row = window.cell(spot[0] + (other[0] - spot[0]) * 0.36, spot[1] + (other[1] - spot[1]) * 0.36)
@@ -233,7 +242,7 @@ def _write(
             continue
         name = f"{look.fit_name(look.clean(view.name), 12).rstrip()} " if has_names else ""
         is_stale = not view.is_fresh(now_ns)
-        height = "?" if is_stale else f"{look.number(spot[2], 1)}m" if told.is_airborne else ""
+        height = f"{look.number(spot[2], 1)}m" if told.is_airborne and not is_stale else ""
         label = f"{name}{height}".rstrip()
         width = cell_len(label)
         places = ((column + length + 1, row), (column - width - 1, row), (column, row - 1), (column, row + 1))

@@ -30,6 +30,7 @@ from onboard.config import ConfigError, FleetConfig
 SORT_S = 1.0  # rows that change places ten times a second cannot be read
 ALL_MARKED_S = 5.0  # a selection of everybody is forgotten by itself
 _SILENCE_WIDTH = 18
+_NO_SIGNS = str.maketrans("✖▲", "  ")
 
 
 class FleetTable(Lines, ScrollView, can_focus=True):
@@ -363,6 +364,8 @@ class FleetTable(Lines, ScrollView, can_focus=True):
                 segments.append(Segment(look.fit(text, rest), look.style(colour)))
                 return segments
             text, colour = column.cell(row)
+            if is_stale:  # a warning about the past is none, nor is its all clear
+                text = "?" if text == "ok" else text.translate(_NO_SIGNS)
             text = look.fit(text, column.width, right=column.right)
             segments.append(Segment(f"{text} ", look.style(colour, dim=is_stale)))
         if left:

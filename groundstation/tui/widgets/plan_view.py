@@ -59,6 +59,11 @@ class PlanView(Lines, can_focus=True):
         self._state, self._now_ns, self._selected, self._marked = state, now_ns, selected, marked
         self.redraw()
 
+    def redraw(self) -> None:
+        """Draw now, and say what is seen."""
+        self._say(self._window(*self.size))
+        super().redraw()
+
     def change_zoom(self, factor: float) -> None:
         """Zoom; 0 goes back to the fleet's part of the fence, and from there to all of it."""
         if factor == 0.0:
@@ -121,7 +126,6 @@ class PlanView(Lines, can_focus=True):
             draw_fleet(
                 canvas, window, self.fleet, self.history, self._state, self._now_ns, self._selected, self._marked
             )
-        self._say(window)
         return canvas.strips()
 
     def _say(self, window: Window) -> None:
