@@ -36,6 +36,7 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 STEP_NS = 100_000_000  # the console's own period: what it would have seen live
 KEYFRAME_NS = 2_000_000_000
 MEMORY_NS = 60_000_000_000  # before the place looked for, so that trails and charts are there
+TICKS_NS = 20_000_000_000  # of the pipeline, shown at once for a vehicle that is looked at anew
 MAX_KEYFRAMES = 20_000
 _BREATH_S = 0.02  # of work at a time, between which the console is drawn
 _BACK_NS = 1_000_000_000
@@ -191,7 +192,12 @@ class Replay:
             reset()
 
     def _read_again(self) -> None:
+        """Another vehicle is followed: what its pipeline has just done comes first."""
         self._reading = self._read_on()
+        if self.ticks.vehicle is not None:
+            for one in self.timeline.told(self._now_ns - TICKS_NS, frozenset(("tick",))).until(self._now_ns):
+                if isinstance(one.message, TickSample) and one.name == self.ticks.vehicle:
+                    self.ticks.values.append(one.message)
 
     def _read_on(self) -> Reading:
         return self.timeline.told(self._now_ns, _SEEN if self.ticks.vehicle is None else _WITH_TICKS)
