@@ -45,6 +45,7 @@ from onboard.config import FleetConfig
 from onboard.control import pipeline
 from onboard.control.pipeline import Phase, PipelineMemory
 from onboard.link.autopilot import Landed, Snapshot, Vec3
+from onboard.link.params import required_params
 from onboard.safety.failsafe import Situation
 from onboard.safety.wire import is_sendable
 from onboard.types import AttitudeSetpoint, Goal, Neighbours, State, Tick
@@ -52,6 +53,8 @@ from onboard.types import AttitudeSetpoint, Goal, Neighbours, State, Tick
 _ODOMETRY_EVERY_NS = 18_000_000  # every sample of a mocap at 50 Hz
 _MOCAP_STD_M = 0.01
 _CONFLICT_CHECK_S = 0.6
+# PX4 speaks at least every 30 ms: setpoints are for an attitude that is known now, and a thread that hangs is not known
+_HEARD_NS = 80_000_000
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
@@ -101,7 +104,8 @@ class AgentCore:
         self._has_peers = len(fleet.enabled_names) > 1 or self.vehicle.mocap_required
         self._answered: dict[str, OrderReply] = {}
         self._distances: dict[str, float] = {}
-        self._last_ns = self._odometry_ns = self._malformed = 0
+        self._last_ns = self._odometry_ns = self._malformed = self._sent_ns = 0
+        self._loss_ns = round(1e9 * float(required_params(self.vehicle).get("COM_OF_LOSS_T", 0.3)))
         self._period_s = PERIOD_S
         self._sent_thrust_frac = 0.0
         self._hover_frac = self.vehicle.hover_thrust_frac
@@ -323,16 +327,21 @@ class AgentCore:
         out = self._drain()
         flight = self.flight
         if not flight.is_streaming:
-            self._sent_thrust_frac = 0.0
+            self._sent_thrust_frac, self._sent_ns = 0.0, 0
             return out
         setpoint = tick.attitude
         if flight.phase is not Phase.GROUND and (self.guard.must_be_level or not self._is_last_finite):
             hover = self._hover_frac if math.isfinite(self._hover_frac) else self.vehicle.hover_thrust_frac
             setpoint = AttitudeSetpoint(np.array([1.0, 0.0, 0.0, 0.0]), np.asarray(hover))
-        # last check: finite, bounded, from a fresh position; else the wire stays silent
-        is_fresh = self.own.age_s < POSITION_LOST_S + 0.2
+        now_ns = self._last_ns
+        if flight.must_be_offboard and self._sent_ns and now_ns - self._sent_ns > self._loss_ns:
+            # PX4 has begun to land meanwhile: setpoints that come back now would take the vehicle from it
+            flight.begin_px4_land(self._view, f"No setpoint has left for {self._loss_ns * 1e-9:.1f} s: PX4 lands.")
+            return out + self._drain()
+        # last check: finite, bounded, from a fresh position and attitude; else the wire stays silent
+        is_fresh = self.own.age_s < POSITION_LOST_S + 0.2 and now_ns - self._snapshot.last_packet_ns < _HEARD_NS
         if is_fresh and is_sendable(setpoint, self.vehicle.max_tilt_deg):
-            self._sent_thrust_frac = float(setpoint.thrust_frac)
+            self._sent_thrust_frac, self._sent_ns = float(setpoint.thrust_frac), now_ns
             out.append(SendAttitude(self.own.to_px4(setpoint)))
         return out
 

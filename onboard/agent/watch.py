@@ -15,7 +15,7 @@ from onboard.safety.failsafe import Condition
 POSITION_STALE_S, POSITION_LOST_S = 0.2, 0.5
 _DOWN_HEIGHT_M, _DOWN_LONG_S = 0.12, 1.0
 AUTOPILOT_SILENT_S = 0.3
-LATE_S, STALLED_S, STALLED_LONG_S = 0.005, 0.2, 1.0
+LATE_S, STALLED_S, STALLED_LONG_S = 0.005, 0.2, 0.3  # PX4 lands after COM_OF_LOSS_T = 0.3 s without setpoints
 PERIOD_S = 0.02
 BUS_LOST_S = 1.0
 _FENCE_LONG_S = 2.0
