@@ -60,8 +60,8 @@ class Forecaster:
                 is_answered = True
             except (OSError, EOFError, TimeoutError) as error:
                 raise ForecastFailed(
-                    f"The forecast could not be computed ({type(error).__name__}). Try again, or start the console with "
-                    "--no-preview and watch closely."
+                    f"The forecast could not be computed ({type(error).__name__}). Try again, or start the console "
+                    "with --no-preview and watch closely."
                 ) from None
             finally:
                 if not is_answered:

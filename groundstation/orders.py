@@ -29,7 +29,7 @@ Verb = Literal["arm", "disarm", "takeoff", "move", "formation", "land", "hold", 
 VERBS: tuple[Verb, ...] = get_args(Verb)
 DEFAULT_HEIGHT_M = 1.0
 ORDER_LIFE_S = 2.0
-_USAGE: dict[Verb, str] = {
+USAGE: dict[Verb, str] = {
     "arm": "arm [WHO]",
     "disarm": "disarm [WHO]",
     "takeoff": "takeoff [WHO] [HEIGHT], for instance: takeoff all 1.0",
@@ -95,7 +95,7 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
     formation = None
     if verb == "formation":
         if not rest:
-            raise OrderError(f"Which formation? Write: {_USAGE[verb]}")
+            raise OrderError(f"Which formation? Write: {USAGE[verb]}")
         formation, rest = rest[0], rest[1:]
         if formation not in fleet.formations:
             raise OrderError(f"'{formation[:40]}' is no formation of this fleet: it has {_listed(fleet.formations)}.")
@@ -104,7 +104,7 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
     if verb == "kill" and not names:
         raise OrderError("Kill stops the motors in the air, so it names its vehicles: write kill mav1, or kill all.")
     if verb in ("move", "identify") and not names:
-        raise OrderError(f"{verb.capitalize()} whom? Write: {_USAGE[verb]}")
+        raise OrderError(f"{verb.capitalize()} whom? Write: {USAGE[verb]}")
     if not names:
         names = fleet.enabled_names
     if verb == "formation" and len(names) == len(fleet.enabled_names):
@@ -209,7 +209,7 @@ def _take_duration(words: list[str], verb: Verb) -> tuple[list[str], float]:
     at = words.index("in")
     tail = words[at + 1 :]
     if verb not in ("move", "formation") or not tail or len(tail) > 2 or tail[1:] not in ([], ["s"]):
-        raise OrderError(f"'in' is followed by a number of seconds, at the end. Write: {_USAGE[verb]}")
+        raise OrderError(f"'in' is followed by a number of seconds, at the end. Write: {USAGE[verb]}")
     seconds = _number(tail[0])
     if seconds is None or not 0.0 < seconds <= 600.0:
         raise OrderError(f"'{tail[0][:40]}' is no duration between 0 and 600 s.")
@@ -236,7 +236,7 @@ def _take_vehicles(
         except ConfigError as error:
             raise OrderError(str(error)) from None
         return names, [value for value in values if value is not None]
-    raise OrderError(f"That is not understood. Write: {_USAGE[verb]}")
+    raise OrderError(f"That is not understood. Write: {USAGE[verb]}")
 
 
 def _is_selection(word: str, fleet: FleetConfig) -> bool:
@@ -288,7 +288,7 @@ def _goals(
         position = formation_position(slots, state, names) if state is not None else None
         if position is None:
             reason = "the formation's position is not known, because no vehicle reports one. Write it: {}"
-            return {}, {name: reason.format(_USAGE["formation"]) for name in names}
+            return {}, {name: reason.format(USAGE["formation"]) for name in names}
     if position is None:
         return {}, dict.fromkeys(names, "a move needs a position: X Y Z in metres.")
     if intent.verb == "move" and len(names) == 1:

@@ -10,6 +10,8 @@ import msgspec
 from groundstation import fleet as fleet_state
 from groundstation import orders
 from groundstation.handle import OrderHandle
+from groundstation.operator import Control
+from onboard.bus.operator import Roles
 from onboard.bus.schema import Event, Telemetry
 from onboard.config import FleetConfig
 
@@ -29,8 +31,22 @@ def telemetry(vehicle: str = "mav0", **changes: object) -> Telemetry:
     return msgspec.structs.replace(told, **changes)
 
 
+class FakeTokens:
+    """Role tokens on a bus without a bus: what is claimed, every vehicle sees at once."""
+
+    def __init__(self) -> None:
+        self.node = "ground-1"
+        self.roles = Roles()
+
+    def claim(self, token: str) -> None:
+        self.roles.see(token, True)
+
+    def release(self, token: str) -> None:
+        self.roles.see(token, False)
+
+
 class FakeClient:
-    """Keeps what was ordered; telemetry comes from :meth:`hear`."""
+    """Keeps what was ordered; telemetry comes from :meth:`hear`, other grounds' tokens into ``tokens.roles``."""
 
     def __init__(self, fleet: FleetConfig) -> None:
         self.fleet = fleet
@@ -38,13 +54,19 @@ class FakeClient:
         self.handles: list[OrderHandle] = []
         self.skew_ns = 0
         self._sequence = 1
+        self.tokens = FakeTokens()
+        self.control = Control(
+            self.tokens, "test", wants=True, say=lambda severity, sentence: self.say(sentence, severity, "ground"),
+            clock_ns=self.now_ns,
+        )  # fmt: skip
 
     def now_ns(self) -> int:
         return time.monotonic_ns() + self.skew_ns
 
     def hear(self, vehicle: str, **changes: object) -> None:
         self._sequence += 1
-        told = telemetry(vehicle, sequence=self._sequence, **changes)
+        roles = self.tokens.roles
+        told = telemetry(vehicle, sequence=self._sequence, operator=roles.operator, roles=roles.others, **changes)
         self.state = fleet_state.fold(self.state, told, self.now_ns())
 
     def say(self, sentence: str, severity: str = "info", vehicle: str = "mav0", outcome: str = "") -> None:
@@ -52,10 +74,13 @@ class FakeClient:
                       order_id="1" if outcome else "", order_outcome=outcome)  # fmt: skip
         self.state = fleet_state.fold(self.state, event, self.now_ns())
 
-    async def submit(self, order: orders.Intent | str) -> OrderHandle:
+    def plan(self, order: orders.Intent | str) -> orders.Plan:
         intent = orders.parse(order, self.fleet) if isinstance(order, str) else order
-        plan = orders.plan(intent, self.fleet, self.state, formation="triangle", author="test", now_ns=self.now_ns())
-        self.handles.append(OrderHandle(intent, plan))
+        return orders.plan(intent, self.fleet, self.state, formation="triangle", author="test", now_ns=self.now_ns())
+
+    async def submit(self, order: orders.Intent | str) -> OrderHandle:
+        plan = self.plan(order)
+        self.handles.append(OrderHandle(plan.intent, plan))
         return self.handles[-1]
 
     @property

@@ -10,11 +10,12 @@ from textual.widgets import Static
 
 from groundstation.tui.app import ConsoleApp
 from groundstation.tui.screens.dialogs import HelpScreen, QuitScreen
-from groundstation.tui.widgets.bars import ResultLine, StatusBar, TitleBar
+from groundstation.tui.widgets.bars import StatusBar, TitleBar
 from groundstation.tui.widgets.event_log import EventLog
 from groundstation.tui.widgets.fleet_table import FleetTable
 from groundstation.tui.widgets.order_line import OrderLine, completions
 from groundstation.tui.widgets.plan_view import PlanView
+from groundstation.tui.widgets.results import ResultLine
 from onboard.config import FleetConfig, load_fleet
 from tests.tui.fake import FakeClient
 
@@ -74,7 +75,7 @@ async def test_silence_is_never_shown_as_a_fresh_number(fleet: FleetConfig) -> N
 
 async def test_an_order_shows_each_vehicles_answer_as_it_comes(fleet: FleetConfig) -> None:
     client = FakeClient(fleet)
-    app = ConsoleApp(fleet, client)
+    app = ConsoleApp(fleet, client, has_preview=False)
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("colon", *"takeoff all 1.0", "enter")
         await pilot.pause()

@@ -47,31 +47,43 @@ class HelpScreen(ModalScreen[None]):
             yield Static(HELP)
 
 
-class QuitScreen(ModalScreen[bool]):
-    """Asks before leaving while vehicles fly; true: land them and leave."""
+class QuitScreen(ModalScreen[str]):
+    """Asks before leaving while vehicles fly: ``land`` them and leave, ``leave`` them flying, or stay.
+
+    Args:
+        can_stay_up: they fly on without this console, which has not started their agents.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("y,l", "answer(True)", "land and quit", show=False),
-        Binding("escape,n,q", "answer(False)", "stay", show=False),
+        Binding("y,l", "answer('land')", "land and quit", show=False),
+        Binding("f", "answer('leave')", "leave them flying", show=False),
+        Binding("escape,n,q", "answer('')", "stay", show=False),
     ]
 
-    def __init__(self, names: tuple[str, ...]) -> None:
+    def __init__(self, names: tuple[str, ...], *, can_stay_up: bool = False) -> None:
         super().__init__()
-        self._names = names
+        self._names, self._can_stay_up = names, can_stay_up
 
     def compose(self) -> ComposeResult:
         """One box."""
         count = len(self._names)
         shown = ", ".join(self._names[:6]) + (" …" if count > 6 else "")
-        who = f"{shown} {'flies' if count == 1 else 'fly'}"
+        them = "it" if count == 1 else "them"
+        lines = [
+            f"{shown} {'flies' if count == 1 else 'fly'}.",
+            "",
+            f"[b]y[/b]    land {them} on the spot, wait until {'it is' if count == 1 else 'they are'} down, then quit",
+        ]
+        if self._can_stay_up:
+            lines.append(f"[b]f[/b]    leave {them} flying and quit: each ends its order and stays there")
+            ending = "ctrl+c twice leaves at once, with the landing under way"
+        else:
+            ending = "ctrl+c twice leaves at once; what this console started lands or ends with it."
         with VerticalScroll(id="question") as box:
             box.border_title = "leave the fleet?"
-            yield Static(
-                f"{who}.\n\n[b]y[/b]    land {'it' if count == 1 else 'all of them'} where they are, wait "
-                "until they are down, then quit\n[b]esc[/b]  stay\n\nctrl+c twice leaves at once; "
-                "what this console started lands or ends with it."
-            )
+            yield Static("\n".join([*lines, "[b]esc[/b]  stay", "", ending]))
 
-    def action_answer(self, answer: bool) -> None:
+    def action_answer(self, answer: str) -> None:
         """Close with the answer."""
-        self.dismiss(answer)
+        if answer != "leave" or self._can_stay_up:
+            self.dismiss(answer)

@@ -8,7 +8,6 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from groundstation.alerts import Alarms, Severity
-from groundstation.handle import OrderHandle
 from groundstation.tui import look
 from groundstation.tui.look import BAD, CALM, FAINT, GOOD, KILL, TEXT, WARN, clean
 
@@ -53,23 +52,6 @@ class TitleBar(Bar):
                 Segment(look.fit(f"  {clean(right, 120)} ", room, right=True), look.style(TEXT)),
             ]
         )
-
-
-class ResultLine(Bar):
-    """The last order, and each vehicle's answer as it comes in."""
-
-    def show_order(self, handle: OrderHandle, text: str) -> None:
-        """Results as they stand, after the order's own words."""
-        words = clean(text, 60)
-        segments = [Segment(f" {look.fit(words, min(34, cell_len(words)))} ", look.style(TEXT, bold=True))]
-        for name, result in handle.results.items():
-            sign, colour = look.PHASE_SIGNS.get(result.phase, ("?", WARN))
-            segments.append(Segment(f"  {name} {sign} {result.phase}", look.style(colour)))
-        self.put(segments)
-
-    def show_sentence(self, sentence: str, colour: str = WARN) -> None:
-        """Words instead of results."""
-        self.put([Segment(f" {clean(sentence, 300)}", look.style(colour))])
 
 
 class StatusBar(Bar):
