@@ -11,12 +11,20 @@ from operator import attrgetter
 
 import numpy as np
 
+from onboard.agent.seen import POSITION_STD_M, VELOCITY_STD_M_S, SeenBody
 from onboard.bus.codec import is_finite
-from onboard.bus.schema import StateMessage, Telemetry
+from onboard.bus.schema import MocapPose, StateMessage, Telemetry
 from onboard.config import FleetConfig
 from onboard.types import Array, BoolArray, IntArray, Neighbours
 
-SILENT_S = 0.3
+SILENT_S = 0.25  # with two ticks of confirmation a silence is acted on within 0.3 s
+STALE_S = 0.15
+_SEEK_S = 0.12  # from this age of its messages on a neighbour is looked for in the mocap
+_SEEK_AFTER_NS = 2_000_000_000
+_BELIEVED_S = 1.0
+_ON_FLOOR_M = 0.15
+_LARGEST = 1e4
+_LARGEST_INT = 1 << 62
 _FORGET_NODE_S = 2.0
 _MANY = 16  # neighbours from which on arrays are cheaper than floats
 
@@ -59,7 +67,7 @@ class Round:
         numbers[at] = [_numbers(m) for m in messages]
         whole[:, at] = np.array([(m.stamp_ns, m.boot_id, m.sequence) for m in messages], dtype=np.int64).T
         flags[:, at] = np.array(
-            [(True, _is_usable(m), m.is_valid, m.is_airborne, m.is_cooperative) for m in messages]
+            [(True, _is_usable(m, _numbers(m)), m.is_valid, m.is_airborne, m.is_cooperative) for m in messages]
         ).T
         return cls(numbers, whole, flags)
 
@@ -68,7 +76,9 @@ class Round:
 class NeighbourTable:
     """Fixed order: the fleet file's enabled vehicles without our own; so that array places never change.
 
-    Rows (K, ...) hold the newest valid state message of each: its numbers, and its stamp on our clock.
+    Rows (K, ...) hold the newest valid state message of each: its numbers, and its stamp on our clock. When it says
+    nothing for a while, the row holds what the mocap sees of it instead, and it does not cooperate.
+    distrusted: vehicles whose word does not count, by place.
     """
 
     fleet: FleetConfig
@@ -83,6 +93,12 @@ class NeighbourTable:
     _stamp_ns: IntArray = field(init=False)
     _newest: IntArray = field(init=False)  # boot id and sequence of the newest message, (2, K)
     _flags: BoolArray = field(init=False)  # is there one at all, is_airborne, is_cooperative, (3, K)
+    _heard_ns: IntArray = field(init=False)  # stamp of the newest valid message, on our clock; 0 never
+    _is_lost: BoolArray = field(init=False)  # whether the newest message said that it knows no position
+    _bodies: dict[str, int] = field(init=False)
+    _seen: dict[int, SeenBody] = field(default_factory=dict)
+    _first_ns: int = 0
+    distrusted: set[int] = field(default_factory=set)
     _telemetry: dict[str, Telemetry] = field(default_factory=dict)
     _aged_ns: int = -1  # the time of the ages below, which several ask for at each tick
     _ages_s: Array = field(init=False)
@@ -104,6 +120,10 @@ class NeighbourTable:
         self._flags = np.zeros((3, count), dtype=bool)
         self._ages_s = np.full(count, np.inf)
         self._ages_told_s = self._ages_s.tolist()
+        self._heard_ns = np.zeros(count, dtype=np.int64)
+        self._is_lost = np.zeros(count, dtype=bool)
+        bodies = [(self.fleet.vehicles[name].body, place) for name, place in self._places.items()]
+        self._bodies = {body: place for body, place in bodies if body is not None}
 
     def hear(self, message: StateMessage | Telemetry, received_ns: int) -> bool:
         """Take a message with its stamp on our clock; False when from nobody we know, repeated, late or not finite."""
@@ -112,20 +132,63 @@ class NeighbourTable:
             return False
         self.last_heard_ns = max(self.last_heard_ns, received_ns)
         if isinstance(message, Telemetry):
+            if not _is_sound(message):
+                self.ignored_messages += 1
+                return False
             self._telemetry[message.vehicle] = message
             return True
         boot_id, sequence = self._newest[:, place].tolist()
-        if (boot_id == message.boot_id and message.sequence <= sequence) or not _is_usable(message):
+        numbers = _numbers(message)
+        if (boot_id == message.boot_id and message.sequence <= sequence) or not _is_usable(message, numbers):
             self.ignored_messages += 1
             return False
         self._newest[:, place] = message.boot_id, message.sequence
+        self._is_lost[place] = not message.is_valid
         if not message.is_valid:
             return True  # it knows no position: the last valid one ages, and is avoided like a silent vehicle's
         self._stamp_ns[place] = min(message.stamp_ns, received_ns)  # nothing comes from the future
-        self._numbers[place] = _numbers(message)
-        self._flags[:, place] = True, message.is_airborne, message.is_cooperative
+        self._heard_ns[place] = self._stamp_ns[place]
+        self._numbers[place] = numbers
+        self._flags[:, place] = True, message.is_airborne, message.is_cooperative and place not in self.distrusted
         self._aged_ns = -1
         return True
+
+    def see(self, pose: MocapPose, received_ns: int) -> bool:
+        """Take a neighbour's mocap pose; it counts only while the neighbour says nothing."""
+        place = self._bodies.get(pose.body)
+        if place is None:
+            return False
+        body = self._seen.get(place)
+        if body is None:
+            body = self._seen[place] = SeenBody()
+        if not body.stamp_ns and received_ns - int(self._heard_ns[place]) < _BELIEVED_S * 1e9:
+            x, y, z = self._numbers[place, _COLUMNS["velocity_enu_m_s"]].tolist()
+            body.velocity_enu_m_s = (x, y, z)
+        if not body.hear(pose, received_ns):
+            return False
+        if received_ns - int(self._heard_ns[place]) < _SEEK_S * 1e9:
+            return True
+        p, v, none = body.position_enu_m, body.velocity_enu_m_s, (0.0, 0.0, 0.0)
+        self._numbers[place] = (*p, *v, *none, *p, *v, *none, *v, POSITION_STD_M, 0.0, 0.0, VELOCITY_STD_M_S)
+        self._stamp_ns[place] = min(body.stamp_ns, received_ns)
+        floor_m = self.fleet.vehicles[self.names[place]].start_enu_m[2]
+        self._flags[:, place] = True, p[2] > floor_m + _ON_FLOOR_M, False
+        self._aged_ns = -1
+        return True
+
+    def sought(self, now_ns: int) -> list[str]:
+        """Bodies that are to be looked for in the mocap, since their vehicles have begun to be silent."""
+        self._first_ns = self._first_ns or now_ns
+        ages_s = self._told_s(now_ns)
+        if self._oldest_s < _SEEK_S or len(self._seen) == len(self._bodies):
+            return []
+        long_here = now_ns - self._first_ns > _SEEK_AFTER_NS  # who starts has not heard anybody yet
+        found = []
+        for body, place in self._bodies.items():
+            if place not in self._seen and ages_s[place] > _SEEK_S and (long_here or ages_s[place] < math.inf):
+                self._seen[place] = SeenBody()
+                found.append(body)
+        return found
 
     def hear_round(self, arrived: Round, received_ns: int) -> None:
         """:meth:`hear` of every message of a round but our own."""
@@ -138,6 +201,7 @@ class NeighbourTable:
         is_news = is_here & is_usable & ~is_repeated
         self.ignored_messages += int(np.count_nonzero(is_here & ~is_news))
         np.copyto(self._newest, arrived.whole[1:, others], where=is_news)
+        np.copyto(self._is_lost, ~is_valid, where=is_news)
         taken = is_news & is_valid
         np.copyto(self._stamp_ns, np.minimum(stamp_ns, received_ns), where=taken)
         if taken.all():
@@ -145,6 +209,9 @@ class NeighbourTable:
         else:
             np.copyto(self._numbers, arrived.numbers[others], where=taken[:, None])
         np.copyto(self._flags, [is_valid, is_airborne, is_cooperative], where=taken)
+        np.copyto(self._heard_ns, self._stamp_ns, where=taken)
+        if self.distrusted:
+            self._flags[2, list(self.distrusted)] = False
 
     def ages_s(self, now_ns: int) -> Array:
         """Age (K,) of the newest state of each; inf when never heard."""
@@ -177,9 +244,15 @@ class NeighbourTable:
         known = self._flags[0]
         return float(self.ages_s(now_ns)[known].max()) if known.any() else 0.0
 
+    def heard_ages_s(self, now_ns: int) -> list[float]:
+        """Age of each one's newest message; of a body that is only seen it grows, inf when never heard."""
+        if not self._seen:
+            return self._told_s(now_ns)
+        return [max(now_ns - heard_ns, 0) * 1e-9 if heard_ns else math.inf for heard_ns in self._heard_ns.tolist()]
+
     def missing(self, now_ns: int) -> tuple[str, ...]:
         """Vehicles that must be there (enabled = true) and are not heard."""
-        ages_s = self._told_s(now_ns)
+        ages_s = self.heard_ages_s(now_ns)
         return tuple(
             name
             for name, age_s in zip(self.names, ages_s, strict=True)
@@ -188,11 +261,32 @@ class NeighbourTable:
 
     def silent(self, now_ns: int) -> tuple[str, ...]:
         """Vehicles that were in the air when last heard and have been silent too long."""
+        return self._airborne_of(now_ns, SILENT_S, math.inf)
+
+    def unseen(self, now_ns: int) -> tuple[str, ...]:
+        """Those of them that the mocap does not show either: nobody knows where they are."""
         ages_s = self._told_s(now_ns)
         if self._oldest_s <= SILENT_S:
             return ()
-        late = [place for place, age_s in enumerate(ages_s) if age_s > SILENT_S]
-        return tuple(self.names[place] for place in late if self._flags[1, place])
+        return tuple(name for name in self.silent(now_ns) if ages_s[self._places[name]] > SILENT_S)
+
+    def stale(self, now_ns: int) -> tuple[str, ...]:
+        """Vehicles in the air whose messages are old, though not yet silent."""
+        return self._airborne_of(now_ns, STALE_S, SILENT_S)
+
+    def invalid(self) -> tuple[str, ...]:
+        """Vehicles in the air that say that they know no position."""
+        if not self._is_lost.any():
+            return ()
+        return tuple(itertools.compress(self.names, (self._is_lost & self._flags[1]).tolist()))
+
+    def _airborne_of(self, now_ns: int, above_s: float, up_to_s: float) -> tuple[str, ...]:
+        self.ages_s(now_ns)
+        if self._oldest_s <= above_s and not self._seen:
+            return ()
+        airborne = self._flags[1].tolist()
+        ages_s = zip(self.names, self.heard_ages_s(now_ns), airborne, strict=True)
+        return tuple(name for name, age_s, is_up in ages_s if is_up and above_s < age_s <= up_to_s)
 
     def other_hashes(self, own_hash: str) -> dict[str, str]:
         """Configuration hashes that differ from ours."""
@@ -266,17 +360,24 @@ def _numbers(message: StateMessage) -> tuple[float, ...]:
     return (*p, *v, *a, *pp, *pv, *c, *i, *_scalars_of(message))
 
 
-def _is_usable(message: StateMessage) -> bool:
-    return is_finite(
-        message.position_enu_m,
-        message.velocity_enu_m_s,
-        message.acceleration_enu_m_s2,
-        message.predicted_position_enu_m,
-        message.predicted_velocity_enu_m_s,
-        message.commanded_acceleration_enu_m_s2,
-        message.intent_enu_m_s,
-        (message.position_std_m, message.velocity_std_m_s, message.crowd_count, message.lead_time_s),
+def _is_usable(message: StateMessage, numbers: tuple[float, ...]) -> bool:
+    return (
+        is_finite(numbers)
+        and min(numbers) > -_LARGEST
+        and max(numbers) < _LARGEST
+        and _fits(message.stamp_ns, message.boot_id, message.sequence)
     )
+
+
+def _fits(*whole: int) -> bool:
+    """Whether whole numbers of a message are such that arrays can hold them."""
+    return all(0 <= number < _LARGEST_INT for number in whole)
+
+
+def _is_sound(message: Telemetry) -> bool:
+    """Whether what is used of a telemetry can be calculated with."""
+    vectors = message.position_enu_m, message.goal_position_enu_m
+    return is_finite(*vectors) and all(abs(value) < _LARGEST for vector in vectors for value in vector)
 
 
 def _nobody() -> Neighbours:

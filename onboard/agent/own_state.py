@@ -18,6 +18,7 @@ from onboard.config import Origin, Vehicle
 from onboard.control import estimate_one as estimate
 from onboard.control.estimate import EstimateParams
 from onboard.link.autopilot import Snapshot, Vec3, Vec4
+from onboard.safety.health import Fault, PoseWatch
 from onboard.types import Array, AttitudeSetpoint, State
 
 _MAX_POSITION_M = 1e4
@@ -32,17 +33,20 @@ _PX4_POSITION_STD_M = 0.05
 class OwnState:
     """Estimate of one vehicle; ``update`` once a tick, samples whenever they come.
 
-    ignored_samples: mocap samples that were not finite, repeated, out of order, from the future or a jump.
+    ignored_samples: mocap samples that were not finite, repeated, out of order, from the future or not believable.
+    watch: what is wrong with the mocap's samples of this body.
     """
 
     vehicle: Vehicle
     origin: Origin | None = None
     ignored_samples: int = 0
     heading_offset_rad: float = 0.0
+    watch: PoseWatch = field(default_factory=PoseWatch)
     _params: EstimateParams = field(init=False)
     _memory: estimate.OneMemory | None = None
     _queue: list[tuple[Vec3, int, float]] = field(default_factory=list)
-    _newest: tuple[int, int] = (0, -1)
+    _newest: tuple[int, int, int] = (0, -1, 0)  # boot id, sequence, stamp
+    _rejected_enu_m: Vec3 | None = None
     _has_heading: bool = False
     _local_ns: int = 0
     _local_frame: LocalFrame = field(init=False)
@@ -59,10 +63,11 @@ class OwnState:
             )
 
     def add_pose(self, pose: MocapPose, received_ns: int) -> bool:
-        """Queue a mocap sample for the next update; False if it cannot be used."""
+        """Queue a mocap sample for the next update; False if it cannot be used or is not believed."""
         if not pose.is_tracked:
             return False
-        same_life, newer = pose.boot_id == self._newest[0], pose.sequence > self._newest[1]
+        boot_id, sequence, stamp_ns = self._newest
+        same_life, newer = pose.boot_id == boot_id, pose.sequence > sequence and pose.stamp_ns > stamp_ns
         norm = math.hypot(*pose.quaternion_enu_flu_wxyz)
         usable = (
             is_finite(pose.position_enu_m, pose.quaternion_enu_flu_wxyz)
@@ -74,7 +79,11 @@ class OwnState:
         if not usable:
             self.ignored_samples += 1
             return False
-        self._newest = (pose.boot_id, pose.sequence)
+        self._newest = (pose.boot_id, pose.sequence, pose.stamp_ns)
+        fault = self.watch.hear(pose.position_enu_m, pose.quaternion_enu_flu_wxyz, pose.stamp_ns, received_ns)
+        if fault is not Fault.NONE:
+            self.ignored_samples += 1
+            return False
         self._queue.append((pose.position_enu_m, pose.stamp_ns, _yaw_rad(pose.quaternion_enu_flu_wxyz)))
         del self._queue[:-_MAX_QUEUE]
         return True
@@ -101,7 +110,10 @@ class OwnState:
                 self._memory = estimate.initial(position, params=self._params)
             before = self._memory.rejected_count
             self._memory = estimate.correct(self._memory, position, age_s, params=self._params)
-            self.ignored_samples += int(self._memory.rejected_count > before)
+            if self._memory.rejected_count > before:
+                self.ignored_samples += 1
+                self._rejected_enu_m = position
+                continue
             self._yaw_rad = yaw_rad
             if self.vehicle.mocap_required:
                 self._follow_heading(yaw_rad, snapshot, dt_s)
@@ -134,6 +146,16 @@ class OwnState:
         """An attitude setpoint of the fleet frame as PX4's heading has it."""
         turned = _turned(-self.heading_offset_rad, setpoint.quaternion_wxyz.tolist())
         return AttitudeSetpoint(np.array(turned), setpoint.thrust_frac)
+
+    @property
+    def jumps(self) -> int:
+        """Samples in a row that cannot be true."""
+        return max(self.watch.jumps, 0 if self._memory is None else self._memory.rejected_count)
+
+    @property
+    def jumped_to_enu_m(self) -> Vec3 | None:
+        """Where the newest of them lay."""
+        return self.watch.jumped_to_enu_m or self._rejected_enu_m
 
     @property
     def age_s(self) -> float:

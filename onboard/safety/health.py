@@ -1,148 +1,132 @@
-"""Is what we are told about ourselves and the others still true? Freshness, jumps, frozen and swapped bodies.
+"""Is a body's stream of poses believable? Jumps, repetitions, lateness and clocks that jump. Pure, no clock of its own.
 
-Pure and clockless: the caller says what time it is, in nanoseconds of its own monotonic clock.
+The estimator has a gate of its own, wide enough for a stalled process. This watch is narrower: between two samples a
+vehicle moves only as far as it can accelerate. What it does not believe never reaches the estimate, nor PX4.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import TypeVar
+from operator import mul
 
-import numpy as np
-from numpy.typing import NDArray
+Vec3 = tuple[float, float, float]
+Vec4 = tuple[float, float, float, float]
 
-from onboard.types import Array, BoolArray, IntArray
-
-_Scalar = TypeVar("_Scalar", bound=np.generic)
-
-
-class Freshness(IntEnum):
-    """Answer to "may I still use it"."""
-
-    FRESH = 0
-    LATE = 1  # older than usual: worth a word, still usable
-    STALE = 2  # too old to act on
-    MISSING = 3  # never seen
+_LATE_SHARE = 0.2  # of a new sample in the low-passed delay: five samples
+_NOISE_SHARE = 0.05
+_VELOCITY_SHARE = 0.3
+_NOISE_RAD = 0.3
 
 
-def age_s(now_ns: int, stamp_ns: int | None) -> float:
-    """Seconds since a stamp, infinite when there is none; a stamp from the future counts as fresh as now."""
-    return float("inf") if stamp_ns is None else max(0, now_ns - stamp_ns) / 1e9
-
-
-def freshness(now_ns: int, stamp_ns: int | None, *, late_after_s: float, stale_after_s: float) -> Freshness:
-    """Classify by age; the bounds are inclusive."""
-    if stamp_ns is None:
-        return Freshness.MISSING
-    age = age_s(now_ns, stamp_ns)
-    return Freshness.FRESH if age <= late_after_s else Freshness.LATE if age <= stale_after_s else Freshness.STALE
-
-
-@dataclass(frozen=True, slots=True)
-class MocapParams:
-    """Bounds of a believable body.
-
-    max_speed_m_s, max_acceleration_m_s2: what a vehicle can do, with reserve. noise_m: of a sample. frozen_after_s: so
-    long may bit-identical samples come before the body counts as frozen (a tracked body always has noise).
-    swap_radius_m: a jump that lands this near to where another body was expected is a swap.
-    """
-
-    max_speed_m_s: float = 4.0
-    max_acceleration_m_s2: float = 15.0
-    noise_m: float = 0.01
-    frozen_after_s: float = 0.1
-    swap_radius_m: float = 0.15
-
-
-class MocapFault(IntEnum):
-    """What is wrong with a body's newest sample."""
+class Fault(IntEnum):
+    """What is wrong with a sample."""
 
     NONE = 0
-    INVALID = 1  # not finite, or its stamp does not advance
-    JUMPED = 2  # farther than the vehicle can have moved
-    SWAPPED = 3  # jumped to where another body was expected
-    FROZEN = 4  # the same numbers again and again
+    JUMPED = 1  # farther than the vehicle can have moved
+    FROZEN = 2  # the same numbers again and again
 
 
 @dataclass(frozen=True, slots=True)
-class MocapMemory:
-    """The last believed samples of B bodies: position, velocity (B, 3), stamp_ns (B,), first stamp of equal samples.
+class PoseBounds:
+    """Bounds of a believable body.
 
-    last_sample_enu_m (B, 3) is what came last, believed or not.
+    max_speed_m_s, max_acceleration_m_s2: what a vehicle can do, with reserve for gusts and knocks. max_turn_rad_s: of
+    the attitude. noise_m: least noise of a sample; more is learned. frozen_after_s: for so long may bit-identical
+    samples come; a tracked body always has noise. late_after_s: mean delay from which on samples are late.
+    clock_jump_s: change of the delay between two samples.
     """
 
-    position_enu_m: Array
-    velocity_enu_m_s: Array
-    stamp_ns: IntArray
-    last_sample_enu_m: Array
-    same_since_ns: IntArray
-    is_known: BoolArray
+    max_speed_m_s: float = 6.0
+    max_acceleration_m_s2: float = 15.0
+    noise_m: float = 0.01
+    max_turn_rad_s: float = 12.0
+    frozen_after_s: float = 0.075
+    late_after_s: float = 0.09
+    clock_jump_s: float = 0.25
 
 
-def initial(bodies: int) -> MocapMemory:
-    """Nothing seen of any of ``bodies``."""
-    nothing = np.zeros((bodies, 3))
-    never = np.zeros(bodies, dtype=np.int64)
-    return MocapMemory(nothing, nothing, never, np.full((bodies, 3), np.nan), never, np.zeros(bodies, dtype=np.bool_))
+@dataclass(slots=True)
+class PoseWatch:
+    """Follows one body; ``hear`` every usable sample in the order of their stamps.
 
-
-def watch(
-    memory: MocapMemory, body: int, position_enu_m: Array, stamp_ns: int, *, params: MocapParams
-) -> tuple[MocapMemory, MocapFault]:
-    """Judge one sample of one body; a faulty one is not believed and does not move the expectation.
-
-    The reach of a body grows with the time since its last believed sample: v t bounded by the top speed plus what it
-    can accelerate. A body that really is elsewhere after a gap is thus believed again.
-
-    Args:
-        position_enu_m: (3,). stamp_ns: when it was taken.
+    jumps: samples in a row that were no possible movement; jumped_to_enu_m: where the last of them lay. frozen_s: how
+    long the same numbers have come. delay_s: mean time from measurement to arrival. clock_jump_ns: when the delay
+    changed so much that a clock must have jumped; 0 never.
     """
-    sample = np.asarray(position_enu_m, dtype=np.float64)
-    if not np.isfinite(sample).all() or (memory.is_known[body] and stamp_ns <= memory.stamp_ns[body]):
-        return memory, MocapFault.INVALID
-    same = bool(np.array_equal(sample, memory.last_sample_enu_m[body]))
-    same_since = int(memory.same_since_ns[body]) if same else stamp_ns
-    memory = replace(
-        memory,
-        last_sample_enu_m=_with(memory.last_sample_enu_m, body, sample),
-        same_since_ns=_with(memory.same_since_ns, body, same_since),
-    )
-    if (stamp_ns - same_since) * 1e-9 >= params.frozen_after_s:
-        return memory, MocapFault.FROZEN
-    if memory.is_known[body]:
-        gap_s = (stamp_ns - int(memory.stamp_ns[body])) * 1e-9
-        expected = memory.position_enu_m[body] + gap_s * memory.velocity_enu_m_s[body]
-        reach = 4.0 * params.noise_m + min(0.5 * params.max_acceleration_m_s2 * gap_s, params.max_speed_m_s) * gap_s
-        if float(np.sqrt(np.square(sample - expected).sum())) > reach + 2.0 * params.noise_m:
-            return memory, _kind_of_jump(memory, body, sample, stamp_ns, params)
-        velocity = memory.velocity_enu_m_s[body]
-        velocity = velocity + 0.3 * ((sample - memory.position_enu_m[body]) / gap_s - velocity)
-        speed = float(np.sqrt(np.square(velocity).sum()))
-        velocity = velocity * min(1.0, params.max_speed_m_s / max(speed, 1e-9))
-    else:
-        velocity = np.zeros(3)
-    memory = replace(
-        memory,
-        position_enu_m=_with(memory.position_enu_m, body, sample),
-        velocity_enu_m_s=_with(memory.velocity_enu_m_s, body, velocity),
-        stamp_ns=_with(memory.stamp_ns, body, stamp_ns),
-        is_known=_with(memory.is_known, body, True),
-    )
-    return memory, MocapFault.NONE
 
+    bounds: PoseBounds = field(default_factory=PoseBounds)
+    jumps: int = 0
+    jumped_to_enu_m: Vec3 | None = None
+    frozen_s: float = 0.0
+    delay_s: float = 0.0
+    clock_jump_ns: int = 0
+    _position: Vec3 = (0.0, 0.0, 0.0)
+    _velocity: Vec3 = (0.0, 0.0, 0.0)
+    _quaternion: Vec4 = (1.0, 0.0, 0.0, 0.0)
+    _stamp_ns: int = 0
+    _last: tuple[Vec3, Vec4] | None = None
+    _same_since_ns: int = 0
+    _last_delay_s: float = 0.0
+    _noise_m: float = 0.0
 
-def _kind_of_jump(memory: MocapMemory, body: int, sample: Array, stamp_ns: int, params: MocapParams) -> MocapFault:
-    gaps_s = np.maximum((stamp_ns - memory.stamp_ns) * 1e-9, 0.0)
-    # a body that swapped, too, has no fresh expectation: extrapolate the last believed one, but not for ever
-    expected = memory.position_enu_m + np.minimum(gaps_s, 0.3)[:, None] * memory.velocity_enu_m_s
-    near = np.sqrt(np.square(expected - sample).sum(axis=-1)) <= params.swap_radius_m
-    near &= memory.is_known
-    near[body] = False
-    return MocapFault.SWAPPED if near.any() else MocapFault.JUMPED
+    @property
+    def is_frozen(self) -> bool:
+        """Whether the newest samples say nothing."""
+        return self.frozen_s > self.bounds.frozen_after_s
 
+    @property
+    def is_late(self) -> bool:
+        """Whether samples come later than they should."""
+        return self.delay_s > self.bounds.late_after_s
 
-def _with(values: NDArray[_Scalar], index: int, value: Array | float) -> NDArray[_Scalar]:
-    out = values.copy()
-    out[index] = value
-    return out
+    def hear(self, position_enu_m: Vec3, quaternion_wxyz: Vec4, stamp_ns: int, received_ns: int) -> Fault:
+        """Judge one sample; a faulty one does not move the expectation.
+
+        The reach grows with the time since the last believed sample, so that a body that really is elsewhere after a
+        gap is believed again.
+        """
+        bounds = self.bounds
+        delay_s = (received_ns - stamp_ns) * 1e-9
+        sample = (position_enu_m, quaternion_wxyz)
+        if self._last is None:
+            self._same_since_ns, self.delay_s, self._last_delay_s = stamp_ns, delay_s, delay_s
+        if abs(delay_s - self._last_delay_s) > bounds.clock_jump_s:
+            self.clock_jump_ns = received_ns
+        self._last_delay_s = delay_s
+        self.delay_s += _LATE_SHARE * (delay_s - self.delay_s)
+        if sample != self._last:
+            self._same_since_ns = stamp_ns
+        self._last = sample
+        self.frozen_s = (stamp_ns - self._same_since_ns) * 1e-9
+        if self.is_frozen:
+            return Fault.FROZEN
+        gap_s = (stamp_ns - self._stamp_ns) * 1e-9
+        if self._stamp_ns and gap_s <= 0.0:
+            self._stamp_ns = 0  # another clock from here on: what was expected means nothing
+        if self._stamp_ns:
+            x, y, z = position_enu_m
+            (px, py, pz), (vx, vy, vz) = self._position, self._velocity
+            dx, dy, dz = x - px, y - py, z - pz
+            speed_2 = vx * vx + vy * vy + vz * vz
+            along = (dx * vx + dy * vy + dz * vz) / (gap_s * speed_2) if speed_2 > 0.01 else 1.0
+            # who hits something stops at once: anywhere on the way is as possible as its end
+            gone_s = gap_s * min(max(along, 0.0), 1.0)
+            miss_m = math.hypot(dx - gone_s * vx, dy - gone_s * vy, dz - gone_s * vz)
+            noise_m = max(bounds.noise_m, self._noise_m)
+            reach_m = 6.0 * noise_m + min(0.5 * bounds.max_acceleration_m_s2 * gap_s, bounds.max_speed_m_s) * gap_s
+            cosine = abs(sum(map(mul, quaternion_wxyz, self._quaternion)))  # of half the angle between both
+            turn_rad = min(_NOISE_RAD + bounds.max_turn_rad_s * gap_s, math.pi)
+            if miss_m > reach_m or cosine < math.cos(0.5 * turn_rad):
+                self.jumps += 1
+                self.jumped_to_enu_m = position_enu_m
+                return Fault.JUMPED
+            self._noise_m += _NOISE_SHARE * (miss_m - self._noise_m)
+            k = _VELOCITY_SHARE
+            self._velocity = (vx + k * (dx / gap_s - vx), vy + k * (dy / gap_s - vy), vz + k * (dz / gap_s - vz))
+        else:
+            self._velocity = (0.0, 0.0, 0.0)
+        self._position, self._quaternion, self._stamp_ns = position_enu_m, quaternion_wxyz, stamp_ns
+        self.jumps, self.jumped_to_enu_m = 0, None
+        return Fault.NONE

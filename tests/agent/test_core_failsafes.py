@@ -9,6 +9,7 @@ import pytest
 
 from onboard.agent import events as ev
 from onboard.agent.watch import BUS_LOST_S
+from onboard.safety.health import PoseWatch
 from onboard.types import AttitudeSetpoint
 from tests.agent.rig import HOVER, Rig
 
@@ -112,7 +113,7 @@ def test_outside_the_fence_it_holds_inside_and_then_lands() -> None:
     rig = Rig()
     rig.fly()
     rig.position = np.array([4.1, 0.0, 1.0])  # blown out; the estimator takes it for a jump at first
-    rig.core.own._memory = None
+    rig.core.own._memory, rig.core.own.watch = None, PoseWatch()
     rig.run(0.2)
     assert rig.core.flight.state == "holding"
     assert rig.core.flight.goal_position_enu_m[0] < 4.0

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from onboard.agent.neighbours import NeighbourTable, Round
+from onboard.agent.neighbours import SILENT_S, NeighbourTable, Round
 from onboard.bus.schema import StateMessage
 from tests.agent.rig import fleet
 
@@ -64,7 +64,7 @@ def test_a_silent_neighbour_stays_present_but_does_not_cooperate() -> None:
     assert late.is_present[0]
     assert not late.is_cooperative[0]
     assert table.silent(5 * S + 310_000_000) == ("mav1",)
-    assert table.distances_m((0.0, 0.0, 1.0), 9 * S)["mav1"] == pytest.approx(2.3)
+    assert table.distances_m((0.0, 0.0, 1.0), 9 * S)["mav1"] == pytest.approx(2.0 + SILENT_S)
 
 
 def test_a_neighbour_without_a_position_is_avoided_where_it_was() -> None:

@@ -1,107 +1,122 @@
-"""Health: freshness bounds, and mocap bodies that jump, freeze and swap."""
+"""The watch over a body's samples: jumps, repetitions, lateness and clocks."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
 
-from onboard.safety import health
-from onboard.safety.health import Freshness, MocapFault, MocapMemory, MocapParams
+from onboard.safety.health import Fault, PoseWatch
 
-PARAMS = MocapParams()
 TICK_NS = 20_000_000
+START_NS = 10**9
+LEVEL = (1.0, 0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(
-    ("age_ms", "expected"),
-    [(0, Freshness.FRESH), (60, Freshness.FRESH), (61, Freshness.LATE), (300, Freshness.LATE), (301, Freshness.STALE)],
-)
-def test_age_decides_freshness(age_ms: int, expected: Freshness) -> None:
-    now = 10**12
-    got = health.freshness(now, now - age_ms * 1_000_000, late_after_s=0.06, stale_after_s=0.3)
-    assert got is expected
+def vec3(values: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
 
 
-def test_what_was_never_seen_is_missing_and_a_stamp_from_the_future_is_fresh() -> None:
-    assert health.freshness(5, None, late_after_s=1.0, stale_after_s=2.0) is Freshness.MISSING
-    assert health.freshness(5, 10, late_after_s=1.0, stale_after_s=2.0) is Freshness.FRESH
-    assert health.age_s(5, None) == float("inf")
+def circle(tick: int, rng: np.random.Generator, noise_m: float = 0.003) -> tuple[float, float, float]:
+    """A vehicle that flies round a circle of 1 m at 1 m/s."""
+    angle = 0.02 * tick
+    return vec3(np.array([math.cos(angle), math.sin(angle), 1.0]) + noise_m * rng.normal(size=3))
 
 
-def path(body: int, tick: int, rng: np.random.Generator) -> np.ndarray:
-    """Two vehicles that fly circles at about 1 m/s, 1.2 m apart at least, seen with 3 mm of noise."""
-    angle = 0.02 * tick + np.pi * body
-    return np.array([np.cos(angle), np.sin(angle), 1.0]) * [1.0, 1.0, 1.0] + 0.003 * rng.normal(size=3)
+def hear(watch: PoseWatch, tick: int, position: tuple[float, float, float], **changes: object) -> Fault:
+    stamp_ns = int(changes.pop("stamp_ns", START_NS + tick * TICK_NS))  # type: ignore[call-overload]
+    received_ns = int(changes.pop("received_ns", stamp_ns + TICK_NS))  # type: ignore[call-overload]
+    return watch.hear(position, changes.pop("attitude", LEVEL), stamp_ns, received_ns)  # type: ignore[arg-type]
 
 
-def settled(ticks: int = 100, seed: int = 0) -> tuple[MocapMemory, np.random.Generator]:
-    rng = np.random.default_rng(seed)
-    memory = health.initial(2)
+def settled(ticks: int = 100, seed: int = 0, noise_m: float = 0.003) -> tuple[PoseWatch, np.random.Generator]:
+    rng, watch = np.random.default_rng(seed), PoseWatch()
     for tick in range(ticks):
-        for body in range(2):
-            memory, fault = health.watch(memory, body, path(body, tick, rng), (tick + 1) * TICK_NS, params=PARAMS)
-            assert fault is MocapFault.NONE
-    return memory, rng
+        hear(watch, tick, circle(tick, rng, noise_m))
+    return watch, rng
 
 
-def test_ordinary_flight_is_believed_for_minutes() -> None:
-    settled(ticks=6000, seed=1)
+def test_ordinary_flight_is_believed_for_minutes_and_over_lost_samples() -> None:
+    rng, watch = np.random.default_rng(1), PoseWatch()
+    for tick in range(10_000):
+        if rng.random() > 0.2:
+            assert hear(watch, tick, circle(tick, rng)) is Fault.NONE
 
 
-def test_swapped_bodies_are_called_swapped_at_the_first_sample() -> None:
-    memory, rng = settled()
-    for body in range(2):
-        memory, fault = health.watch(memory, body, path(1 - body, 100, rng), 101 * TICK_NS, params=PARAMS)
-        assert fault is MocapFault.SWAPPED
+def test_a_noisier_capture_is_learned_within_two_seconds() -> None:
+    watch, rng = settled(100, noise_m=0.03)
+    assert sum(hear(watch, tick, circle(tick, rng, 0.03)) is not Fault.NONE for tick in range(100, 600)) < 5
 
 
-def test_swapped_bodies_stay_swapped_while_it_lasts_and_recover() -> None:
-    memory, rng = settled()
-    for tick in range(100, 108):
-        for body in range(2):
-            memory, fault = health.watch(memory, body, path(1 - body, tick, rng), (tick + 1) * TICK_NS, params=PARAMS)
-            assert fault is MocapFault.SWAPPED
-    memory, fault = health.watch(memory, 0, path(0, 108, rng), 109 * TICK_NS, params=PARAMS)
-    assert fault is MocapFault.NONE
+@pytest.mark.parametrize("way_m", [0.12, 0.2, 0.5, 2.0])
+def test_a_jump_is_called_one_at_its_first_sample_and_leaves_the_expectation(way_m: float) -> None:
+    watch, rng = settled()
+    x, y, z = circle(100, rng)
+    assert hear(watch, 100, (x + way_m, y, z)) is Fault.JUMPED
+    assert watch.jumps == 1
+    assert watch.jumped_to_enu_m == (x + way_m, y, z)
+    assert hear(watch, 101, circle(101, rng)) is Fault.NONE
+    assert watch.jumps == 0
 
 
-def test_a_jump_to_nowhere_is_a_jump_and_does_not_move_the_expectation() -> None:
-    memory, rng = settled()
-    before = memory.position_enu_m.copy()
-    memory, fault = health.watch(memory, 0, np.array([3.0, 3.0, 1.0]), 101 * TICK_NS, params=PARAMS)
-    assert fault is MocapFault.JUMPED
-    assert np.array_equal(memory.position_enu_m, before)
-    memory, fault = health.watch(memory, 0, path(0, 101, rng), 102 * TICK_NS, params=PARAMS)
-    assert fault is MocapFault.NONE
+def test_a_jump_that_lasts_is_three_in_a_row_within_a_tenth_of_a_second() -> None:
+    watch, rng = settled()
+    for tick in range(100, 103):
+        x, y, z = circle(tick, rng)
+        hear(watch, tick, (x + 1.0, y, z))
+    assert watch.jumps == 3
 
 
-def test_identical_samples_are_called_frozen_within_a_tenth_of_a_second() -> None:
-    memory, rng = settled()
-    stuck = path(0, 100, rng)
-    faults = []
-    for tick in range(100, 112):
-        memory, fault = health.watch(memory, 0, stuck, (tick + 1) * TICK_NS, params=PARAMS)
-        faults.append(fault)
-    assert faults[0] is MocapFault.NONE
-    assert MocapFault.FROZEN in faults[:6]
-    assert all(fault is not MocapFault.NONE for fault in faults[5:])
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_sample_that_is_not_finite_is_invalid(bad: float) -> None:
-    memory, _ = settled(10)
-    same, fault = health.watch(memory, 0, np.array([bad, 0.0, 0.0]), 11 * TICK_NS, params=PARAMS)
-    assert fault is MocapFault.INVALID
-    assert same is memory
-
-
-def test_a_repeated_or_older_stamp_is_invalid() -> None:
-    memory, rng = settled(10)
-    for stamp in (10 * TICK_NS, 9 * TICK_NS):
-        assert health.watch(memory, 0, path(0, 10, rng), stamp, params=PARAMS)[1] is MocapFault.INVALID
+def test_a_body_that_hits_the_floor_is_believed_all_the_way_and_when_it_lies_there() -> None:
+    watch, rng = PoseWatch(), np.random.default_rng(0)
+    for tick in range(100):
+        fallen_s = max(0.0, 0.02 * (tick - 50))
+        height_m = max(0.0, 1.0 - 4.9 * fallen_s**2)
+        position = vec3(np.array([0.0, 0.0, height_m]) + 0.003 * rng.normal(size=3))
+        assert hear(watch, tick, position) is Fault.NONE
 
 
 def test_after_a_gap_a_body_is_believed_where_it_can_have_flown() -> None:
-    memory, rng = settled()
-    memory, fault = health.watch(memory, 0, path(0, 150, rng), 151 * TICK_NS, params=PARAMS)
-    assert fault is MocapFault.NONE
+    watch, rng = settled()
+    assert hear(watch, 150, circle(150, rng)) is Fault.NONE
+
+
+def test_a_body_that_turns_round_between_two_samples_is_another_one() -> None:
+    watch, rng = settled()
+    half = math.sqrt(0.5)
+    assert hear(watch, 100, circle(100, rng), attitude=(half, 0.0, 0.0, half)) is Fault.JUMPED
+    assert hear(watch, 101, circle(101, rng), attitude=(-1.0, 0.0, 0.0, 0.0)) is Fault.NONE  # the same attitude
+
+
+def test_identical_samples_are_frozen_within_a_tenth_of_a_second() -> None:
+    watch, rng = settled()
+    stuck = circle(100, rng)
+    faults = [hear(watch, tick, stuck) for tick in range(100, 110)]
+    assert faults[0] is Fault.NONE
+    first = faults.index(Fault.FROZEN)
+    assert (first - 1) * 20 <= 100  # ms after the first repetition
+    assert all(fault is Fault.FROZEN for fault in faults[first:])
+    assert watch.is_frozen
+    hear(watch, 110, circle(110, rng))
+    assert not watch.is_frozen
+
+
+def test_late_samples_are_called_late_within_a_tenth_of_a_second_and_one_straggler_is_not() -> None:
+    watch, rng = settled()
+    hear(watch, 100, circle(100, rng), received_ns=START_NS + 100 * TICK_NS + 150_000_000)
+    assert not watch.is_late
+    for tick in range(101, 120):
+        hear(watch, tick, circle(tick, rng))
+    for tick in range(120, 126):
+        hear(watch, tick, circle(tick, rng), received_ns=START_NS + tick * TICK_NS + 140_000_000)
+    assert watch.is_late
+
+
+def test_a_jump_of_the_senders_clock_is_noticed() -> None:
+    watch, rng = settled()
+    assert watch.clock_jump_ns == 0
+    now_ns = START_NS + 101 * TICK_NS
+    hear(watch, 100, circle(100, rng), stamp_ns=START_NS - 10**9, received_ns=now_ns)
+    assert watch.clock_jump_ns == now_ns
