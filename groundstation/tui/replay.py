@@ -118,9 +118,13 @@ class ReplayApp(ConsoleApp):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Where words are written, the keys of the replay are letters."""
-        if action in ("play_or_pause", "step", "skip", "jump", "speed", "go") and isinstance(self.focused, Input):
+        if action in ("play_or_pause", "step", "skip", "jump", "speed", "go") and self._is_writing:
             return False
         return super().check_action(action, parameters)
+
+    @property
+    def _is_writing(self) -> bool:
+        return isinstance(self.focused, Input) or self._fleet_table.is_writing
 
     def action_play_or_pause(self) -> None:
         """Play, or pause; from the end it begins again."""

@@ -90,6 +90,11 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         """Marked vehicles, in the order of the fleet file, also those that the filter hides."""
         return tuple(view.name for view in self._views if view.name in self._marks)
 
+    @property
+    def is_writing(self) -> bool:
+        """Whether a filter or a list of places is being written: every key belongs to it."""
+        return bool(self._typing)
+
     def mark(self, names: Iterable[str]) -> None:
         """Mark these and nobody else; unknown names are left out. Marks of everybody are forgotten after 5 s."""
         known = {view.name for view in self._views}
