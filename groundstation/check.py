@@ -30,6 +30,7 @@ from onboard.control.findings import Finding, least, most, worst, worst_first
 from onboard.control.guidance import GuidanceParams, shortest_duration_s
 
 EXIT_OK, EXIT_REFUSED, EXIT_WRONG_INPUT = 0, 1, 2
+_OF_THE_MISSION = ("time", "expectation", "arrival")  # findings that are no promise of the law's
 _CLIMB_M_S, _START_S, _SETTLE_S = 0.4, 3.0, 1.0
 _ROOM_FOR_DETOURS = 1.7  # times the straight way's duration
 _EPILOG = (
@@ -130,6 +131,27 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
             )
         ]
     return worst_first(worst(group) for group in found.values())
+
+
+def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
+    """ConfigError when the law says that a mission cannot be flown: places too near, a fleet beyond its means.
+
+    Whether there is time enough is for the flight to show; other laws than Covey's may be flown in simulation.
+    """
+    fleet = mission.fleet
+    if not fleet.enabled_names or (is_simulated and fleet.law.name != "covey"):
+        return
+    found = [
+        finding
+        for finding in (*mission_findings(mission), *fleet_findings(fleet))
+        if finding.status == "refused" and finding.name.partition(",")[0] not in _OF_THE_MISSION
+    ]
+    if found:
+        more = f" ({len(found)} findings are against it)" if len(found) > 1 else ""
+        raise ConfigError(
+            f"{mission.path}: the law says that this cannot be flown{more}. {found[0].sentence} "
+            f"'covey check {mission.path}' tells all."
+        )
 
 
 def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Finding]:

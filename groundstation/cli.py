@@ -24,6 +24,7 @@ _PASSED_ON = {
     "sitl": ("emulated PX4s for a fleet file", "sitl.server"),
     "agent": ("one vehicle's agent", "onboard.agent.__main__"),
     "mocap": ("the relay from a motion capture to the fleet's bus", "onboard.mocap.__main__"),
+    "preflight": ("go or no-go of every vehicle, check by check", "groundstation.preflight"),
     "check": ("whether fleet or mission files are right and can be flown", "groundstation.check"),
     "simulate": ("the law over many perturbed flights, seeded", "sitl.campaign.cli"),
     "sitl-check": ("whether a MAVLink endpoint behaves as a real PX4", "sitl.conformance.__main__"),

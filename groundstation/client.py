@@ -175,6 +175,10 @@ class FleetClient:
         await asyncio.to_thread(self._bus.stop)
         self._loop = None
 
+    def tell_recording(self, is_on: bool) -> None:
+        """Let the vehicles' preflight see that this ground records, or no longer; any thread, while the bus is open."""
+        (self._bus.claim if is_on else self._bus.release)(f"recorder-{self._bus.node}")
+
     def plan(self, order: Intent | str) -> Plan:
         """What an order would send now, or why not; nothing is sent.
 

@@ -66,8 +66,6 @@ def prepare(
     if is_simulated:
         fleet = _own_fleet(mission.fleet, folder, law, has_free_ports)
         mission = load_mission(mission_path, fleet)
-    refuse_unflyable(mission, is_simulated)
-    if is_simulated:
         busy = busy_ports(fleet) if needs_ports else []
         if busy:
             more = f" ({len(busy)} ports are in use)" if len(busy) > 1 else ""
@@ -75,6 +73,7 @@ def prepare(
                 f"{mission.fleet.path}: {busy[0]}{more} Another emulator or fleet runs here: stop it, change the "
                 "endpoints, or fly with covey demo, which picks free ones."
             )
+    refuse_unflyable(mission, is_simulated)
     if (folder / RECORD_NAME).exists():
         raise ConfigError(f"{folder}: this folder holds a flight already. Choose another with --record.")
     try:

@@ -96,8 +96,8 @@ class Fleet:
                 continue
             heard = True
             if not _is_ready(self.state, name, now_ns):
-                why = "; ".join(view.telemetry.not_ready) or view.telemetry.reason or "it does not say why"
-                reasons.append(f"{name} is {view.telemetry.state}: {why}.")
+                why = " ".join(view.telemetry.not_ready) or view.telemetry.reason or "it does not say why."
+                reasons.append(f"{name} is {view.telemetry.state}: {why.rstrip('.')}.")
         raise NotReady(f"Not ready within {timeout_s:g} s. {' '.join(reasons)}", heard)
 
     async def arm(self, vehicles: Who = "all", *, timeout_s: float = 15.0) -> Results:

@@ -14,6 +14,7 @@ from groundstation.fleet import FleetState
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
 from groundstation.missions.files import ExpectStep, FaultStep, Mission, WaitStep, intent_of
 from groundstation.missions.verdict import Flown, Verdict, check, is_landed, judge, smallest
+from groundstation.preflight import advice_of
 from onboard.config import ConfigError
 
 LAND_TIMEOUT_S = 40.0
@@ -145,6 +146,8 @@ class MissionRun:
         self.fleet.say(f"Waiting for {', '.join(self.fleet.names)} to be ready.")
         await self.fleet.ready(self._ready_timeout_s)
         self._begin_ns = self.client.now_ns()
+        for advice, names in advice_of(self.client.state, self.fleet.names).items():
+            self.fleet.say(f"Preflight, {', '.join(names)}: {advice}")
         if self.mission.is_python:
             await load_function(self.mission)(self.fleet)
             return
