@@ -46,6 +46,16 @@ class Canvas:
         along = np.linspace(0.0, 1.0, steps + 1)[::gap]
         self.dots(start[0] + along * (end[0] - start[0]), start[1] + along * (end[1] - start[1]), colour)
 
+    def lines(self, starts: FloatArray, ends: FloatArray, colour: str, gap: int = 1) -> None:
+        """Straight lines of dots between places (n, 2) and (n, 2), all in one go."""
+        way = ends - starts
+        reach = np.abs(way).max(axis=1, initial=0.0)
+        fits = reach < _MAX_STEPS
+        if fits.any():
+            longest = int(reach[fits].max()) + 1
+            points = starts[fits, None] + way[fits, None] * (np.arange(0, longest + 1, gap) / longest)[:, None]
+            self.dots(points[..., 0].ravel(), points[..., 1].ravel(), colour)
+
     def circles(self, centres: FloatArray, radius: float, colour: str, gap: int = 1) -> None:
         """Circles of dots about centres (n, 2), radius in dots; with ``gap`` n only every n-th dot is set."""
         if 0.0 < radius < 1e4 and len(centres):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.cells import cell_len
 
-from groundstation.fleet import FleetState, VehicleView
+from groundstation.fleet import VehicleView
 from groundstation.tui import look
 from groundstation.tui.canvas import Canvas
 from groundstation.tui.history import FAR_M, History
@@ -106,14 +106,16 @@ def draw_fleet(
     window: Window,
     fleet: FleetConfig,
     history: History,
-    state: FleetState,
+    views: Sequence[VehicleView],
+    spots: Mapping[str, Spot],
     now_ns: int,
     selected: str | None = None,
     marked: Iterable[str] = (),
 ) -> None:
-    """What moves: trails, goals and setpoints, who avoids whom, safety circles, numbers and heights."""
-    views = list(state.vehicles.values())
-    spots = {view.name: spot for view in views if (spot := spot_of(view, now_ns)) is not None}
+    """What moves: trails, goals and setpoints, who avoids whom, safety circles, numbers and heights.
+
+    ``spots``: where each vehicle is drawn, of :func:`spot_of`; who has none is not drawn.
+    """
     limit_m = fleet.fleet.safety_distance_m
     too_close = {
         name
@@ -128,12 +130,11 @@ def draw_fleet(
         if not is_dense or view.name in chosen:
             _draw_aims(canvas, window, view, spots.get(view.name), look.vehicle_colour(index))
     _draw_circles(canvas, window, limit_m / 2.0, views, spots, too_close, now_ns)
-    for view in views:
-        _draw_avoidance(canvas, window, view, spots, now_ns, is_dense and view.name not in chosen)
+    _draw_avoidance(canvas, window, views, spots, now_ns, chosen if is_dense else None)
     _write(canvas, window, fleet, views, spots, too_close, now_ns, selected, set(marked), is_dense)
 
 
-def _draw_trails(canvas: Canvas, window: Window, history: History, views: list[VehicleView]) -> None:
+def _draw_trails(canvas: Canvas, window: Window, history: History, views: Sequence[VehicleView]) -> None:
     """Vehicles that share a colour are drawn together."""
     colours = len(look.VEHICLE_COLOURS)
     for first in range(min(colours, len(views))):
@@ -160,7 +161,7 @@ def _draw_circles(
     canvas: Canvas,
     window: Window,
     radius_m: float,
-    views: list[VehicleView],
+    views: Sequence[VehicleView],
     spots: Mapping[str, Spot],
     too_close: set[str],
     now_ns: int,
@@ -181,35 +182,37 @@ def _draw_circles(
 def _draw_avoidance(
     canvas: Canvas,
     window: Window,
-    view: VehicleView,
+    views: Sequence[VehicleView],
     spots: Mapping[str, Spot],
     now_ns: int,
-    is_faint: bool,
+    chosen: set[str | None] | None,
 ) -> None:
-    """A line with an arrow from who avoids to whom it avoids; in a dense crowd a faint line."""
-    told, spot = view.telemetry, spots.get(view.name)
-    if told is None or spot is None or not told.is_airborne or not view.is_fresh(now_ns):
-        return
-    if told.law_status.lower() in ("", "inactive"):
-        return
-    other = spots.get(told.nearest_vehicle)
-    if other is None:
-        return
-    start, end = window.dot(*spot[:2]), window.dot(*other[:2])
-    canvas.line(start, end, FAINT if is_faint else TEXT, gap=2)
-    if is_faint:
-        return
-    angle = math.atan2(start[1] - end[1], end[0] - start[0])
-    # At a third of the way: of two that avoid each other both arrows are seen.
-    column, row = window.cell(spot[0] + (other[0] - spot[0]) * 0.36, spot[1] + (other[1] - spot[1]) * 0.36)
-    canvas.text(column, row, _ARROWS[round(angle / (math.pi / 4.0)) % 8], TEXT, bold=True)
+    """Lines with an arrow from who avoids to whom it avoids; in a dense crowd faint ones but for the ``chosen``."""
+    bright: list[tuple[Spot, Spot]] = []
+    faint: list[tuple[Spot, Spot]] = []
+    for view in views:
+        told, spot = view.telemetry, spots.get(view.name)
+        if told is None or spot is None or not told.is_airborne or not view.is_fresh(now_ns):
+            continue
+        other = spots.get(told.nearest_vehicle)
+        if other is not None and told.law_status.lower() not in ("", "inactive"):
+            (bright if chosen is None or view.name in chosen else faint).append((spot, other))
+    for pairs, colour in ((faint, FAINT), (bright, TEXT)):
+        if pairs:
+            ends = np.array(pairs)[:, :, :2]
+            canvas.lines(window.dots(ends[:, 0]), window.dots(ends[:, 1]), colour, gap=2)
+    for spot, other in bright:
+        angle = math.atan2(other[1] - spot[1], other[0] - spot[0])
+        # At a third of the way: of two that avoid each other both arrows are seen.
+        column, row = window.cell(spot[0] + (other[0] - spot[0]) * 0.36, spot[1] + (other[1] - spot[1]) * 0.36)
+        canvas.text(column, row, _ARROWS[round(angle / (math.pi / 4.0)) % 8], TEXT, bold=True)
 
 
 def _write(
     canvas: Canvas,
     window: Window,
     fleet: FleetConfig,
-    views: list[VehicleView],
+    views: Sequence[VehicleView],
     spots: Mapping[str, Spot],
     too_close: set[str],
     now_ns: int,

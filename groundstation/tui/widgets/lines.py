@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from rich.style import Style
 from textual.binding import Binding, BindingType
 from textual.geometry import Region, Size
 from textual.message import Message
@@ -18,6 +19,7 @@ class Lines(Widget):
 
     _lines: list[Strip]  # as drawn, without the widget's ground
     _drawn: Size | None = None
+    _ground: Style | None = None  # the widget's own colours, which cost too much to look up for every line
 
     def draw(self, width: int, height: int) -> list[Strip]:
         """The lines of a picture of this size, each ``width`` cells long; fewer lines leave the rest empty."""
@@ -62,8 +64,15 @@ class Lines(Widget):
         """One line, ``y`` counted from the top of what is seen."""
         if self._drawn != self.size:
             self._lines, self._drawn = self.draw(*self.size), self.size
+        if self._ground is None:
+            self._ground = self.rich_style
         line = _line(self._lines, y)
-        return Strip.blank(self.size.width, self.rich_style) if line is None else line.apply_style(self.rich_style)
+        return Strip.blank(self.size.width, self._ground) if line is None else line.apply_style(self._ground)
+
+    def notify_style_update(self) -> None:
+        """Another ground, perhaps."""
+        self._ground = None
+        super().notify_style_update()
 
 
 def _line(lines: list[Strip], y: int) -> Strip | None:

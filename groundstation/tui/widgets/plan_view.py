@@ -9,11 +9,11 @@ from textual import events
 from textual.binding import Binding, BindingType
 from textual.strip import Strip
 
-from groundstation.fleet import FleetState
+from groundstation.fleet import FleetState, VehicleView
 from groundstation.tui.canvas import Canvas
 from groundstation.tui.history import FAR_M, History
 from groundstation.tui.look import clean
-from groundstation.tui.plan_picture import Window, draw_fleet, ground, spot_of
+from groundstation.tui.plan_picture import Spot, Window, draw_fleet, ground, spot_of
 from groundstation.tui.widgets.lines import Lines
 from onboard.config import FleetConfig
 
@@ -46,9 +46,11 @@ class PlanView(Lines, can_focus=True):
         self.is_whole_fence = False
         self.follows = ""
         self._middle: tuple[float, float] | None = None
-        self._spans: tuple[_Span, _Span] | None = None
-        self._ground: tuple[Window, Canvas] | None = None
-        self._state: FleetState | None = None
+        starts = [fleet.vehicles[name].start_enu_m for name in fleet.enabled_names] or [(0.0, 0.0, 0.0)]
+        self._spans = _around([start[0] for start in starts]), _around([start[1] for start in starts])
+        self._standing: tuple[Window, Canvas] | None = None
+        self._views: list[VehicleView] = []
+        self._spots: dict[str, Spot] = {}
         self._selected: str | None = None
         self._marked: tuple[str, ...] = ()
         self._now_ns = 0
@@ -56,7 +58,14 @@ class PlanView(Lines, can_focus=True):
 
     def show(self, state: FleetState, now_ns: int, selected: str | None = None, marked: tuple[str, ...] = ()) -> None:
         """Draw this state; ``selected`` and ``marked`` are shown as such."""
-        self._state, self._now_ns, self._selected, self._marked = state, now_ns, selected, marked
+        self._views, self._now_ns, self._selected, self._marked = (
+            list(state.vehicles.values()),
+            now_ns,
+            selected,
+            marked,
+        )
+        self._spots = {view.name: spot for view in self._views if (spot := spot_of(view, now_ns)) is not None}
+        self._widen()
         self.redraw()
 
     def redraw(self) -> None:
@@ -119,13 +128,20 @@ class PlanView(Lines, can_focus=True):
         if width < 1 or height < 1:
             return []
         window = self._window(width, height)
-        if self._ground is None or self._ground[0] != window:
-            self._ground = window, ground(window, self.fleet)
-        canvas = self._ground[1].copy()
-        if self._state is not None:
-            draw_fleet(
-                canvas, window, self.fleet, self.history, self._state, self._now_ns, self._selected, self._marked
-            )
+        if self._standing is None or self._standing[0] != window:
+            self._standing = window, ground(window, self.fleet)
+        canvas = self._standing[1].copy()
+        draw_fleet(
+            canvas,
+            window,
+            self.fleet,
+            self.history,
+            self._views,
+            self._spots,
+            self._now_ns,
+            self._selected,
+            self._marked,
+        )
         return canvas.strips()
 
     def _say(self, window: Window) -> None:
@@ -142,49 +158,43 @@ class PlanView(Lines, can_focus=True):
             self.border_title, self.border_subtitle = titles
 
     def _window(self, width: int, height: int) -> Window:
-        box_x, box_y = self._box()
+        fence = self.fleet.fleet.geofence_m
+        box_x, box_y = (fence.x, fence.y) if self.is_whole_fence else self._spans
         width, height = max(1, width), max(1, height)
         scale = max(1e-3, min((2 * width - 3) / (box_x[1] - box_x[0]), (4 * height - 3) / (box_y[1] - box_y[0])))
         middle = self._middle or self._followed() or (sum(box_x) / 2.0, sum(box_y) / 2.0)
         return Window(middle[0], middle[1], scale * self.zoom, width, height)
 
-    def _box(self) -> tuple[_Span, _Span]:
-        """What the picture shows (x, y in metres): the fence, or the part of it that the fleet uses.
+    def _widen(self) -> None:
+        """What the picture shows by itself (x, y in metres): the part of the fence that the fleet uses.
 
         The part only grows: a picture that breathes with every move cannot be read.
         """
         fence = self.fleet.fleet.geofence_m
-        if self.is_whole_fence:
-            return fence.x, fence.y
-        points = [self.fleet.vehicles[name].start_enu_m[:2] for name in self.fleet.enabled_names]
-        for view in self._state.vehicles.values() if self._state is not None else ():
-            spot, told = spot_of(view, self._now_ns), view.telemetry
-            points += [spot[:2]] if spot is not None else []
-            if told is not None and told.is_airborne:
-                points.append(told.goal_position_enu_m[:2])
+        points: list[tuple[float, ...]] = [spot[:2] for spot in self._spots.values()]
+        points += [
+            view.telemetry.goal_position_enu_m[:2] for view in self._views if view.telemetry and view.is_airborne
+        ]
         spans = []
         for axis, limits in enumerate((fence.x, fence.y)):
-            values = [*(point[axis] for point in points if abs(point[axis]) < FAR_M)] or list(limits)
-            low, high = min(values) - _ROUND_M, max(values) + _ROUND_M
-            old = self._spans[axis] if self._spans is not None else (low, high)
-            low, high = min(low, old[0]), max(high, old[1])
+            values = [point[axis] for point in points if abs(point[axis]) < FAR_M] or [sum(self._spans[axis]) / 2.0]
+            low, high = min(*values, self._spans[axis][0] + _ROUND_M), max(*values, self._spans[axis][1] - _ROUND_M)
             # Beyond the fence only what has strayed there widens the picture.
-            low, high = max(low, min(limits[0], *values)), min(high, max(limits[1], *values))
+            low, high = max(low - _ROUND_M, min(limits[0], low)), min(high + _ROUND_M, max(limits[1], high))
             spans.append((low, max(high, low + 2.0)))
         self._spans = (spans[0], spans[1])
-        return self._spans
 
     def _followed(self) -> tuple[float, float] | None:
         """The place that is followed; zoomed in without a choice it is the fleet's middle."""
-        if self._state is None or not (self.follows or self.zoom != 1.0):
+        if not (self.follows or self.zoom != 1.0) or not self._spots:
             return None
-        views = self._state.vehicles
-        one = views.get(self.follows)
-        chosen = views.values() if one is None else (one,)
-        spots = [spot for view in chosen if (spot := spot_of(view, self._now_ns)) is not None]
-        if not spots:
-            return None
+        one = self._spots.get(self.follows)
+        spots = list(self._spots.values()) if one is None else [one]
         return (math.fsum(spot[0] for spot in spots) / len(spots), math.fsum(spot[1] for spot in spots) / len(spots))
+
+
+def _around(values: list[float]) -> _Span:
+    return min(values) - _ROUND_M, max(values) + _ROUND_M
 
 
 def _within(value: float, span: _Span) -> float:
