@@ -97,6 +97,7 @@ class Emulator:
         )
         self.disturbances = Disturbances([spec.name for spec in specs], seed=seed)
         self._told = np.zeros((len(specs), 4))  # newest external position and heading of each
+        self._told_resets = [0] * len(specs)
         self._late_vision: list[tuple[float, int, Array]] = []
         self.autopilots = [Autopilot() for _ in specs]
         for autopilot, spec in zip(self.autopilots, specs, strict=True):
@@ -243,7 +244,13 @@ class Emulator:
         autopilot.accept_setpoint(setpoint)
 
     def vision(
-        self, index: int, position_ned_m: Array, *, yaw_rad: float = math.nan, has_velocity: bool = False
+        self,
+        index: int,
+        position_ned_m: Array,
+        *,
+        yaw_rad: float = math.nan,
+        has_velocity: bool = False,
+        reset_count: int = 0,
     ) -> None:
         """One external position (ODOMETRY, VISION_POSITION_ESTIMATE), fused if the parameters say so.
 
@@ -251,6 +258,7 @@ class Emulator:
             index, position_ned_m: the vehicle and where it is said to be.
             yaw_rad: its heading as said with it; NaN for the true one.
             has_velocity: whether a velocity came with it.
+            reset_count: another one than before tells the estimator to begin anew there.
         """
         params, faults = self.autopilots[index].params, self.disturbances.vision
         if not int(params["EKF2_EV_CTRL"]) & 1 or self.disturbances.is_hung[index]:
@@ -260,6 +268,9 @@ class Emulator:
         self._uses_velocity(index, has_velocity)
         self._told[index, :3] = position_ned_m
         self._told[index, 3] = yaw_rad
+        if reset_count != self._told_resets[index]:
+            self._told_resets[index] = reset_count
+            self.estimator.begin_vision_anew(index)
         if faults.is_clear:
             self._fuse(index, self._told[index])
         elif not faults.is_lost(index):

@@ -276,7 +276,13 @@ class Link:
         place = (f["x"], f["y"], f["z"])
         if all(abs(c) < _MAX_POSITION_M for c in place):
             yaw_rad = yaw_rad if abs(yaw_rad) < _MAX_POSITION_M else math.nan
-            self.emulator.vision(self.index, np.array(place), yaw_rad=yaw_rad, has_velocity=has_velocity)
+            self.emulator.vision(
+                self.index,
+                np.array(place),
+                yaw_rad=yaw_rad,
+                has_velocity=has_velocity,
+                reset_count=f["reset_counter"],
+            )
 
     def _set_origin(self, message: Message) -> list[bytes]:
         self.emulator.has_global_origin[self.index] = True

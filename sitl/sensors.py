@@ -206,6 +206,10 @@ class Estimator:
             self.reset_ned_m[index] = shift
             self.jumps.append((index, shift))
 
+    def begin_vision_anew(self, index: int) -> None:
+        """The sender says that its positions are other ones from here on: the next is taken wherever it lies."""
+        self._vision_time_s[index] = -math.inf
+
     def restart(self, index: int, time_s: float, position_ned_m: Array) -> None:
         """Begin anew, as after a reboot: a new origin where the vehicle is, no source yet, counters as at a start."""
         local = position_ned_m - self._origin[index]

@@ -25,13 +25,13 @@ from onboard.agent.events import (
     Publish,
     Reply,
     SendAttitude,
-    SendOdometry,
     ShutdownAsked,
     TickFailed,
 )
 from onboard.agent.flight import Flight
 from onboard.agent.guard import Guard, nearest_m
 from onboard.agent.neighbours import NeighbourTable
+from onboard.agent.odometry import OdometryFeed
 from onboard.agent.own_state import OwnState
 from onboard.agent.readiness import Readiness
 from onboard.agent.report import Report
@@ -50,8 +50,6 @@ from onboard.safety.failsafe import Situation
 from onboard.safety.wire import is_sendable
 from onboard.types import AttitudeSetpoint, Goal, Neighbours, State, Tick
 
-_ODOMETRY_EVERY_NS = 18_000_000  # every sample of a mocap at 50 Hz
-_MOCAP_STD_M = 0.01
 _CONFLICT_CHECK_S = 0.6
 # PX4 speaks at least every 30 ms: setpoints are for an attitude that is known now, and a thread that hangs is not known
 _HEARD_NS = 80_000_000
@@ -104,9 +102,10 @@ class AgentCore:
         self._has_peers = len(fleet.enabled_names) > 1 or self.vehicle.mocap_required
         self._answered: dict[str, OrderReply] = {}
         self._distances: dict[str, float] = {}
-        self._last_ns = self._odometry_ns = self._malformed = self._sent_ns = 0
+        self._last_ns = self._malformed = self._sent_ns = 0
         self._loss_ns = round(1e9 * float(required_params(self.vehicle).get("COM_OF_LOSS_T", 0.3)))
         self._period_s = PERIOD_S
+        self._odometry = OdometryFeed()
         self._sent_thrust_frac = 0.0
         self._hover_frac = self.vehicle.hover_thrust_frac
         self._is_last_finite = True
@@ -144,9 +143,7 @@ class AgentCore:
             case PoseArrived(pose, received_ns):
                 if pose.body == self.vehicle.body and self.own.add_pose(pose, received_ns):
                     self.neighbours.last_heard_ns = max(self.neighbours.last_heard_ns, received_ns)
-                    if now_ns - self._odometry_ns >= _ODOMETRY_EVERY_NS:
-                        self._odometry_ns = now_ns
-                        return [SendOdometry(pose.position_enu_m, pose.quaternion_enu_flu_wxyz, _MOCAP_STD_M)]
+                    return list(self._odometry.take(pose, now_ns))
             case NeighbourHeard(message, received_ns):
                 self.neighbours.hear(message, received_ns)
             case NodeSeen(node, is_alive):

@@ -139,11 +139,12 @@ class PlayTune:
 
 @dataclass(frozen=True, slots=True)
 class SendOdometry:
-    """Forward a mocap pose to PX4."""
+    """Forward a mocap pose to PX4; another reset count tells its estimator to begin anew there."""
 
     position_enu_m: Vec3
     quaternion_enu_flu_wxyz: Vec4
     std_m: float
+    reset_count: int = 0
 
 
 @dataclass(frozen=True, slots=True)

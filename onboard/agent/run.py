@@ -220,8 +220,8 @@ class Agent:
                         self._reliable.submit(self._bus.publish, topic, self.name, message)
                     else:
                         self._bus.publish(topic, self.name, message)
-                case ev.SendOdometry(position, quaternion, std_m):
-                    self._link.send_odometry(position, quaternion, std_m)
+                case ev.SendOdometry(position, quaternion, std_m, resets):
+                    self._link.send_odometry(position, quaternion, std_m, resets)
                 case ev.Reply(answer):
                     reply = self._replies.pop(answer.order_id, None)
                     if reply is not None:

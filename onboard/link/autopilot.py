@@ -95,5 +95,7 @@ class Autopilot(Protocol):
     def play_tune(self) -> None:
         """Let it play a tune; PX4 does not say whether it did."""
 
-    def send_odometry(self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float) -> None:
-        """Hand a mocap pose to PX4's estimator, so that its own hold and land work."""
+    def send_odometry(
+        self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float, reset_count: int = 0
+    ) -> None:
+        """Hand a mocap pose to PX4's estimator, so that its own hold and land work; another count: begin anew there."""

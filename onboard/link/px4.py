@@ -189,10 +189,14 @@ class Px4Link:
             tune2="",
         )
 
-    def send_odometry(self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float) -> None:
+    def send_odometry(
+        self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float, reset_count: int = 0
+    ) -> None:
         """ODOMETRY in the fleet's axes as NED; velocity is not known to a mocap and left out."""
         position = ned_from_enu(np.asarray(position_enu_m, dtype=np.float64)).tolist()
-        q = quaternion_ned_frd_from_enu_flu(np.asarray(quaternion_enu_flu_wxyz, dtype=np.float64)).tolist()
+        attitude = np.asarray(quaternion_enu_flu_wxyz, dtype=np.float64)
+        # PX4 leaves out a heading whose quaternion is not a unit one to five digits
+        q = quaternion_ned_frd_from_enu_flu(attitude / np.linalg.norm(attitude)).tolist()
         variance, angle_variance = std_m * std_m, 1e-4
         diagonal = {0: variance, 6: variance, 11: variance, 15: angle_variance, 18: angle_variance, 20: angle_variance}
         self._send(
@@ -212,7 +216,7 @@ class Px4Link:
             yawspeed=None,
             pose_covariance=[diagonal.get(place, 0.0) for place in range(21)],
             velocity_covariance=[None] * 21,
-            reset_counter=0,
+            reset_counter=reset_count,
             estimator_type=_ESTIMATOR_TYPE_VISION,
             quality=100,
         )

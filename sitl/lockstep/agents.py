@@ -214,8 +214,8 @@ class AgentShell:
                     link.send_attitude(setpoint)
                 case ev.Publish(topic, message):
                     self.node.publish(topic, self.name, message)
-                case ev.SendOdometry(position, quaternion, std_m):
-                    link.send_odometry(position, quaternion, std_m)
+                case ev.SendOdometry(position, quaternion, std_m, resets):
+                    link.send_odometry(position, quaternion, std_m, resets)
                 case ev.Reply(answer):
                     reply = self._replies.pop(answer.order_id, None)
                     if reply is not None:

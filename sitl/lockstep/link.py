@@ -220,13 +220,17 @@ class EmulatedLink:
         """Let it play a tune."""
         self._ask(lambda px4, now_s: px4.play_tune())
 
-    def send_odometry(self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float) -> None:
-        """ODOMETRY with the mocap's position."""
+    def send_odometry(
+        self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float, reset_count: int = 0
+    ) -> None:
+        """ODOMETRY with the mocap's position and heading."""
         east, north, up = position_enu_m
         w, x, y, z = _px4_attitude(*quaternion_enu_flu_wxyz)
         yaw_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         take, index = self._bank.emulator.vision, self._index
-        self._bank.send(index, lambda: take(index, np.array([north, east, -up]), yaw_rad=yaw_rad))
+        self._bank.send(
+            index, lambda: take(index, np.array([north, east, -up]), yaw_rad=yaw_rad, reset_count=reset_count)
+        )
 
     def connect(self) -> tuple[str, ...]:
         """What the shell does when PX4 answers: origin and parameters; returns what is still wrong with these."""

@@ -1,0 +1,41 @@
+"""Which mocap poses PX4's estimator is told, so that PX4's own hold and land work indoors. Pure.
+
+Only what the agent itself believes is passed on, at 50 Hz at most: PX4 follows whatever it is told. When believed poses
+stop, nothing is sent, and PX4's estimator says by itself that it has lost its position. When they come back, its
+estimate has drifted farther than its gate lets a sample in: the reset counter tells it to begin anew there.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from onboard.agent.events import SendOdometry
+from onboard.bus.schema import MocapPose, Vec3
+
+_EVERY_NS = 18_000_000  # every sample of a mocap at 50 Hz
+_GAP_NS = 300_000_000  # PX4 stops fusing after a second; a few decimetres of drift come sooner
+_STEP_M, _STEP_M_S = 0.2, 6.0  # no movement of a vehicle goes farther than this between two samples
+_STD_M = 0.01
+
+
+@dataclass(slots=True)
+class OdometryFeed:
+    """Memory of what was sent last. resets: how often PX4 was told to begin anew; on the wire it has eight bits."""
+
+    resets: int = 0
+    _sent_ns: int = 0
+    _stamp_ns: int = 0
+    _position_enu_m: Vec3 | None = None
+
+    def take(self, pose: MocapPose, now_ns: int) -> list[SendOdometry]:
+        """What PX4 is told of a believed pose: one command or none."""
+        if self._position_enu_m is not None:
+            if now_ns - self._sent_ns < _EVERY_NS:
+                return []
+            gap_ns = pose.stamp_ns - self._stamp_ns
+            reach_m = _STEP_M + _STEP_M_S * max(0, gap_ns) * 1e-9
+            if not 0 <= gap_ns <= _GAP_NS or math.dist(pose.position_enu_m, self._position_enu_m) > reach_m:
+                self.resets = (self.resets + 1) % 256
+        self._sent_ns, self._stamp_ns, self._position_enu_m = now_ns, pose.stamp_ns, pose.position_enu_m
+        return [SendOdometry(pose.position_enu_m, pose.quaternion_enu_flu_wxyz, _STD_M, self.resets)]
