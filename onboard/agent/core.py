@@ -16,6 +16,7 @@ from onboard.agent.events import (
     Command,
     EventIn,
     Exit,
+    Follow,
     LoopTimed,
     MessageMalformed,
     NeighbourHeard,
@@ -30,6 +31,7 @@ from onboard.agent.events import (
 )
 from onboard.agent.flight import Flight
 from onboard.agent.guard import Guard, nearest_m
+from onboard.agent.interest import CHOOSE_TICKS
 from onboard.agent.neighbours import NeighbourTable
 from onboard.agent.odometry import OdometryFeed
 from onboard.agent.own_state import OwnState
@@ -102,6 +104,7 @@ class AgentCore:
         self._has_peers = len(fleet.enabled_names) > 1 or self.vehicle.mocap_required
         self._answered: dict[str, OrderReply] = {}
         self._distances: dict[str, float] = {}
+        self._ticks_to_choose = 0
         self._last_ns = self._malformed = self._sent_ns = 0
         self._loss_ns = round(1e9 * float(required_params(self.vehicle).get("COM_OF_LOSS_T", 0.3)))
         self._period_s = PERIOD_S
@@ -253,6 +256,7 @@ class AgentCore:
         state = self.own.state
         self._view = self._look(now_ns, state)
         self._distances = self.neighbours.distances_m(self._view.position_enu_m, now_ns)
+        self._choose_neighbours(now_ns)
         self._watch_over(now_ns)
         flight.advance(self._view)
         phase = flight.phase
@@ -290,6 +294,16 @@ class AgentCore:
         if self.is_stopping and self.flight.situation in (Situation.GROUND, Situation.SILENT):
             out.append(Exit())
         return out
+
+    def _choose_neighbours(self, now_ns: int) -> None:
+        """Whom to hear at full rate from now on; all until we know where we are."""
+        self._ticks_to_choose -= 1
+        if self._ticks_to_choose > 0:
+            return
+        is_first, self._ticks_to_choose = self._ticks_to_choose < 0, CHOOSE_TICKS
+        is_new = self._view.has_position and self.neighbours.choose(self._view.position_enu_m, now_ns)
+        if is_new or is_first:
+            self.flight.out.append(Follow(self.neighbours.followed))
 
     def _look(self, now_ns: int, state: State | None) -> View:
         if state is None:

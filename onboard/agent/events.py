@@ -156,6 +156,13 @@ class Publish:
 
 
 @dataclass(frozen=True, slots=True)
+class Follow:
+    """Hear the states of exactly these vehicles at full rate from now on, and those of the others slowly."""
+
+    names: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
 class Reply:
     """The answer to an order."""
 
@@ -167,4 +174,17 @@ class Exit:
     """The vehicle is on the ground and disarmed, and somebody asked the agent to stop."""
 
 
-Command = SendAttitude | SetOffboard | Px4Land | Arm | Disarm | Kill | PlayTune | SendOdometry | Publish | Reply | Exit
+Command = (
+    SendAttitude
+    | SetOffboard
+    | Px4Land
+    | Arm
+    | Disarm
+    | Kill
+    | PlayTune
+    | SendOdometry
+    | Publish
+    | Follow
+    | Reply
+    | Exit
+)

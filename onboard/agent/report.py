@@ -6,6 +6,7 @@ from onboard.agent import messages
 from onboard.agent.events import Command, LoopTimed, Publish
 from onboard.agent.flight import Flight
 from onboard.agent.guard import Guard
+from onboard.agent.interest import is_slow
 from onboard.agent.neighbours import NeighbourTable
 from onboard.agent.own_state import OwnState
 from onboard.agent.steps import View
@@ -70,6 +71,8 @@ class Report:
             is_cooperative=view.has_position and flight.is_under_law,
         )
         out.append(Publish(Topic.STATE, state))
+        if is_slow(self._sequence):
+            out.append(Publish(Topic.FAR, state))
         active = int(tick.law.active_neighbour)
         names = self._neighbours.names
         self._samples.append(
@@ -80,7 +83,7 @@ class Report:
                 doing=flight.state,
                 active_neighbour=names[active] if 0 <= active < len(names) else "",
                 distances_m=distances_m,
-                ages_s=self._neighbours.known_ages_s(now_ns),
+                ages_s=self._neighbours.near_ages_s(now_ns),
                 attitude_enu_flu=self._own.attitude(view.snapshot),
             )
         )

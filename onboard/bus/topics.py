@@ -16,6 +16,7 @@ class Topic(str, Enum):
     """Second last part of a key."""
 
     STATE = "state"
+    FAR = "far"
     TELEMETRY = "telemetry"
     TICK = "tick"
     EVENT = "event"
@@ -50,6 +51,7 @@ class TopicSpec:
 
 TOPICS: dict[Topic, TopicSpec] = {
     Topic.STATE: TopicSpec(schema.StateMessage, 50.0, 0.3, Delivery.LATEST, "agent -> agents in range"),
+    Topic.FAR: TopicSpec(schema.StateMessage, 5.0, 0.75, Delivery.LATEST, "agent -> agents out of reach"),
     Topic.TELEMETRY: TopicSpec(schema.Telemetry, 10.0, 1.0, Delivery.LATEST, "agent -> ground, far agents"),
     Topic.TICK: TopicSpec(schema.TickBatch, 5.0, 1.0, Delivery.LATEST, "agent -> recorder"),
     Topic.EVENT: TopicSpec(schema.Event, 0.0, float("inf"), Delivery.RELIABLE, "agent -> ground, recorder"),

@@ -11,15 +11,19 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from onboard.agent import events as ev
 from onboard.agent.core import AgentCore, Pass
-from onboard.agent.neighbours import Round
+from onboard.agent.interest import is_slow
+from onboard.agent.neighbours import NeighbourTable
+from onboard.agent.tables import Round, Tables
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessage, Telemetry
 from onboard.bus.topics import Topic
 from onboard.config import FleetConfig
 from onboard.control.pipeline import PipelineMemory
-from onboard.types import Tick
+from onboard.types import Neighbours, Tick
 from sitl.lockstep.bus import Node, SimBus
 from sitl.lockstep.link import EmulatedLink
 
@@ -37,7 +41,7 @@ class News:
 
     received_ns: int
     states: list[StateMessage]
-    telemetries: list[Telemetry]
+    telemetries: dict[str, Telemetry]
     round: Round | None
 
 
@@ -47,9 +51,42 @@ def sorted_news(messages: Sequence[tuple[int, Message]], places: Mapping[str, in
     for received_ns, group in itertools.groupby(messages, key=lambda one: one[0]):
         both = [message for _, message in group]
         states = [message for message in both if isinstance(message, StateMessage)]
-        telemetries = [message for message in both if isinstance(message, Telemetry)]
+        telemetries = {message.vehicle: message for message in both if isinstance(message, Telemetry)}
         found.append(News(received_ns, states, telemetries, Round.of(states, places) if states else None))
     return found
+
+
+class Hall:
+    """All agents' tables of their neighbours in common arrays, so that what all hear is heard at once."""
+
+    def __init__(self, agents: Sequence[AgentShell]) -> None:
+        self._collect([agent.core.neighbours for agent in agents])
+
+    def _collect(self, tables: list[NeighbourTable]) -> None:
+        self.tables = Tables(tables)
+        self._rows = {id(table): row for row, table in enumerate(tables)}
+
+    def hear(self, agents: Sequence[AgentShell], news: Sequence[News], now_ns: int) -> None:
+        """What has arrived since the last tick, for all who are there; an agent started anew has a new table."""
+        tables = [agent.core.neighbours for agent in agents]
+        if any(id(table) not in self._rows for table in tables):
+            self._collect(tables)
+        # who has stood still has older news waiting, and takes the newest after them
+        at_once = [agent.ticks and not agent.has_backlog for agent in agents]
+        is_listening = np.array(at_once)
+        for one in news:
+            if one.round is not None:
+                self.tables.hear(one.round, one.received_ns, is_listening)
+            for agent, is_quick in zip(agents, at_once, strict=True):
+                if is_quick:
+                    agent.core.neighbours.hear_telemetry(one.telemetries, one.received_ns)
+                elif agent.is_running:
+                    agent.hear((one,))
+        self.tables.age(now_ns)
+
+    def snapshots(self, tables: Sequence[NeighbourTable], now_ns: int) -> Neighbours:
+        """Of some of the tables, stacked, (n, K, 3)."""
+        return self.tables.snapshots([self._rows[id(table)] for table in tables], now_ns)
 
 
 class AgentShell:
@@ -62,10 +99,9 @@ class AgentShell:
     def __init__(self, fleet: FleetConfig, name: str, link: EmulatedLink, bus: SimBus) -> None:
         self.fleet, self.name, self.link, self._bus = fleet, name, link, bus
         self._reads_in_bulk = len(fleet.enabled_names) >= BULK_FROM
-        self.is_hung = self.is_running = False
+        self.is_hung = self.is_running = self.has_backlog = False
         self._lives = 0
         self._inbox: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)
-        self._news: Sequence[News] = ()
         self._orders: list[tuple[Order | Malformed, Callable[[OrderReply], None]]] = []
         self._replies: dict[str, Callable[[OrderReply], None]] = {}
         self._periods_ms: deque[float] = deque(maxlen=500)
@@ -82,6 +118,7 @@ class AgentShell:
         self.is_running, self.is_hung = True, False
         self.core = AgentCore(self.fleet, self.name, boot_id=1000 * self._lives + self.core_index)
         self.core.readiness.is_warm = True
+        self._followed = self.core.neighbours.followed
         self._inbox.clear()
         self._last_ns = 0
         self.node = self._bus.node(self.name)
@@ -132,7 +169,9 @@ class AgentShell:
         now_ns, vehicle = self._bus.now_ns, self.core.vehicle
         inbox, name, boot_id = self._inbox, self.name, self.core.boot_id
 
-        def neighbour(_topic: Topic, other: str, message: Message | Malformed) -> None:
+        def neighbour(topic: Topic, other: str, message: Message | Malformed) -> None:
+            if topic is not Topic.TELEMETRY and (topic is Topic.STATE) != (other in self._followed):
+                return  # the others are heard slowly
             if isinstance(message, (StateMessage, Telemetry)) and (other != name or message.boot_id != boot_id):
                 inbox.append(ev.NeighbourHeard(message, now_ns()))
 
@@ -145,6 +184,7 @@ class AgentShell:
             self._bus.read_news(node, neighbour)
         else:
             node.subscribe(Topic.STATE, "*", neighbour)
+            node.subscribe(Topic.FAR, "*", neighbour)
             node.subscribe(Topic.TELEMETRY, "*", neighbour)
         if vehicle.mocap_required and vehicle.body:
             node.subscribe(Topic.MOCAP, vehicle.body, pose)
@@ -161,34 +201,26 @@ class AgentShell:
             self._execute(self.core.handle(ev.OrderArrived(message), now_ns))
 
     def hear(self, news: Sequence[News]) -> None:
-        """What has arrived in bulk since the last tick of all."""
-        if not self.is_running:
-            return
-        if self.is_hung:
-            for one in news:
-                for state in one.states:
-                    self._on_neighbour(Topic.STATE, state.vehicle, state)
-                for telemetry in one.telemetries:
-                    self._on_neighbour(Topic.TELEMETRY, telemetry.vehicle, telemetry)
-            return
-        self._news = news  # after what is older and still waits
+        """What has arrived in bulk, one by one: it waits for a loop that does not turn."""
+        self.has_backlog = True
+        for one in news:
+            for state in one.states:
+                self._on_neighbour(Topic.STATE, state.vehicle, state)
+                if is_slow(state.sequence):
+                    self._on_neighbour(Topic.FAR, state.vehicle, state)
+            for telemetry in one.telemetries.values():
+                self._on_neighbour(Topic.TELEMETRY, telemetry.vehicle, telemetry)
 
     # -- a tick ------------------------------------------------------------------------------------------------------
 
     def begin_tick(self, now_ns: int) -> Pass:
         """Take what has arrived and the first half of the core's tick."""
         inbox, handle = self._inbox, self.core.handle
+        self.has_backlog = False
         while inbox:
             commands = handle(inbox.popleft(), now_ns)
             if commands:
                 self._execute(commands)
-        table = self.core.neighbours
-        for one in self._news:
-            if one.round is not None:
-                table.hear_round(one.round, one.received_ns)
-            for telemetry in one.telemetries:
-                table.hear(telemetry, one.received_ns)
-        self._news = ()
         handle(ev.AutopilotHeard(self.link.snapshot()), now_ns)
         return self.core.begin_tick(now_ns)
 
@@ -214,6 +246,8 @@ class AgentShell:
                     link.send_attitude(setpoint)
                 case ev.Publish(topic, message):
                     self.node.publish(topic, self.name, message)
+                case ev.Follow(names):
+                    self._followed = names
                 case ev.SendOdometry(position, quaternion, std_m, resets):
                     link.send_odometry(position, quaternion, std_m, resets)
                 case ev.Reply(answer):

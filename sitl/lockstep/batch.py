@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from onboard.agent.core import Pass
-from onboard.agent.neighbours import snapshots
 from onboard.control import pipeline
 from onboard.control.pipeline import PipelineMemory, PipelineParams
-from sitl.lockstep.agents import AgentShell
+from sitl.lockstep.agents import AgentShell, Hall
 
 Leaves = tuple[Any, ...]
 
@@ -89,11 +88,11 @@ class Batch:
     """Runs the passes that are due together.
 
     Args:
-        is_batched: False runs them one by one.
+        hall: holds the agents' tables; None runs the passes one by one.
     """
 
-    def __init__(self, is_batched: bool) -> None:
-        self._is_batched = is_batched
+    def __init__(self, hall: Hall | None) -> None:
+        self._hall = hall
         self._kinds: list[PipelineParams] = []
         self._known: dict[str, tuple[PipelineParams, int]] = {}
 
@@ -102,12 +101,12 @@ class Batch:
         passes = [agent.begin_tick(now_ns) for agent in agents]
         groups: dict[Any, list[int]] = {}
         for place, (agent, due) in enumerate(zip(agents, passes, strict=True)):
-            key = (self._kind(agent), due.phase, due.dt_s) if self._is_batched else place
+            key = (self._kind(agent), due.phase, due.dt_s) if self._hall is not None else place
             groups.setdefault(key, []).append(place)
         results: list[Any] = [None] * len(agents)
         for places in groups.values():
             params, dues = agents[places[0]].core.params, [passes[place] for place in places]
-            together = self._together(params, dues) if len(places) > 1 else [_alone(params, dues[0])]
+            together = self._together(params, dues) if len(dues) > 1 else [_alone(params, dues[0])]
             for place, result in zip(places, together, strict=True):
                 results[place] = result
         for agent, (memory, tick) in zip(agents, results, strict=True):
@@ -125,11 +124,12 @@ class Batch:
 
     def _together(self, params: PipelineParams, dues: list[Pass]) -> list[Any]:
         first = dues[0]
+        assert self._hall is not None
         memory, tick = pipeline.step(
             self._stacked_memory(dues),
             _stack("state", dues),
             _stack("goal", dues),
-            snapshots([due.table for due in dues], first.now_ns),
+            self._hall.snapshots([due.table for due in dues], first.now_ns),
             params=params,
             dt_s=first.dt_s,
             phase=first.phase,

@@ -16,7 +16,7 @@ from onboard.bus.topics import Topic
 from onboard.config import FleetConfig
 from sitl.emulator import Emulator, VehicleSpec
 from sitl.faults import Fault
-from sitl.lockstep.agents import AgentShell, sorted_news
+from sitl.lockstep.agents import AgentShell, Hall, sorted_news
 from sitl.lockstep.batch import Batch
 from sitl.lockstep.bus import BusSettings, SimBus
 from sitl.lockstep.link import LinkBank
@@ -68,7 +68,8 @@ class Simulation:
             name: AgentShell(fleet, name, link, self.bus)
             for name, link in zip(self.names, self.links.links, strict=True)
         }
-        self._batch = Batch(is_batched)
+        self._hall = Hall(list(self.agents.values()))
+        self._batch = Batch(self._hall if is_batched else None)
         self._places = {name: place for place, name in enumerate(self.names)}
         self._asked: list[tuple[int, int, Callable[[], object]]] = []
         self._count = itertools.count()
@@ -103,11 +104,8 @@ class Simulation:
             self._publish()
         self.bus.deliver()
         if steps % TICK_STEPS == 0:
-            messages = self.bus.take_news()
-            if messages:
-                news = sorted_news(messages, self._places)
-                for agent in self.agents.values():
-                    agent.hear(news)
+            news = sorted_news(self.bus.take_news(), self._places)
+            self._hall.hear(list(self.agents.values()), news, self.now_ns)
             self._batch.tick([agent for agent in self.agents.values() if agent.ticks], self.now_ns)
 
     def _publish(self) -> None:

@@ -8,7 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from onboard.agent.neighbours import SILENT_S, NeighbourTable, Round
+from onboard.agent.neighbours import SILENT_S, NeighbourTable
+from onboard.agent.tables import Round, Tables
 from onboard.bus.schema import StateMessage
 from tests.agent.rig import fleet
 
@@ -121,6 +122,7 @@ def test_a_round_of_messages_is_heard_like_one_after_the_other() -> None:
     rng = np.random.default_rng(0)
     names = ("mav0", "mav1", "mav2")
     single, whole = (NeighbourTable(fleet(names), "mav1") for _ in range(2))
+    hall = Tables([whole])
     for step in range(40):
         now_ns = 5 * S + step * 20_000_000
         messages = [
@@ -140,13 +142,14 @@ def test_a_round_of_messages_is_heard_like_one_after_the_other() -> None:
         messages = [message for message in messages if rng.random() < 0.9]
         for message in messages:
             single.hear(message, now_ns)
-        whole.hear_round(Round.of(messages, {name: place for place, name in enumerate(names)}), now_ns)
+        said = Round.of(messages, {name: place for place, name in enumerate(names)})
+        hall.hear(said, now_ns, hall.all_listening)
         now_ns += int(rng.integers(0, S))
         one, other = single.snapshot(now_ns), whole.snapshot(now_ns)
         for name in one.__slots__:
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
         assert single.silent(now_ns) == whole.silent(now_ns)
         assert single.distances_m((0.0, 0.0, 0.0), now_ns) == whole.distances_m((0.0, 0.0, 0.0), now_ns)
-        assert single.known_ages_s(now_ns) == whole.known_ages_s(now_ns)
+        assert single.near_ages_s(now_ns) == whole.near_ages_s(now_ns)
         assert (single.ignored_messages, single.last_heard_ns) == (whole.ignored_messages, whole.last_heard_ns)
     assert single.ignored_messages > 10
