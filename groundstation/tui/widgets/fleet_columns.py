@@ -17,6 +17,7 @@ Cell = tuple[str, str]  # text and colour
 _GRAVITY_M_S2 = 9.81
 _SLOW_LINK_S, _LOST_LINK_S = 0.3, 1.0  # between agent and PX4
 _SHORT_MIN = 2.0
+_LIVE_S = 0.3  # younger news is as good as new; its exact age would only flicker
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +121,7 @@ def _link(row: Row) -> Cell:
 
 
 def _age(row: Row) -> Cell:
-    return number(row.age_s, 1, limit=9999), FAINT
+    return (f"<{_LIVE_S:g}" if row.age_s < _LIVE_S else number(row.age_s, 1, limit=9999)), FAINT
 
 
 def _near(row: Row) -> Cell:

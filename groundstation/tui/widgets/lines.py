@@ -11,6 +11,8 @@ from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
+_PACE_NS = 150_000_000  # of pictures, in which nothing is read that moves faster
+
 
 class Lines(Widget):
     """Draws what :meth:`draw` gives, and asks the screen for the changed lines only."""
@@ -19,11 +21,20 @@ class Lines(Widget):
 
     _lines: list[Strip]  # as drawn, without the widget's ground
     _drawn: Size | None = None
+    _shown: tuple[int, object] = (0, None)
     _ground: Style | None = None  # the widget's own colours, which cost too much to look up for every line
 
     def draw(self, width: int, height: int) -> list[Strip]:
         """The lines of a picture of this size, each ``width`` cells long; fewer lines leave the rest empty."""
         raise NotImplementedError
+
+    def is_due(self, now_ns: int, seen: object) -> bool:
+        """Whether to draw again: five times a second, and at once when what is ``seen`` is another thing."""
+        last_ns, last = self._shown
+        if 0 < now_ns - last_ns < _PACE_NS and seen == last:
+            return False
+        self._shown = now_ns, seen
+        return True
 
     class Alone(Message):
         """A panel (its id, or "" for none) is to have all the room."""

@@ -58,13 +58,11 @@ class PlanView(Lines, can_focus=True):
 
     def show(self, state: FleetState, now_ns: int, selected: str | None = None, marked: tuple[str, ...] = ()) -> None:
         """Draw this state; ``selected`` and ``marked`` are shown as such."""
-        self._views, self._now_ns, self._selected, self._marked = (
-            list(state.vehicles.values()),
-            now_ns,
-            selected,
-            marked,
-        )
-        self._spots = {view.name: spot for view in self._views if (spot := spot_of(view, now_ns)) is not None}
+        views = list(state.vehicles.values())
+        if not self.is_due(now_ns, (selected, marked, state.airborne_names, [view.is_fresh(now_ns) for view in views])):
+            return
+        self._views, self._now_ns, self._selected, self._marked = views, now_ns, selected, marked
+        self._spots = {view.name: spot for view in views if (spot := spot_of(view, now_ns)) is not None}
         self._widen()
         self.redraw()
 

@@ -39,7 +39,8 @@ class SeparationView(Lines, can_focus=True):
     def show(self, state: FleetState, now_ns: int) -> None:
         """Draw this state."""
         self._state, self._now_s = state, now_ns * 1e-9
-        self.redraw()
+        if self.is_due(now_ns, (state.airborne_names, state.smallest, state.smallest_truth)):
+            self.redraw()
 
     def draw(self, width: int, height: int) -> list[Strip]:
         """Now and the least so far; further pairs, chart and timing as there is room."""
