@@ -301,6 +301,14 @@ class Node:
         """Hear ``topic/name``; ``name`` may be ``*``."""
         self.bus.subscribers[topic, name].append((self, on_message))
 
+    def follow(self, topic: Topic, names: Iterable[str], on_message: OnMessage) -> None:
+        """Hear ``topic`` of exactly these names, of each once."""
+        for (other, _), listeners in self.bus.subscribers.items():
+            if other is topic:
+                listeners[:] = [entry for entry in listeners if entry != (self, on_message)]
+        for name in names:
+            self.subscribe(topic, name, on_message)
+
     def serve_orders(self, vehicle: str, on_order: OnOrder) -> None:
         """Answer orders for this node's vehicle."""
         self.order_server = on_order
