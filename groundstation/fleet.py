@@ -178,14 +178,19 @@ def _fold_telemetry(state: FleetState, message: Telemetry, now_ns: int) -> Fleet
     own = view.position_enu_m(now_ns)
     if own is None:
         return state
-    smallest = state.smallest
+    smallest, least_m = state.smallest, math.inf if state.smallest is None else state.smallest.distance_m
     for name, other in state.vehicles.items():
+        theirs = other.telemetry
+        # Most of a large fleet is further away than the least so far in one axis alone, wherever it has flown since.
+        if theirs is None or abs(theirs.position_enu_m[0] - own[0]) - _reach_m(theirs) >= least_m:
+            continue
         if name == view.name or not (view.is_airborne or other.is_airborne):
             continue
         spot = other.position_enu_m(now_ns)
         if spot is not None:
             distance_m = math.dist(own[:2], spot[:2])
-            if smallest is None or distance_m < smallest.distance_m:
+            if distance_m < least_m:
+                least_m = distance_m
                 smallest = _separation(view.name, name, distance_m, now_ns, is_truth=False)
     return state if smallest is state.smallest else replace(state, smallest=smallest)
 
@@ -247,6 +252,11 @@ def _along(position: Vec3, velocity: Vec3, ahead_s: float) -> Vec3:
         position[1] + velocity[1] * ahead_s,
         position[2] + velocity[2] * ahead_s,
     )
+
+
+def _reach_m(told: Telemetry) -> float:
+    """How far east or west its velocity carries it while the message is fresh."""
+    return abs(told.velocity_enu_m_s[0]) * TELEMETRY_STALE_NS * 1e-9
 
 
 def _finite(vector: Vec3) -> bool:
