@@ -194,7 +194,7 @@ def _draw_avoidance(
         told, spot = view.telemetry, spots.get(view.name)
         if told is None or spot is None or not told.is_airborne or not view.is_fresh(now_ns):
             continue
-        other = spots.get(told.nearest_vehicle)
+        other = spots.get(told.avoids or told.nearest_vehicle)
         if other is not None and told.law_status.lower() not in ("", "inactive"):
             (bright if chosen is None or view.name in chosen else faint).append((spot, other))
     for pairs, colour in ((faint, FAINT), (bright, TEXT)):

@@ -129,6 +129,7 @@ def telemetry(
     config_hash: str,
     conditions: tuple[str, ...],
     roles: Roles,
+    avoids: str,
     action: str,
 ) -> Telemetry:
     """All that a person looks at."""
@@ -178,4 +179,5 @@ def telemetry(
         action=action,
         operator=roles.operator,
         roles=roles.others,
+        avoids=avoids,
     )

@@ -73,15 +73,15 @@ class Report:
         out.append(Publish(Topic.STATE, state))
         if is_slow(self._sequence):
             out.append(Publish(Topic.FAR, state))
-        active = int(tick.law.active_neighbour)
-        names = self._neighbours.names
+        active, names = int(tick.law.active_neighbour), self._neighbours.names
+        avoids = names[active] if 0 <= active < len(names) else ""
         self._samples.append(
             messages.tick_sample(
                 tick,
                 state,
                 period_s=period_s,
                 doing=flight.state,
-                active_neighbour=names[active] if 0 <= active < len(names) else "",
+                active_neighbour=avoids,
                 distances_m=distances_m,
                 ages_s=self._neighbours.near_ages_s(now_ns),
                 attitude_enu_flu=self._own.attitude(view.snapshot),
@@ -115,5 +115,6 @@ class Report:
                 conditions=conditions,
                 action=action,
                 roles=self._roles,
+                avoids=avoids,
             )
             out.insert(0, Publish(Topic.TELEMETRY, telemetry))

@@ -55,6 +55,7 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
 
     conditions: what is wrong now, in the words of the failsafe table; action: what is done about it, in words.
     operator: the token of who may give orders, as this vehicle sees it; roles: the other such tokens (see operator.py).
+    avoids: the neighbour for whose sake the law holds back most now; "" when it does not.
     """
 
     vehicle: str
@@ -100,6 +101,7 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     roles: tuple[str, ...] = ()
     loop_lateness_p99_ms: float = 0.0
     missed_ticks: int = 0
+    avoids: str = ""
 
 
 class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
