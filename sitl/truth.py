@@ -33,6 +33,7 @@ _SET_MESSAGE_INTERVAL = 511
 _PERIOD_US = 10_000.0  # PX4 makes 99 Hz of that
 _ASK_AGAIN_S = 2.0
 _MOCAP_PERIOD_S = 0.019
+_MOCAP_NOISE_M = 0.002
 _EARTH_RADIUS_M = 6_371_000.0
 _GROUND_M, _STILL_M_S = 0.10, 0.10
 
@@ -135,6 +136,7 @@ class Relay:
     body: Body
     with_mocap: bool
     boot_id: int
+    noise: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     _sequence: int = 0
     _pose_s: float = -math.inf
 
@@ -148,13 +150,15 @@ class Relay:
         self._pose_s = stamp_ns * 1e-9
         self._sequence += 1
         name = vehicle.mocap_body or vehicle.name
+        # no camera is that still: agents take poses that are the same to the last bit for frozen ones
+        x, y, z = (truth.position_enu_m + self.noise.normal(0.0, _MOCAP_NOISE_M, 3)).tolist()
         pose = MocapPose(
             body=name,
             boot_id=self.boot_id,
             sequence=self._sequence,
             stamp_ns=stamp_ns,
             is_tracked=True,
-            position_enu_m=truth.position_enu_m,
+            position_enu_m=(x, y, z),
             quaternion_enu_flu_wxyz=truth.quaternion_enu_flu_wxyz,
         )
         self.bus.publish(Topic.MOCAP, name, pose)
@@ -167,6 +171,7 @@ async def _run(fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, wit
     boot_id = time.time_ns() & 0x7FFFFFFF
     listeners: dict[str, Listener] = {}
     transports = []
+    bus.start()
     try:
         for name in names:
             vehicle = fleet.vehicles[name]
@@ -186,7 +191,6 @@ async def _run(fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, wit
                 return EXIT_WRONG_INPUT
             listeners[name] = listener
             transports.append(transport)
-        bus.start()
         places = ", ".join(f"{name} at {_FIRST_PORT + fleet.vehicles[name].system_id - 1}" for name in names)
         print(f"listening: {places}", flush=True)
         before = dict.fromkeys(names, False)

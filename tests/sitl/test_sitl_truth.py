@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from onboard.bus.schema import Truth
+from onboard.bus.session import BusSession
+from onboard.bus.topics import Topic
 from onboard.config import load_fleet
 from sitl.mavlink import Decoder, Encoder
-from sitl.truth import Body, Listener, main
+from sitl.truth import Body, Listener, Relay, main
 
 ROOT = Path(__file__).parents[2]
 GLOBAL = load_fleet(ROOT / "configs/fleets/px4-sitl.toml")
@@ -65,6 +67,25 @@ def test_px4_is_asked_for_its_rate_once_and_again_when_it_restarts() -> None:
     asked = [message.fields for one in sent for message in Decoder().decode(one)]
     assert [(fields["command"], fields["param1"]) for fields in asked] == [(511, 115.0), (511, 93.0)]
     assert heard == [489400]
+
+
+def test_poses_of_a_vehicle_that_stands_are_never_the_same_twice_and_come_at_fifty_hertz() -> None:
+    published: list[Any] = []
+
+    class Bus:
+        def publish(self, topic: Topic, name: str, message: Any) -> None:
+            published.append((topic, name, message))
+
+    vehicle = ROOM.vehicles["mav1"]
+    relay = Relay(cast(BusSession, Bus()), Body(vehicle, None), with_mocap=True, boot_id=1)
+    for count in range(100):
+        relay.take(state(), 10_000_000 * (count + 1))
+    poses = [message for topic, _, message in published if topic is Topic.MOCAP]
+    assert sum(topic is Topic.TRUTH for topic, _, _ in published) == 100
+    assert len(poses) == 50
+    assert len({pose.position_enu_m for pose in poses}) == 50
+    assert all(pose.position_enu_m == pytest.approx(vehicle.start_enu_m, abs=0.01) for pose in poses)
+    assert [pose.sequence for pose in poses] == list(range(1, 51))
 
 
 def test_a_wrong_fleet_file_ends_with_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
