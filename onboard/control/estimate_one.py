@@ -2,50 +2,61 @@
 
 Same equations, same order; a test holds the two together over random flights. The agent flies this one; simulations
 over many flights at once fly the other.
+
+A late sample moves what is remembered of the way since then, by a square polynomial of the age. Instead of moving every
+remembered position, the polynomials are added up: a position is stored without the sum at its time, and read with the
+sum as it is now.
 """
 
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from onboard.control.estimate import EstimateParams
-from onboard.types import GRAVITY_M_S2, Array, State
+from onboard.types import GRAVITY_M_S2, State
 
 Vec3 = tuple[float, float, float]
 Vec4 = tuple[float, float, float, float]
+Six = tuple[float, float, float, float, float, float]
 _STILL: Vec3 = (0.0, 0.0, 0.0)
+_NO_BEND = (_STILL, _STILL, _STILL)
+_FAR_BEND_M = 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class OneMemory:
+class OneMemory(NamedTuple):
     """As :class:`onboard.control.estimate.EstimateMemory`, without a batch axis.
 
-    covariance: pp, pv, pb, vv, vb, bb. ring_position_enu_m (N, 3): newest first, of which the first ``len(ring_age_s)``
-    are remembered; ring_age_s grows.
+    covariance: pp, pv, pb, vv, vb, bb. ring: time [s] and stored position (x, y, z) [m] of the last ticks, newest first.
+    bend: what is added to a stored position of age a: bend[0] + a bend[1] + a^2 bend[2]. time_s: since the start.
     """
 
     position_enu_m: Vec3
     velocity_enu_m_s: Vec3
     bias_enu_m_s2: Vec3
     acceleration_enu_m_s2: Vec3
-    covariance: tuple[float, float, float, float, float, float]
-    ring_position_enu_m: Array
-    ring_age_s: list[float]
+    covariance: Six
+    ring: tuple[tuple[float, float, float, float], ...]
+    bend: tuple[Vec3, Vec3, Vec3]
+    time_s: float
     thrust_m_s2: float
     rejected_count: int
     last_age_s: float
+
+    def remembered(self) -> tuple[list[Vec3], list[float]]:
+        """Positions of the last ticks and their ages, newest first."""
+        ages = [self.time_s - entry[0] for entry in self.ring]
+        return [_bent(entry, self.bend, age) for entry, age in zip(self.ring, ages, strict=True)], ages
 
 
 def initial(position_enu_m: Vec3, *, params: EstimateParams) -> OneMemory:
     """At rest at a measured position."""
     noise = float(params.position_noise_m)
-    ring = np.repeat(np.array([position_enu_m], dtype=np.float64), params.history, axis=0)
     covariance = (noise * noise, 0.0, 0.0, 0.05**2, 0.0, 0.3**2)
-    return OneMemory(position_enu_m, _STILL, _STILL, _STILL, covariance, ring, [0.0], 0.0, 0, 0.0)
+    ring = ((0.0, *position_enu_m),)
+    return OneMemory(position_enu_m, _STILL, _STILL, _STILL, covariance, ring, _NO_BEND, 0.0, 0.0, 0, 0.0)
 
 
 def drive(
@@ -59,44 +70,46 @@ def drive(
     is_on_ground: bool = False,
 ) -> OneMemory:
     """Predict over ``dt_s`` from the attitude flown and the throttle sent."""
+    (px, py, pz), (vx, vy, vz), bias, _, covariance, ring, bend, time_s, thrust, rejected, last_age_s = memory
     asked = thrust_frac / hover_thrust_frac * GRAVITY_M_S2
-    blend = 1.0 - math.exp(-dt_s / max(float(params.motor_lag_s), 1e-6))
-    thrust = memory.thrust_m_s2 + blend * (asked - memory.thrust_m_s2) if math.isfinite(asked) else memory.thrust_m_s2
+    if math.isfinite(asked):
+        thrust += (1.0 - math.exp(-dt_s / max(float(params.motor_lag_s), 1e-6))) * (asked - thrust)
     w, x, y, z = quaternion_wxyz
-    up = (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
-    driven = [thrust * up[0], thrust * up[1], thrust * up[2] - GRAVITY_M_S2]
+    ax, ay = thrust * (2.0 * (x * z + w * y)), thrust * (2.0 * (y * z - w * x))
+    az = thrust * (1.0 - 2.0 * (x * x + y * y)) - GRAVITY_M_S2
     if is_on_ground:
-        driven = [0.0, 0.0, max(driven[2], 0.0)]
+        ax, ay, az = 0.0, 0.0, max(az, 0.0)
     drag, half = float(params.drag_1_s), 0.5 * dt_s
-    position, velocity, acceleration = [], [], []
-    for a, p, v, b in zip(driven, memory.position_enu_m, memory.velocity_enu_m_s, memory.bias_enu_m_s2, strict=True):
-        a = a if math.isfinite(a) else 0.0
-        middle = v + half * (a + b - drag * v)
-        total = a + b - drag * middle
-        acceleration.append(total)
-        velocity.append(v + dt_s * total)
-        position.append(p + dt_s * middle)
-    ring = np.empty_like(memory.ring_position_enu_m)
-    ring[0] = position
-    ring[1:] = memory.ring_position_enu_m[:-1]
-    ages = [0.0, *[age + dt_s for age in memory.ring_age_s[: len(ring) - 1]]]
+    bx, by, bz = bias
+    ax, ay, az = _finite(ax) + bx, _finite(ay) + by, _finite(az) + bz
+    mx, my, mz = vx + half * (ax - drag * vx), vy + half * (ay - drag * vy), vz + half * (az - drag * vz)
+    ax, ay, az = ax - drag * mx, ay - drag * my, az - drag * mz
+    px, py, pz = px + dt_s * mx, py + dt_s * my, pz + dt_s * mz
+    time_s += dt_s
+    # everything remembered is older by dt_s now
+    (cx, cy, cz), (dx, dy, dz), (ex, ey, ez) = bend
+    cx, cy, cz = cx - dt_s * (dx - dt_s * ex), cy - dt_s * (dy - dt_s * ey), cz - dt_s * (dz - dt_s * ez)
+    twice = 2.0 * dt_s
     return OneMemory(
-        (position[0], position[1], position[2]),
-        (velocity[0], velocity[1], velocity[2]),
-        memory.bias_enu_m_s2,
-        (acceleration[0], acceleration[1], acceleration[2]),
-        _grown(memory.covariance, params, dt_s),
-        ring,
-        ages,
+        (px, py, pz),
+        (vx + dt_s * ax, vy + dt_s * ay, vz + dt_s * az),
+        bias,
+        (ax, ay, az),
+        _grown(covariance, params, dt_s),
+        ((time_s, px - cx, py - cy, pz - cz), *ring[: params.history - 1]),
+        ((cx, cy, cz), (dx - twice * ex, dy - twice * ey, dz - twice * ez), (ex, ey, ez)),
+        time_s,
         thrust,
-        memory.rejected_count,
-        memory.last_age_s + dt_s,
+        rejected,
+        last_age_s + dt_s,
     )
 
 
-def _grown(
-    covariance: tuple[float, float, float, float, float, float], params: EstimateParams, dt_s: float
-) -> tuple[float, float, float, float, float, float]:
+def _finite(value: float) -> float:
+    return value if math.isfinite(value) else 0.0
+
+
+def _grown(covariance: Six, params: EstimateParams, dt_s: float) -> Six:
     pp, pv, pb, vv, vb, bb = covariance
     t, t2 = dt_s, 0.5 * dt_s * dt_s
     keep = 1.0 - float(params.drag_1_s) * dt_s
@@ -116,33 +129,40 @@ def _grown(
 def correct(memory: OneMemory, position_enu_m: Vec3, age_s: float, *, params: EstimateParams) -> OneMemory:
     """Apply a sample taken ``age_s`` ago; what the memory does not reach is ignored, jumps are ignored and counted."""
     age = max(age_s, 0.0)
-    remembered = _remembered(memory, age)
-    if remembered is None or not all(map(math.isfinite, position_enu_m)):
+    known = _remembered(memory, age)
+    if known is None or not all(map(math.isfinite, position_enu_m)):
         return memory
-    innovation = [measured - known for measured, known in zip(position_enu_m, remembered, strict=True)]
+    x, y, z = position_enu_m[0] - known[0], position_enu_m[1] - known[1], position_enu_m[2] - known[2]
     pp, pv, pb, vv, vb, bb = memory.covariance
     half = 0.5 * age * age
     h_v, h_b = -age - half * float(params.drag_1_s), half
     g_p, g_v, g_b = pp + h_v * pv + h_b * pb, pv + h_v * vv + h_b * vb, pb + h_v * vb + h_b * bb
     spread = max(g_p + h_v * g_v + h_b * g_b, 0.0) + float(params.position_noise_m) ** 2
     gate = max(float(params.jump_gate_m) ** 2, float(params.jump_gate_sigma) ** 2 * spread)
-    if sum(value * value for value in innovation) > gate:
-        return _counted(memory)
+    if x * x + y * y + z * z > gate:
+        return memory._replace(rejected_count=memory.rejected_count + 1)
     k_p, k_v, k_b = g_p / spread, g_v / spread, g_b / spread
-    x, y, z = innovation
-    back, bend = -k_v, 0.5 * k_b  # a sample moves what is ``age`` old by k_p - age k_v + age^2 k_b / 2
-    gains = np.array(((k_p * x, k_p * y, k_p * z), (back * x, back * y, back * z), (bend * x, bend * y, bend * z)))
-    shares = np.ones((len(memory.ring_position_enu_m), 3))
-    ages = shares[:, 1]
-    ages[: len(memory.ring_age_s)], ages[len(memory.ring_age_s) :] = memory.ring_age_s, 0.0
-    np.multiply(ages, ages, out=shares[:, 2])
-    bound = float(params.max_bias_m_s2)
-    bias = [min(max(b + k_b * miss, -bound), bound) for b, miss in zip(memory.bias_enu_m_s2, innovation, strict=True)]
+    (px, py, pz), (vx, vy, vz), (bx, by, bz), (ax, ay, az), _, ring, bend, time_s, thrust, _, last_age_s = memory
+    # a sample moves what is ``age`` old by k_p - age k_v + age^2 k_b / 2
+    (cx, cy, cz), (dx, dy, dz), (ex, ey, ez) = bend
+    curve, bound = 0.5 * k_b, float(params.max_bias_m_s2)
+    bend = (
+        (cx + k_p * x, cy + k_p * y, cz + k_p * z),
+        (dx - k_v * x, dy - k_v * y, dz - k_v * z),
+        (ex + curve * x, ey + curve * y, ez + curve * z),
+    )
+    if max(map(abs, bend[0])) > _FAR_BEND_M:  # before the sums grow beyond what their difference can be seen in
+        ring = tuple((entry[0], *_bent(entry, bend, time_s - entry[0])) for entry in ring)
+        bend = _NO_BEND
     return OneMemory(
-        _moved(memory.position_enu_m, k_p, innovation),
-        _moved(memory.velocity_enu_m_s, k_v, innovation),
-        (bias[0], bias[1], bias[2]),
-        _moved(memory.acceleration_enu_m_s2, k_b, innovation),
+        (px + k_p * x, py + k_p * y, pz + k_p * z),
+        (vx + k_v * x, vy + k_v * y, vz + k_v * z),
+        (
+            min(max(bx + k_b * x, -bound), bound),
+            min(max(by + k_b * y, -bound), bound),
+            min(max(bz + k_b * z, -bound), bound),
+        ),
+        (ax + k_b * x, ay + k_b * y, az + k_b * z),
         (
             max(pp - k_p * g_p, 1e-12),
             pv - k_p * g_v,
@@ -151,46 +171,42 @@ def correct(memory: OneMemory, position_enu_m: Vec3, age_s: float, *, params: Es
             vb - k_v * g_b,
             max(bb - k_b * g_b, 1e-12),
         ),
-        memory.ring_position_enu_m + shares @ gains,
-        memory.ring_age_s,
-        memory.thrust_m_s2,
+        ring,
+        bend,
+        time_s,
+        thrust,
         0,
-        min(memory.last_age_s, age),
+        min(last_age_s, age),
     )
 
 
-def _moved(vector: Vec3, gain: float, innovation: list[float]) -> Vec3:
-    return vector[0] + gain * innovation[0], vector[1] + gain * innovation[1], vector[2] + gain * innovation[2]
-
-
-def _counted(memory: OneMemory) -> OneMemory:
-    return OneMemory(
-        memory.position_enu_m,
-        memory.velocity_enu_m_s,
-        memory.bias_enu_m_s2,
-        memory.acceleration_enu_m_s2,
-        memory.covariance,
-        memory.ring_position_enu_m,
-        memory.ring_age_s,
-        memory.thrust_m_s2,
-        memory.rejected_count + 1,
-        memory.last_age_s,
+def _bent(entry: tuple[float, float, float, float], bend: tuple[Vec3, Vec3, Vec3], age_s: float) -> Vec3:
+    _, x, y, z = entry
+    (cx, cy, cz), (dx, dy, dz), (ex, ey, ez) = bend
+    return (
+        x + cx + age_s * (dx + age_s * ex),
+        y + cy + age_s * (dy + age_s * ey),
+        z + cz + age_s * (dz + age_s * ez),
     )
 
 
-def _remembered(memory: OneMemory, age_s: float) -> list[float] | None:
+def _remembered(memory: OneMemory, age_s: float) -> Vec3 | None:
     """The position estimated for ``age_s`` ago, linear between ticks; None when that is not remembered."""
-    ages, ring = memory.ring_age_s, memory.ring_position_enu_m
-    last = len(ages) - 1
-    if age_s > ages[last] + 1e-9:
+    ring, bend, time_s = memory.ring, memory.bend, memory.time_s
+    if age_s > time_s - ring[-1][0] + 1e-9:
         return None
-    if last == 0:
-        found: list[float] = ring[0].tolist()
-        return found
-    older = min(max(bisect_left(ages, age_s), 1), last)
-    share = min(max((age_s - ages[older - 1]) / max(ages[older] - ages[older - 1], 1e-9), 0.0), 1.0)
-    before, after = ring[older - 1 : older + 1].tolist()
-    return [b + share * (a - b) for b, a in zip(before, after, strict=True)]
+    newer = older = ring[0]
+    for older in ring[1:]:
+        if time_s - older[0] >= age_s:
+            break
+        newer = older
+    if newer is older:
+        newer = ring[-2] if len(ring) > 1 else older
+    newer_s, older_s = time_s - newer[0], time_s - older[0]
+    share = min(max((age_s - newer_s) / max(older_s - newer_s, 1e-9), 0.0), 1.0)
+    x, y, z = _bent(newer, bend, newer_s)
+    u, v, w = _bent(older, bend, older_s)
+    return x + share * (u - x), y + share * (v - y), z + share * (w - z)
 
 
 def state(memory: OneMemory, yaw_rad: float = 0.0) -> State:
