@@ -108,7 +108,7 @@ class Stage:
                 self._record.start()
                 self.client.add_sink(self._record.put)
             await self.client.start()
-            await self.fleet.ready(READY_TIMEOUT_S)
+            await self._ready()
         except BaseException:
             await self._close()
             raise
@@ -123,6 +123,15 @@ class Stage:
     def start_agent(self, name: str) -> None:
         """Start the agent of one vehicle."""
         self.processes.start(name, self._command(str(self.path), name))
+
+    async def _ready(self) -> None:
+        waiting = asyncio.create_task(self.fleet.ready(READY_TIMEOUT_S))
+        try:
+            while not (await asyncio.wait({waiting}, timeout=0.3))[0]:
+                self.processes.check()
+            await waiting
+        finally:
+            waiting.cancel()
 
     async def _close(self) -> None:
         try:
