@@ -29,7 +29,7 @@ _FAR_BEND_M = 10.0
 class OneMemory(NamedTuple):
     """As :class:`onboard.control.estimate.EstimateMemory`, without a batch axis.
 
-    covariance: pp, pv, pb, vv, vb, bb. ring: time [s] and stored position (x, y, z) [m] of the last ticks, newest first.
+    covariance: pp, pv, pb, vv, vb, bb. ring: time [s] and stored position (x, y, z) [m] of each tick, newest first.
     bend: what is added to a stored position of age a: bend[0] + a bend[1] + a^2 bend[2]. time_s: since the start.
     """
 
