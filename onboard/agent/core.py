@@ -146,7 +146,7 @@ class AgentCore:
             case PoseArrived(pose, received_ns):
                 if pose.body == self.vehicle.body and self.own.add_pose(pose, received_ns):
                     self.neighbours.last_heard_ns = max(self.neighbours.last_heard_ns, received_ns)
-                    return list(self._odometry.take(pose, now_ns))
+                    return list(self._odometry.take(pose, self._snapshot, now_ns))
             case NeighbourHeard(message, received_ns):
                 self.neighbours.hear(message, received_ns)
             case NodeSeen(node, is_alive):
