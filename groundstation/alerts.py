@@ -208,7 +208,10 @@ _EVENT_KINDS: dict[str, Kind] = {"record_failed": _G.RECORD_ENDED, "process_ende
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """A condition that holds: of one vehicle, of a pair, or of the fleet (``subject`` empty)."""
+    """A condition that holds: of one vehicle, of a pair, or of the fleet (``subject`` empty).
+
+    since_ns: since when, where the fleet's state tells; otherwise it counts from when it was first seen.
+    """
 
     kind: Kind
     subject: str
@@ -216,6 +219,7 @@ class Alarm:
     sentence: str
     advice: str
     what: str = ""
+    since_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,7 +276,7 @@ class Alarms:
         for key, alarm in told.items():
             old = self._lines.get(key)
             if old is None:
-                self._lines[key] = Line(alarm, now_ns)
+                self._lines[key] = Line(alarm, now_ns if alarm.since_ns is None else alarm.since_ns)
             else:
                 # worse than what was acknowledged is something else
                 is_known = old.is_acknowledged and alarm.severity <= old.alarm.severity
@@ -409,7 +413,7 @@ def _of_vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> Iterator[
         return
     is_flying = told.is_airborne
     if not view.is_fresh(now_ns):
-        yield _alarm(_G.SILENT, name, is_flying=is_flying)
+        yield dataclasses.replace(_alarm(_G.SILENT, name, is_flying=is_flying), since_ns=view.received_ns)
         return
     if told.state == "failed":
         yield _alarm(_G.FAILED, name, is_flying=is_flying, what=plain(told.reason) or "it does not say why")

@@ -109,6 +109,13 @@ def test_silence_is_critical_in_the_air_and_a_warning_on_the_ground(ground: Grou
     assert found == {"mav0": Severity.CRITICAL, "mav1": Severity.WARNING, "mav2": Severity.CRITICAL}
 
 
+def test_a_silence_counts_from_the_last_word(ground: Ground3) -> None:
+    ground.all_hear()
+    ground.wait(7.0)
+    ground.update()
+    assert "mav0: silent (7 s)" in ground.texts()[0]
+
+
 def test_every_pair_below_the_limit_is_named_with_its_distance(ground: Ground3) -> None:
     ground.hear("mav0", position_enu_m=(0.0, 0.0, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0))
     ground.hear("mav1", position_enu_m=(0.3, 0.0, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0))

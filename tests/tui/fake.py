@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 
 import msgspec
 
@@ -12,7 +13,7 @@ from groundstation import orders
 from groundstation.handle import OrderHandle
 from groundstation.operator import Control
 from onboard.bus.operator import Roles
-from onboard.bus.schema import Event, Telemetry
+from onboard.bus.schema import Event, Telemetry, TickSample
 from onboard.config import FleetConfig
 
 
@@ -45,6 +46,17 @@ class FakeTokens:
         self.roles.see(token, False)
 
 
+class FakeTicks:
+    """Says whom the console follows; a test puts the values in."""
+
+    def __init__(self) -> None:
+        self.values: deque[TickSample] = deque(maxlen=1500)
+        self.followed: str | None = None
+
+    def follow(self, vehicle: str | None) -> None:
+        self.followed = vehicle
+
+
 class FakeClient:
     """Keeps what was ordered; telemetry comes from :meth:`hear`, other grounds' tokens into ``tokens.roles``."""
 
@@ -54,6 +66,7 @@ class FakeClient:
         self.handles: list[OrderHandle] = []
         self.skew_ns = 0
         self._sequence = 1
+        self.ticks = FakeTicks()
         self.tokens = FakeTokens()
         self.control = Control(
             self.tokens, "test", wants=True, say=lambda severity, sentence: self.say(sentence, severity, "ground"),

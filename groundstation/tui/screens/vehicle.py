@@ -46,6 +46,11 @@ class VehicleScreen(LiveScreen):
         self._fleet, self._ticks, self._selected, self._move = fleet, ticks, selected, move
         self._page = VehiclePage(fleet, alarms, ticks, time_text)
 
+    @property
+    def vehicle_name(self) -> str | None:
+        """Whom the page shows, and whom keys mean while it is in front."""
+        return self._selected()
+
     def body(self) -> Widget:
         """The page."""
         return self._page
@@ -72,15 +77,17 @@ class VehicleScreen(LiveScreen):
     def action_other(self, step: int) -> None:
         """Another vehicle."""
         self._move(step)
-        self._page.scroll_home(animate=False)
+        self._page.scroll_to(y=0, animate=False, force=True)
 
 
 class VehiclePage(Lines, ScrollView, can_focus=True):
     """Blocks in one, two or three columns; what does not fit scrolls."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("down,j", "scroll_down", "down", show=False),
-        Binding("up,k", "scroll_up", "up", show=False),
+        Binding("down,j", "look(1, False)", "down", show=False),
+        Binding("up,k", "look(-1, False)", "up", show=False),
+        Binding("pagedown,space", "look(1, True)", "page down", show=False),
+        Binding("pageup", "look(-1, True)", "page up", show=False),
     ]
 
     def __init__(self, fleet: FleetConfig, alarms: Alarms, ticks: Ticks, time_text: Callable[[int], str]) -> None:
@@ -120,6 +127,10 @@ class VehiclePage(Lines, ScrollView, can_focus=True):
         more = "↓ more · " if top + height < len(rows) else ""
         self.border_subtitle = f"{more}[ ] other vehicle · esc back".replace("[ ]", r"\[ ]")
         return rows[top : top + height]
+
+    def action_look(self, step: int, is_page: bool) -> None:
+        """Scroll by lines or by pages."""
+        self.scroll_relative(y=step * (max(1, self.size.height - 2) if is_page else 1), animate=False, force=True)
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
         """Another part of the page is in the window."""
