@@ -18,7 +18,7 @@ def rooms(width: int, height: int, vehicles: int, fence: Geofence, alone: str = 
     The table is as high as its rows while that leaves the plan more than half; the plan as wide as the fence is at its
     height, since a cell is two dots wide and four high.
     """
-    table = min(vehicles + 3, max(4, round(_TABLE_SHARE * height)))
+    table = min(max(1, vehicles) + 3, max(4, round(_TABLE_SHARE * height)))
     rows = max(4, height - table - LINES_AROUND - 2)
     across = min(4.0, (fence.x[1] - fence.x[0]) / (fence.y[1] - fence.y[0]))
     plan = max(10, min(math.ceil(2 * rows * across) + 6, round(_PLAN_SHARE * width)))
