@@ -25,6 +25,7 @@ _PASSED_ON = {
     "agent": ("one vehicle's agent", "onboard.agent.__main__"),
     "mocap": ("the relay from a motion capture to the fleet's bus", "onboard.mocap.__main__"),
     "preflight": ("go or no-go of every vehicle, check by check", "groundstation.preflight"),
+    "px4": ("PX4's parameters: what this fleet needs and why, read and set", "groundstation.px4"),
     "check": ("whether fleet or mission files are right and can be flown", "groundstation.check"),
     "simulate": ("the law over many perturbed flights, seeded", "sitl.campaign.cli"),
     "sitl-check": ("whether a MAVLink endpoint behaves as a real PX4", "sitl.conformance.__main__"),

@@ -43,10 +43,13 @@ _FAILSAFE = (
 )
 _MOCAP = (
     Demand("EKF2_EV_CTRL", 15, "PX4 fuses position, height, velocity and heading of the mocap (bits 1 2 4 8)"),
-    Demand("EKF2_HGT_REF", 3, "its height comes from the mocap (3)"),
+    Demand("EKF2_HGT_REF", 3, "its height comes from the mocap (3)", needs_restart=True),
     Demand("EKF2_GPS_CTRL", 0, "and not from satellites (0), which are wrong indoors"),
     Demand(
-        "EKF2_MAG_TYPE", 5, "its heading comes from the mocap, not from a compass beside motors and steel (5: none)"
+        "EKF2_MAG_TYPE",
+        5,
+        "its heading comes from the mocap, not from a compass beside motors and steel (5: none)",
+        needs_restart=True,
     ),
 )
 _MOCAP_ADVICE = (

@@ -5,14 +5,14 @@ from __future__ import annotations
 from onboard.link.autopilot import Snapshot
 
 _RC_RECEIVER = 0x10000
-# MAV_SYS_STATUS_SENSOR: bit, name, needed for flight always, needed without a mocap. The prearm bit is left out: in
-# HOLD without satellites PX4 keeps it down and arms all the same as soon as setpoints stream.
-_SENSORS: tuple[tuple[int, str, bool, bool], ...] = (
+# MAV_SYS_STATUS_SENSOR: bit, name, needed for flight with a mocap (None: not even worth a word), and without one. The
+# prearm bit is left out: in HOLD without satellites PX4 keeps it down and arms all the same when setpoints stream.
+_SENSORS: tuple[tuple[int, str, bool | None, bool], ...] = (
     (0x1, "gyroscope", True, True),
     (0x2, "accelerometer", True, True),
     (0x4, "magnetometer", False, True),
     (0x8, "barometer", False, True),
-    (0x20, "satellites", False, True),
+    (0x20, "satellites", None, True),
     (0x40, "optical flow", False, False),
     (0x80, "vision position", False, False),
     (0x400, "rate control", True, True),
@@ -30,7 +30,8 @@ def unhealthy(snapshot: Snapshot, has_mocap: bool) -> tuple[tuple[str, bool], ..
     if not snapshot.sensors_ns:
         return ()
     bad = snapshot.sensors_enabled & ~snapshot.sensors_healthy
-    return tuple((name, always if has_mocap else bare) for bit, name, always, bare in _SENSORS if bad & bit)
+    found = ((name, with_mocap if has_mocap else bare) for bit, name, with_mocap, bare in _SENSORS if bad & bit)
+    return tuple((name, is_needed) for name, is_needed in found if is_needed is not None)
 
 
 def has_rc(snapshot: Snapshot) -> bool | None:

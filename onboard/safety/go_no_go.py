@@ -180,11 +180,13 @@ def agreement(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     if not f.has_position:
         return _NO_POSITION
     heading_deg, tilt_deg = math.degrees(f.heading_miss_rad), math.degrees(f.tilt_miss_rad)
-    words: dict[str, object] = {"heading": heading_deg, "tilt": tilt_deg}
+    words: dict[str, object] = {"heading": heading_deg, "turn": abs(heading_deg), "tilt": tilt_deg}
     if not tilt_deg <= TILT_MISS_DEG:  # so that what is not a number is not fine
         return "tilt", words
     if f.has_wrong_tilt:
         return "handled", words
+    if f.param_problems:
+        return SKIP, {"without": "before PX4's parameters are right"}
     is_turned = not abs(heading_deg) <= HEADING_MISS_DEG
     if is_turned and f.fuses_heading:
         return "heading", words

@@ -197,7 +197,7 @@ RULES: tuple[Rule, ...] = (
         "agreement",
         f"Mocap and PX4 agree: tilt within {judge.TILT_MISS_DEG:g} degrees, now and when last tilted by hand; heading "
         f"within {judge.HEADING_MISS_DEG:g} degrees and position within {judge.FAR_FROM_PX4_M:g} m, if PX4 fuses them.",
-        "Mocap and PX4 agree: heading within {heading:.0f} and tilt within {tilt:.0f} degrees.",
+        "Mocap and PX4 agree: heading within {turn:.0f} and tilt within {tilt:.0f} degrees.",
         {
             "tilt": Fault(
                 "Mocap and PX4 disagree by {tilt:.0f} degrees about which way is up.",
