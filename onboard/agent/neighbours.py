@@ -101,6 +101,7 @@ class NeighbourTable:
     _ages_s: Array = field(init=False)
     _near_ages_s: list[float] = field(init=False)
     _oldest_s: float = math.inf
+    _has_silent: bool = True
 
     def __post_init__(self) -> None:
         order = self.fleet.enabled_names
@@ -152,7 +153,7 @@ class NeighbourTable:
         self._is_followed[:] = False
         self._is_followed[self._near_places] = True
         self._silent_after_s[:] = np.where(self._is_followed, SILENT_S, interest.FAR_SILENT_S)
-        self._age(self._ages_s, -1)
+        self._age(self._ages_s, -1, True)
 
     def hear(self, message: StateMessage | Telemetry, received_ns: int) -> bool:
         """Take a message with its stamp on our clock; False when from nobody we know, repeated, late or not finite."""
@@ -232,12 +233,12 @@ class NeighbourTable:
     def ages_s(self, now_ns: int) -> Array:
         """Age (K,) of the newest state of each; inf when never heard."""
         if self._aged_ns != now_ns:
-            ages = np.maximum(now_ns - self._stamp_ns, 0) * 1e-9
-            self._age(np.where(self._flags[0], ages, np.inf), now_ns)
+            ages_s = np.where(self._flags[0], np.maximum(now_ns - self._stamp_ns, 0) * 1e-9, np.inf)
+            self._age(ages_s, now_ns, bool((ages_s > self._silent_after_s).any()))
         return self._ages_s
 
-    def _age(self, ages_s: Array, now_ns: int) -> None:
-        self._aged_ns, self._ages_s = now_ns, ages_s
+    def _age(self, ages_s: Array, now_ns: int, has_silent: bool) -> None:
+        self._aged_ns, self._ages_s, self._has_silent = now_ns, ages_s, has_silent
         self._near_ages_s = ages_s[self._near_places].tolist()
         self._oldest_s = max(self._near_ages_s, default=0.0)
 
@@ -278,6 +279,9 @@ class NeighbourTable:
 
     def silent(self, now_ns: int) -> tuple[str, ...]:
         """Vehicles that were in the air when last heard and have been silent too long."""
+        self.ages_s(now_ns)
+        if not self._has_silent and not self._seen:
+            return ()
         return self._named(self._flags[1] & (self.heard_ages_s(now_ns) > self._silent_after_s))
 
     def unseen(self, now_ns: int) -> tuple[str, ...]:

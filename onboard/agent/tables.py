@@ -116,8 +116,9 @@ class Tables:
         """Let all tables know the ages at this time."""
         ages_s = np.maximum(now_ns - self._stamp_ns, 0) * 1e-9
         ages_s[~self._flags[:, 0]] = np.inf
-        for table, row in zip(self.tables, ages_s, strict=True):
-            table._age(row, now_ns)
+        has_silent = (ages_s > self._silent_after_s).any(axis=1).tolist()
+        for table, row, has_one in zip(self.tables, ages_s, has_silent, strict=True):
+            table._age(row, now_ns, has_one)
 
     def snapshots(self, rows: Sequence[int], now_ns: int) -> Neighbours:
         """The snapshots of some of the tables, (n, K, 3): as stacking them one by one."""
