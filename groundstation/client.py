@@ -22,6 +22,7 @@ from groundstation.handle import OrderHandle, Phase, VehicleResult
 from groundstation.operator import Control
 from groundstation.orders import Intent, Plan
 from groundstation.ticks import BusTicks, Follows
+from onboard.bus.clock_node import ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Event, FaultOrder, Message, Order, OrderReply, Truth
 from onboard.bus.session import BusSession, OnAlive, OnMessage
@@ -163,6 +164,8 @@ class FleetClient:
             return
         self._loop = asyncio.get_running_loop()
         await asyncio.to_thread(self._open)
+        if isinstance(self._bus, BusSession):  # agents on other hosts need our clock to judge an order's deadline
+            self._tasks.add(self._loop.create_task(ClockNode(self._bus).keep()))
 
     async def stop(self) -> None:
         """Leave the bus; orders still waiting for an answer get none. A second call does nothing."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import os
 import time
@@ -14,6 +15,8 @@ from onboard.bus.codec import Malformed
 from onboard.bus.schema import ClockMessage, Message, MocapPose, Order, StateMessage
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
+
+BEAT_S = 0.5
 
 
 def host_id() -> int:
@@ -62,6 +65,13 @@ class ClockNode:
     def beat(self) -> None:
         """Tell our clock; never blocks."""
         self._bus.publish(Topic.CLOCK, self._bus.node, self.clocks.message(time.monotonic_ns()))
+
+    async def keep(self) -> None:
+        """Start and beat until cancelled, for who has an event loop."""
+        self.start()
+        while True:
+            self.beat()
+            await asyncio.sleep(BEAT_S)
 
     def _receive(self, _topic: Topic, name: str, message: Message | Malformed) -> None:
         # the key says who speaks: nobody can tell a clock in another node's name by mistake

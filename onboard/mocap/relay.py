@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from onboard.bus.clock_node import ClockNode
+from onboard.bus.clock_node import BEAT_S, ClockNode
 from onboard.bus.schema import MocapPose
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
@@ -26,7 +26,6 @@ from onboard.mocap_config import BODY_NAME
 
 EXIT_OK, EXIT_INCOMPLETE, EXIT_NOBODY = 0, 1, 10
 NODE = "mocap"
-_BEAT_S = 0.5
 
 
 def bodies_of(fleet: FleetConfig) -> dict[str, str]:
@@ -91,7 +90,7 @@ class Relay:
             self._clock.start()
             self._source.start()
             self.report.close_window(time.monotonic_ns())
-            while not stopped.wait(min(_BEAT_S, every_s)):
+            while not stopped.wait(min(BEAT_S, every_s)):
                 self._clock.beat()
                 now_s = time.monotonic()
                 is_over = seconds is not None and now_s - began_s >= seconds
