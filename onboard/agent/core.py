@@ -14,6 +14,7 @@ from onboard.agent import messages, orders, takeover
 from onboard.agent.events import (
     AutopilotHeard,
     Command,
+    DiskChecked,
     EventIn,
     Exit,
     Follow,
@@ -28,9 +29,10 @@ from onboard.agent.events import (
     SendAttitude,
     ShutdownAsked,
     TickFailed,
+    WatchBodies,
 )
 from onboard.agent.flight import Flight
-from onboard.agent.guard import Guard, nearest_m
+from onboard.agent.guard import Guard
 from onboard.agent.interest import CHOOSE_TICKS
 from onboard.agent.neighbours import NeighbourTable
 from onboard.agent.odometry import OdometryFeed
@@ -39,7 +41,7 @@ from onboard.agent.readiness import Readiness
 from onboard.agent.report import Report
 from onboard.agent.response import ResponseWatch
 from onboard.agent.steps import Step, View
-from onboard.agent.watch import PERIOD_S, POSITION_LOST_S
+from onboard.agent.watch import PERIOD_S, POSITION_LOST_S, Doing
 from onboard.bus.operator import Roles
 from onboard.bus.schema import Order, OrderReply
 from onboard.bus.topics import Topic
@@ -91,7 +93,7 @@ class AgentCore:
         self.own = OwnState(self.vehicle, fleet.fleet.global_origin)
         self.neighbours = NeighbourTable(fleet, vehicle_name)
         self.flight = Flight(fleet, self.vehicle)
-        self.guard = Guard(fleet, self.own, self.neighbours, self.flight)
+        self.guard = Guard(fleet, self.vehicle, self.own, self.neighbours, self.flight)
         self.is_stopping = False
         self.last_tick: Tick | None = None
         self._memory = pipeline.initial(self.params, np.asarray(self.vehicle.start_enu_m, dtype=np.float64))
@@ -108,6 +110,7 @@ class AgentCore:
         self._last_ns = self._malformed = self._sent_ns = 0
         self._loss_ns = round(1e9 * float(required_params(self.vehicle).get("COM_OF_LOSS_T", 0.3)))
         self._period_s = PERIOD_S
+        self._doing = Doing()
         self._odometry = OdometryFeed()
         self._sent_thrust_frac = 0.0
         self._hover_frac = self.vehicle.hover_thrust_frac
@@ -144,7 +147,9 @@ class AgentCore:
             case AutopilotHeard(snapshot):
                 self._snapshot = snapshot
             case PoseArrived(pose, received_ns):
-                if pose.body == self.vehicle.body and self.own.add_pose(pose, received_ns):
+                if pose.body != self.vehicle.body:
+                    self.neighbours.see(pose, received_ns)
+                elif self.own.add_pose(pose, received_ns):
                     self.neighbours.last_heard_ns = max(self.neighbours.last_heard_ns, received_ns)
                     return list(self._odometry.take(pose, self._snapshot, now_ns))
             case NeighbourHeard(message, received_ns):
@@ -157,6 +162,8 @@ class AgentCore:
                 return self._take_order(order, now_ns)
             case LoopTimed():
                 self._loop = event
+            case DiskChecked(is_full):
+                self._doing.is_disk_full = is_full
             case MessageMalformed(count):
                 self._malformed += count
             case TickFailed(sentence):
@@ -248,6 +255,8 @@ class AgentCore:
     def begin_tick(self, now_ns: int) -> Pass:
         """The first half of :meth:`tick`: what the pipeline has to compute; who runs many cores computes it at once."""
         self._period_s = (now_ns - self._last_ns) * 1e-9 if self._last_ns else PERIOD_S
+        if now_ns < self._last_ns:
+            self._doing.clock_jump_ns = now_ns
         self._last_ns = now_ns
         dt_s = min(max(self._period_s, 0.005), 0.1)
         flight = self.flight
@@ -288,6 +297,9 @@ class AgentCore:
             loop=self._loop,
             malformed=self._malformed,
         )
+        bodies = self.neighbours.sought(self._last_ns)
+        if bodies:
+            out.append(WatchBodies(tuple(bodies)))
         report = self.readiness.due(self._last_ns)
         if report is not None:
             out.append(Publish(Topic.PREFLIGHT, report))
@@ -320,15 +332,17 @@ class AgentCore:
     def _watch_over(self, now_ns: int) -> None:
         heard_ns, flight = self.neighbours.last_heard_ns, self.flight
         can_hear = heard_ns and self._has_peers and not self._has_ground
-        self.guard.tick(
-            self._view,
-            period_s=self._period_s,
-            is_last_tick_finite=self._is_last_finite,
-            bus_age_s=(now_ns - heard_ns) * 1e-9 if can_hear else 0.0,
-            has_ground=self._has_ground,
-            nearest_m=nearest_m(self._distances, self._is_airborne),
-            is_stopping=self.is_stopping,
-        )
+        doing, tick = self._doing, self.last_tick
+        doing.period_s, doing.is_last_tick_finite = self._period_s, self._is_last_finite
+        doing.bus_age_s = (now_ns - heard_ns) * 1e-9 if can_hear else 0.0
+        doing.has_ground, doing.is_stopping = self._has_ground, self.is_stopping
+        doing.is_airborne = self._is_airborne
+        doing.nearest_m = min(self._distances.values(), default=math.inf)
+        doing.has_twin = self.readiness.has_twin(now_ns)
+        if tick is not None:
+            doing.law_status, doing.active_neighbour = int(tick.law.status), int(tick.law.active_neighbour)
+            doing.below_m = float(tick.setpoint.position_enu_m[2]) - self._view.position_enu_m[2]
+        self.guard.tick(self._view, doing)
         if flight.situation is Situation.GROUND:
             self.readiness.look(self._view, self._period_s, is_airborne=self._is_airborne, hover_frac=self._hover_frac)
             if flight.state in ("waiting", "ready") and flight.step is Step.IDLE:
@@ -353,6 +367,10 @@ class AgentCore:
         is_fresh = self.own.age_s < POSITION_LOST_S + 0.2 and now_ns - self._snapshot.last_packet_ns < _HEARD_NS
         if is_fresh and is_sendable(setpoint, self.vehicle.max_tilt_deg):
             self._sent_thrust_frac, self._sent_ns = float(setpoint.thrust_frac), now_ns
+            self._doing.asked_wxyz, self._doing.thrust_frac = (
+                messages.vec4(setpoint.quaternion_wxyz),
+                self._sent_thrust_frac,
+            )
             out.append(SendAttitude(self.own.to_px4(setpoint)))
         return out
 

@@ -82,6 +82,13 @@ class TickFailed:
 
 
 @dataclass(frozen=True, slots=True)
+class DiskChecked:
+    """Whether this computer's disk has room left for logs and records."""
+
+    is_full: bool
+
+
+@dataclass(frozen=True, slots=True)
 class ShutdownAsked:
     """Somebody wants this process to end: land first."""
 
@@ -96,6 +103,7 @@ EventIn = (
     | LoopTimed
     | MessageMalformed
     | TickFailed
+    | DiskChecked
     | ShutdownAsked
 )
 
@@ -148,6 +156,13 @@ class SendOdometry:
 
 
 @dataclass(frozen=True, slots=True)
+class WatchBodies:
+    """Subscribe to the mocap poses of these bodies as well: their vehicles have begun to be silent."""
+
+    bodies: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Publish:
     """Put a message on the bus under this vehicle's name."""
 
@@ -183,6 +198,7 @@ Command = (
     | Kill
     | PlayTune
     | SendOdometry
+    | WatchBodies
     | Publish
     | Follow
     | Reply

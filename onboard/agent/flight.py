@@ -36,6 +36,9 @@ _UNDER_GROUND_M = 0.10
 _CONTACT_HEIGHT_M, _CONTACT_M_S, _CONTACT_S = 0.06, 0.10, 0.3
 _STALLED_M, _STALLED_M_S, _STALLED_S = 0.30, 0.05, 1.5
 _DISARM_AFTER_S = 4.0
+_LEG_LIMIT_S, _LANDING_LIMIT_S, _CONTACT_LIMIT_S, _PX4_LIMIT_S, _HOLD_LIMIT_S = 30.0, 20.0, 15.0, 60.0, 15.0
+_PATIENCE = 3.0  # times the duration that a way would take alone
+_REST_S = 0.3
 
 
 @dataclass(slots=True)
@@ -53,6 +56,10 @@ class Flight:
     is_slow: bool = False
     ground_z_m: float = 0.0
     out: list[Command] = field(default_factory=list)
+    leg: int = 0  # counts orders to move
+    _since_ns: int = 0
+    _limit_s: float = 0.0
+    _is_disarming: bool = False
     _goal_duration_s: float = 0.0
     _goal_sequence: int = 0
     _step_ns: int = 0
@@ -96,6 +103,17 @@ class Flight:
         """Whether a heartbeat with another mode means that somebody took the vehicle away."""
         return self.is_streaming and self.step not in (Step.OFFBOARD, Step.TAKEOVER)
 
+    @property
+    def must_be_armed(self) -> bool:
+        """Whether a heartbeat without the armed flag means that somebody stopped the motors in the air."""
+        return self.step in (Step.LIFTOFF, Step.CLIMB, Step.LEG, Step.ARRIVED)
+
+    def is_overdue(self, view: View) -> bool:
+        """Whether a move or a landing takes so much longer than alone that something is wrong."""
+        if self.step not in (Step.LEG, Step.DESCENT):
+            return False
+        return (view.now_ns - self._since_ns) * 1e-9 > self._limit_s
+
     def goal(self) -> Goal:
         """For guidance."""
         return Goal(
@@ -111,7 +129,7 @@ class Flight:
         self._replace_order(view, order)
         self._takeoff_height_m = takeoff_height_m
         self.reason = ""
-        if self.state == "armed" and takeoff_height_m is not None:
+        if self.state == "armed" and self.is_streaming and takeoff_height_m is not None:
             self._lift(view)
             return
         self.is_streaming = True
@@ -126,6 +144,9 @@ class Flight:
         self.state, self.reason = "flying", ""
         self._set_goal(position_enu_m, duration_s)
         self._enter(Step.LEG, view)
+        self.leg += 1
+        way_m = float(np.linalg.norm(np.subtract(position_enu_m, view.position_enu_m)))
+        self._limit(view, _LEG_LIMIT_S, max(duration_s, 1.9 * way_m / self.vehicle.max_speed_m_s))
 
     def slow_down(self, view: View, reason: str) -> None:
         """Fly the rest of the way at reduced speed, once for each order; whoever stands, sinks or climbs is slow."""
@@ -133,16 +154,19 @@ class Flight:
             return
         self.is_slow, self.reason = True, reason
         left_m = float(np.linalg.norm(np.subtract(self.goal_position_enu_m, view.position_enu_m)))
-        self._set_goal(self.goal_position_enu_m, left_m / (_SLOW_SHARE * self.vehicle.max_speed_m_s))
+        duration_s = left_m / (_SLOW_SHARE * self.vehicle.max_speed_m_s)
+        self._set_goal(self.goal_position_enu_m, duration_s)
+        self._limit_s += _PATIENCE * duration_s
 
-    def begin_hold(self, view: View, order: Order | None, reason: str) -> None:
-        """Stop as soon as the acceleration allows, and stay there, inside the fence."""
-        self._replace_order(view, order)
+    def begin_hold(self, view: View, order: Order | None, reason: str, outcome: OrderOutcome = "failed") -> None:
+        """Stop as soon as the acceleration allows, and stay there, inside the fence.
+
+        Without an order it is a failsafe's, and the order in progress ends with ``outcome`` for ``reason``.
+        """
+        self._replace_order(view, order, reason, outcome)
         self.state, self.reason = "holding", reason
         self._set_goal(self._stop_point(view), 0.0)
         self._enter(Step.ARRIVED, view)
-        if order is not None:
-            self.finish(view, "done", "Holding.")
 
     def begin_takeover(self, view: View, order: Order) -> None:
         """Fly on from PX4's hold: stream setpoints for this place until PX4 says that it follows them."""
@@ -153,17 +177,22 @@ class Flight:
         self._enter(Step.TAKEOVER, view)
 
     def begin_land(self, view: View, order: Order | None, reason: str) -> None:
-        """Descend where it is, under the law."""
-        self._replace_order(view, order)
+        """Descend where it is, under the law; what PX4 is landing already, it lands."""
+        self._replace_order(view, order, reason)
+        if self.step is Step.PX4:
+            return
         self.state, self.reason = "landing", reason
         x, y, _ = self._stop_point(view)
         height_m = max(0.0, view.position_enu_m[2] - self.ground_z_m)
         self._set_goal((x, y, self.ground_z_m - _UNDER_GROUND_M), max(1.0, height_m / _SINK_SPEED_M_S))
         self._enter(Step.DESCENT, view)
+        self._limit(view, _LANDING_LIMIT_S, self._goal_duration_s)
 
-    def begin_px4_land(self, view: View, reason: str, order: Order | None = None) -> None:
+    def begin_px4_land(
+        self, view: View, reason: str, order: Order | None = None, outcome: OrderOutcome = "failed"
+    ) -> None:
         """Leave the landing to PX4 and be silent."""
-        self._replace_order(view, order)
+        self._replace_order(view, order, reason, outcome)
         self.state, self.reason, self.is_streaming = "landing", reason, False
         self._enter(Step.PX4, view)
         self._ask(view, Px4Land(), now=True)
@@ -176,15 +205,18 @@ class Flight:
         self._enter(Step.IDLE, view)
 
     def disarm(self, view: View, reason: str) -> None:
-        """Give up on the ground."""
+        """Give up on the ground; PX4 is asked until it says that it is disarmed."""
         self.finish(view, "failed", reason)
         self._to_ground(view, "waiting", reason)
-        self.out.append(Disarm())
+        self._is_disarming = True
+        self._ask(view, Disarm(), now=True)
 
     def begin_disarm(self, view: View, order: Order) -> None:
         """The order to disarm, on the ground."""
         self._replace_order(view, order)
-        self._to_ground(view, "ready", "")
+        if self.state != "failed":
+            self._to_ground(view, "armed" if view.snapshot.is_armed else "ready", "")
+        self._enter(Step.IDLE, view)
         self._ask(view, Disarm(), now=True)
 
     def kill(self, view: View, order: Order) -> None:
@@ -216,19 +248,19 @@ class Flight:
             Step.CONTACT: self._await_landed,
             Step.PX4: self._await_px4_landing,
             Step.TAKEOVER: self._take_over,
+            Step.ARRIVED: self._come_to_rest,
         }.get(self.step, self._idle)
         handler(view)
 
     def _idle(self, view: View) -> None:
         armed = view.snapshot.is_armed
         if self.order is not None and self.order.kind in ("kill", "disarm"):
+            self._await_disarmed(view, self.order)
+        elif self._is_disarming:
             if not armed and self._told(view):
-                self.finish(view, "done", "PX4 is disarmed.")
-            elif armed:
-                if self._seconds(view) > CONFIRM_TIMEOUT_S:
-                    self.finish(view, "timed out", f"PX4 is still armed. {view.snapshot.status_text}".strip())
-                else:
-                    self._ask(view, Kill() if self.order.kind == "kill" else Disarm())
+                self._is_disarming = False
+            elif view.is_on_ground:
+                self._ask(view, Disarm())
         if self.state == "armed" and not armed and self._told(view):
             self.say(view, "warning", "auto-disarmed", "PX4 disarmed by itself before take-off.")
             self._to_ground(view, "ready", "")
@@ -237,6 +269,31 @@ class Flight:
             self.state = "landed"
         elif self.state in ("waiting", "ready", "landed") and armed and not view.is_on_ground and self.order is None:
             self.stop(view, "PX4 flies without this agent: order land or kill, or hold when PX4 holds its place.")
+
+    def _await_disarmed(self, view: View, order: Order) -> None:
+        if not view.snapshot.is_armed and self._told(view):
+            self.finish(view, "done", "PX4 is disarmed.")
+            if self.state == "armed":
+                self._to_ground(view, "ready", "")
+        elif self._seconds(view) > CONFIRM_TIMEOUT_S:
+            sentence = "PX4 is still armed" if view.snapshot.is_armed else "PX4 has not said that it is disarmed"
+            sentence = f"{sentence}. {view.snapshot.status_text}".strip()
+            self.finish(view, "timed out", sentence)
+            if self.state == "armed":
+                self.stop(view, sentence)
+        elif view.snapshot.is_armed:
+            self._ask(view, Kill() if order.kind == "kill" else Disarm())
+
+    def _come_to_rest(self, view: View) -> None:
+        if self.order is None:
+            return
+        slow_m_s = 1.5 * (_ARRIVED_M_S if self.vehicle.mocap_required else _ARRIVED_PX4_M_S)
+        if not float(np.linalg.norm(view.velocity_enu_m_s)) < slow_m_s:
+            self._steady_ns = view.now_ns
+        if (view.now_ns - self._steady_ns) * 1e-9 > _REST_S:
+            self.finish(view, "done", f"Holding at {_place(view)}.")
+        elif self._seconds(view) > _HOLD_LIMIT_S:
+            self.finish(view, "timed out", f"Not at rest after {_HOLD_LIMIT_S:.0f} s; still trying to hold.")
 
     def _await_offboard(self, view: View) -> None:
         if view.snapshot.is_offboard and view.snapshot.heartbeat_ns > self._step_ns and self._seconds(view) > 0.1:
@@ -273,9 +330,7 @@ class Flight:
             self._ask(view, SetOffboard())
 
     def _give_up_start(self, view: View, sentence: str) -> None:
-        self.finish(view, "failed", sentence)
-        self._to_ground(view, "waiting", sentence)
-        self.out.append(Disarm())
+        self.disarm(view, sentence)
 
     def _lift(self, view: View) -> None:
         self.state = "taking off"
@@ -308,8 +363,7 @@ class Flight:
     def _fly_leg(self, view: View) -> None:
         if self._is_steady(view):
             self._enter(Step.ARRIVED, view)
-            x, y, z = view.position_enu_m
-            self.finish(view, "done", f"At ({x:.2f}, {y:.2f}, {z:.2f}) m.")
+            self.finish(view, "done", f"At {_place(view)}.")
 
     def _descend(self, view: View) -> None:
         height, sink = view.position_enu_m[2] - self.ground_z_m, abs(view.velocity_enu_m_s[2])
@@ -330,14 +384,23 @@ class Flight:
     def _await_landed(self, view: View) -> None:
         if not view.snapshot.is_armed and self._told(view) and view.is_on_ground:
             self._landed(view)
-        elif self._seconds(view) > _DISARM_AFTER_S:
+            return
+        if self._seconds(view) > _CONTACT_LIMIT_S:
+            what = "armed" if view.snapshot.is_armed else "in the air, as PX4 says"
+            self.finish(view, "timed out", f"Down, but still {what}: disarm it from the transmitter, or order kill.")
+        if self._seconds(view) > _DISARM_AFTER_S:
             self._ask(view, Disarm())
 
     def _await_px4_landing(self, view: View) -> None:
-        if not view.snapshot.is_armed and view.is_on_ground:
+        snapshot = view.snapshot
+        if not snapshot.is_armed and view.is_on_ground and self._told(view):
             self._landed(view)
-        elif view.snapshot.mode != "LAND" and not view.is_on_ground:
+        elif snapshot.mode != "LAND" and not view.is_on_ground:
             self._ask(view, Px4Land())
+            if self._seconds(view) > CONFIRM_TIMEOUT_S:
+                self.finish(view, "failed", f"PX4 does not land, it is in {snapshot.mode}: take it by radio control.")
+        elif self._seconds(view) > _PX4_LIMIT_S:
+            self.finish(view, "timed out", f"PX4 has not landed after {_PX4_LIMIT_S:.0f} s: take it by radio control.")
 
     def _landed(self, view: View) -> None:
         reason = self.reason
@@ -378,11 +441,18 @@ class Flight:
         )
         self.out.append(Publish(Topic.EVENT, event))
 
-    def _replace_order(self, view: View, order: Order | None) -> None:
-        if self.order is not None:
-            by = f"order {order.kind} of {order.author}" if order is not None else "a failsafe"
-            self.finish(view, "superseded" if order is not None else "failed", f"Ended by {by}.")
+    def _replace_order(
+        self, view: View, order: Order | None, reason: str = "", outcome: OrderOutcome = "failed"
+    ) -> None:
+        if order is not None:
+            self.finish(view, "superseded", f"Ended by order {order.kind} of {order.author}.")
+        else:
+            self.finish(view, outcome, reason or "Ended by a failsafe.")
+        self._is_disarming = False
         self.order, self.is_slow = order, False
+
+    def _limit(self, view: View, least_s: float, alone_s: float) -> None:
+        self._since_ns, self._limit_s = view.now_ns, least_s + _PATIENCE * alone_s
 
     def _enter(self, step: Step, view: View) -> None:
         self.step, self._step_ns, self._steady_ns, self._last_ask_ns = step, view.now_ns, view.now_ns, 0
@@ -423,3 +493,8 @@ class Flight:
         low, high = np.array([fence.x[0], fence.y[0], fence.z[0]]), np.array([fence.x[1], fence.y[1], fence.z[1]])
         x, y, z = np.clip(way, low + 0.05, high - 0.05).tolist()
         return x, y, z
+
+
+def _place(view: View) -> str:
+    x, y, z = view.position_enu_m
+    return f"({x:.2f}, {y:.2f}, {z:.2f}) m"

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-import math
-
 from onboard.agent.flight import Flight
 from onboard.agent.neighbours import NeighbourTable
 from onboard.agent.own_state import OwnState
 from onboard.agent.steps import View
-from onboard.agent.watch import Watch
-from onboard.bus.schema import Severity
-from onboard.config import FleetConfig
+from onboard.agent.watch import Doing, Watch
+from onboard.bus.schema import OrderOutcome, Severity
+from onboard.config import FleetConfig, Vehicle
 from onboard.safety.failsafe import TABLE, WORDS, Action, Condition, Situation, decide, in_order, latched, needs_level
 
 _QUIET = {Condition.LOOP_LATE, Condition.GROUND_LOST, Condition.NOT_FINITE, Condition.SHUTDOWN}
+# told again when it concerns somebody else
+_NAMED = {
+    Condition.NEIGHBOUR_SILENT,
+    Condition.NEIGHBOUR_UNSEEN,
+    Condition.NEIGHBOUR_INVALID,
+    Condition.NEIGHBOUR_UNCOOPERATIVE,
+    Condition.NEIGHBOUR_BACK,
+    Condition.CONFIG_DIFFERS,
+}
 
 
 class Guard:
@@ -23,59 +30,33 @@ class Guard:
     the ground what holds now. must_be_level: whether the setpoint of this tick must be level.
     """
 
-    def __init__(self, fleet: FleetConfig, own: OwnState, neighbours: NeighbourTable, flight: Flight) -> None:
-        self._own, self._neighbours, self._flight = own, neighbours, flight
-        self._watch = Watch(fleet)
+    def __init__(
+        self, fleet: FleetConfig, vehicle: Vehicle, own: OwnState, neighbours: NeighbourTable, flight: Flight
+    ) -> None:
+        self._flight = flight
+        self.watch = Watch(fleet, vehicle, own, flight, neighbours)
         self.conditions: set[Condition] = set()
         self.action = Action.GO_ON
         self.must_be_level = False
-        self._offboard_since_ns = 0
+        self._told: dict[Condition, str] = {}
 
-    def tick(
-        self,
-        view: View,
-        *,
-        period_s: float,
-        is_last_tick_finite: bool,
-        bus_age_s: float,
-        has_ground: bool,
-        nearest_m: float,
-        is_stopping: bool,
-    ) -> None:
+    def tick(self, view: View, doing: Doing) -> None:
         """Find what holds now, decide, and let the flight do it."""
         flight = self._flight
-        if not flight.must_be_offboard:
-            self._offboard_since_ns = view.now_ns
-        before = self.conditions
-        self.conditions = self._watch.conditions(
-            view,
-            period_s=period_s,
-            position_age_s=self._own.age_s,
-            is_last_tick_finite=is_last_tick_finite,
-            must_be_offboard=flight.must_be_offboard,
-            offboard_since_ns=self._offboard_since_ns,
-            bus_age_s=bus_age_s,
-            has_ground=has_ground,
-            nearest_m=nearest_m,
-            silent_neighbours=bool(self._neighbours.silent(view.now_ns)),
-            should_be_up=flight.state in ("flying", "holding"),
-            is_stopping=is_stopping,
-        )
+        self.conditions = self.watch.conditions(view, doing)
         situation = flight.situation
         asked, condition = decide(situation, self.conditions)
         self.must_be_level = needs_level(situation, self.conditions)
         if situation is Situation.GROUND:
             self.action = asked
+            self._told.clear()
             return
         self.action = latched(self.action, asked)
         if situation is Situation.SILENT:
             return
-        for new in in_order(self.conditions - before - _QUIET):
-            answer = TABLE[situation, new]
-            severity: Severity = "critical" if answer >= Action.LEVEL else "warning"
-            flight.say(view, severity, new.name.lower().replace("_", "-"), self._sentence(view, new, answer))
+        self._say_what_is_new(view, situation)
         if condition is not None:
-            self._obey(view, asked, self._sentence(view, condition, asked))
+            self._obey(view, asked, condition)
 
     def ordered(self) -> None:
         """An operator's order begins: it decides how the vehicle flies from here on."""
@@ -85,31 +66,40 @@ class Guard:
         """Conditions and action in words, for telemetry."""
         return tuple(condition.value for condition in in_order(self.conditions)), WORDS[self.action]
 
-    def _obey(self, view: View, action: Action, sentence: str) -> None:
-        flight = self._flight
+    def _say_what_is_new(self, view: View, situation: Situation) -> None:
+        told, details = self._told, self.watch.details
+        if not self.conditions - _QUIET and not told:
+            return
+        for condition in in_order(self.conditions - _QUIET):
+            detail = details.get(condition, "") if condition in _NAMED else ""
+            if told.get(condition) == detail:
+                continue
+            told[condition] = detail
+            action = TABLE[situation, condition]
+            severity: Severity = "critical" if action >= Action.LEVEL else "warning"
+            code = condition.name.lower().replace("_", "-")
+            self._flight.say(view, severity, code, self._sentence(condition, action))
+        for condition in told.keys() - self.conditions:
+            del told[condition]
+
+    def _obey(self, view: View, action: Action, condition: Condition) -> None:
+        flight, sentence = self._flight, self._sentence(condition, action)
+        outcome: OrderOutcome = "timed out" if condition is Condition.ORDER_OVERDUE else "failed"
         if action is Action.SLOW:
             flight.slow_down(view, sentence)
         elif action in (Action.HOLD, Action.LEVEL) and flight.situation is Situation.FLYING:
             if flight.state != "holding":
-                flight.begin_hold(view, None, sentence)
+                flight.begin_hold(view, None, sentence, outcome)
         elif action is Action.LAND and flight.state != "landing":
             flight.begin_land(view, None, sentence)
         elif action is Action.PX4_LAND:
-            flight.begin_px4_land(view, sentence)
+            flight.begin_px4_land(view, sentence, outcome=outcome)
         elif action is Action.DISARM:
             flight.disarm(view, sentence)
         elif action is Action.STOP:
             flight.stop(view, sentence)
 
-    def _sentence(self, view: View, condition: Condition, action: Action) -> str:
+    def _sentence(self, condition: Condition, action: Action) -> str:
         what = condition.value[0].upper() + condition.value[1:]
-        if condition is Condition.LEFT_OFFBOARD:
-            what += f" (now {view.snapshot.mode})"
-        if condition is Condition.NEIGHBOUR_SILENT:
-            what += f" ({', '.join(self._neighbours.silent(view.now_ns))})"
-        return f"{what}: {WORDS[action]}."
-
-
-def nearest_m(distances_m: dict[str, float], is_airborne: bool) -> float:
-    """Distance to the nearest neighbour, while it matters."""
-    return min(distances_m.values(), default=math.inf) if is_airborne else math.inf
+        detail = self.watch.details.get(condition)
+        return f"{what} ({detail}): {WORDS[action]}." if detail else f"{what}: {WORDS[action]}."

@@ -37,7 +37,8 @@ class NeighbourWatch:
     _silent_ticks: int = 0
     _unseen_ticks: int = 0
     _back_ns: int = 0
-    _promises: list[PromiseWatch] = field(init=False)
+    _promises: dict[str, PromiseWatch] = field(init=False)
+    _places: dict[str, int] = field(init=False)
     _predicted: int = 0
     _late: int = 0
     _held_up: Counter[int] = field(default_factory=Counter)
@@ -47,7 +48,8 @@ class NeighbourWatch:
     _own_hash: str = field(init=False)
 
     def __post_init__(self) -> None:
-        self._promises = [PromiseWatch() for _ in self.table.names]
+        self._promises = {name: PromiseWatch() for name in self.table.names}
+        self._places = {name: place for place, name in enumerate(self.table.names)}
         tilt_rad = math.radians(self.vehicle.max_tilt_deg)
         self._braking_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(tilt_rad)
         self._own_hash = self.fleet.config_hash
@@ -70,7 +72,7 @@ class NeighbourWatch:
             self._unseen_ticks = 0
             gone, self._silent = self._silent, ()
         if gone:
-            heard = dict(zip(table.names, table.heard_ages_s(now_ns), strict=True))
+            heard = dict(zip(table.names, table.heard_ages_s(now_ns).tolist(), strict=True))
             back = [name for name in gone if name not in self._silent and heard[name] <= SILENT_S]
             if back:
                 self._back_ns = now_ns
@@ -111,7 +113,7 @@ class NeighbourWatch:
         return found
 
     def nearest_to(self, position_enu_m: Vec3, within_m: float, now_ns: int) -> str:
-        """Whose position as far as it is known now lies nearest to a point, and near enough; empty when nobody's does."""
+        """Who is nearest to a point, as far as known, and near enough; empty for nobody."""
         best, name = within_m, ""
         for row in self.table.rows(now_ns):
             if row.age_s < SILENT_S:
@@ -134,9 +136,9 @@ class NeighbourWatch:
         (x, y, _), (vx, vy, _) = view.position_enu_m, view.velocity_enu_m_s
         may_be_late = flight.is_under_law and view.has_position
         limit_m = self.fleet.fleet.safety_distance_m
-        for place, row in enumerate(table.rows(view.now_ns)):
+        for row in table.rows(view.now_ns):
             (px, py, _), (ovx, ovy, _) = row.vector("position_enu_m"), row.vector("velocity_enu_m_s")
-            promise = self._promises[place]
+            promise, place = self._promises[row.name], self._places[row.name]
             if row.is_promised and row.age_s < SILENT_S:
                 predicted_x, predicted_y, _ = row.vector("predicted_velocity_enu_m_s")
                 promise.look(row.stamp_ns, (ovx, ovy), (predicted_x, predicted_y), row.value("lead_time_s"))

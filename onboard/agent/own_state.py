@@ -97,7 +97,7 @@ class OwnState:
         if self._memory is not None:
             self._memory = estimate.drive(
                 self._memory,
-                self._attitude(snapshot),
+                self.attitude_wxyz(snapshot),
                 thrust_frac,
                 hover_frac,
                 params=self._params,
@@ -137,9 +137,10 @@ class OwnState:
 
     def attitude(self, snapshot: Snapshot) -> Array:
         """Attitude in the fleet frame (4,) wxyz."""
-        return np.array(self._attitude(snapshot))
+        return np.array(self.attitude_wxyz(snapshot))
 
-    def _attitude(self, snapshot: Snapshot) -> Vec4:
+    def attitude_wxyz(self, snapshot: Snapshot) -> Vec4:
+        """The same as floats."""
         return _turned(self.heading_offset_rad, snapshot.quaternion_enu_flu_wxyz)
 
     def to_px4(self, setpoint: AttitudeSetpoint) -> AttitudeSetpoint:

@@ -12,11 +12,13 @@ import logging
 import logging.handlers
 import os
 import queue
+import stat
 import sys
 
 _MAX_LINES = 2000
 _SWITCH_S = 0.0005
 _REALTIME_PRIORITY = 10
+_LEAST_FREE_BYTES = 50_000_000
 
 
 class _Lines(logging.handlers.QueueHandler):
@@ -33,7 +35,9 @@ def log_elsewhere(name: str, level: str) -> logging.handlers.QueueListener:
     writer = logging.StreamHandler(sys.stderr)
     writer.setFormatter(logging.Formatter(f"%(asctime)s {name} %(levelname)s %(message)s"))
     listener = logging.handlers.QueueListener(lines, writer)
-    logging.basicConfig(level=level, handlers=[_Lines(lines)], force=True)
+    handed_over = _Lines(lines)
+    handed_over.setFormatter(logging.Formatter("%(message)s"))  # the writer adds the rest
+    logging.basicConfig(level=level, handlers=[handed_over], force=True)
     listener.start()
     return listener
 
@@ -53,6 +57,16 @@ def settle() -> None:
 def tidy() -> None:
     """Collect what has come since :func:`settle`; for the ground."""
     gc.collect()
+
+
+def is_disk_full() -> bool:
+    """Whether the disk that our log goes to, or else the working directory's, has no room left."""
+    try:
+        is_file = stat.S_ISREG(os.fstat(2).st_mode)
+        found = os.statvfs(2 if is_file else ".")
+    except OSError:
+        return False
+    return found.f_bavail * found.f_frsize < _LEAST_FREE_BYTES
 
 
 def take_precedence() -> str:

@@ -128,6 +128,10 @@ class Readiness:
             checks=tuple((check.name, check.is_ok, check.sentence, check.remedy) for check in found),
         )
 
+    def has_twin(self, now_ns: int) -> bool:
+        """Whether another process has spoken for this vehicle just now."""
+        return self._twin_ns is not None and now_ns - self._twin_ns < _TWIN_FOR_NS
+
     def _gather(self, view: View, is_airborne: bool, hover_frac: float) -> Facts:
         now_ns, snapshot, own = view.now_ns, view.snapshot, self._own
         sample, north, east, down = self._sample, *snapshot.position_local_ned_m
@@ -140,7 +144,7 @@ class Readiness:
             is_airborne=is_airborne,
             unhealthy=unhealthy(snapshot, self._vehicle.mocap_required),
             has_rc=has_rc(snapshot),
-            has_twin=self._twin_ns is not None and now_ns - self._twin_ns < _TWIN_FOR_NS,
+            has_twin=self.has_twin(now_ns),
             position_age_s=own.age_s,
             position_enu_m=view.position_enu_m,
             speed_m_s=self._fastest[0],

@@ -34,7 +34,7 @@ from onboard.link.autopilot import LinkError
 from onboard.link.params import differences, required_params
 from onboard.link.px4 import Px4Link
 from onboard.mocap.choose import source_of
-from onboard.mocap.source import MocapSource
+from onboard.mocap.source import MocapSource, OnMalformed, OnPose
 from onboard.safety.failsafe import Situation
 
 EXIT_OK, EXIT_WRONG_INPUT, EXIT_INTERRUPTED = 0, 2, 130
@@ -81,6 +81,7 @@ class Agent:
         self._blocking = ThreadPoolExecutor(1, thread_name_prefix="link")
         self._reliable, self._interest = Outbox("bus"), Outbox("interest")
         self._mocap: MocapSource | None = None
+        self._on_poses: tuple[OnPose, OnMalformed]
         self._mocap_table = MocapConfig() if has_bus_mocap else fleet.mocap
         self._ended: asyncio.Future[int] | None = None
         self._ticks = self._failed_ticks = self._signals = self._tick_ns = 0
@@ -150,7 +151,9 @@ class Agent:
         self._bus.subscribe(Topic.STATE, "*", neighbour)
         self._bus.subscribe(Topic.TELEMETRY, "*", neighbour)
         if self.vehicle.mocap_required and self.vehicle.body:
-            self._mocap = source_of(self._mocap_table, self._bus, self.vehicle.body, pose, malformed)
+            self._on_poses = pose, malformed
+            body = "*" if self._mocap_table.direct else self.vehicle.body
+            self._mocap = source_of(self._mocap_table, self._bus, body, pose, malformed)
             self._mocap.start()
         self._bus.serve_orders(self.name, order)
         self._bus.watch_alive(lambda node, is_alive: self._notices.append(ev.NodeSeen(node, is_alive)))
@@ -226,6 +229,10 @@ class Agent:
                     reply = self._replies.pop(answer.order_id, None)
                     if reply is not None:
                         self._reliable.submit(reply, answer)
+                case ev.WatchBodies(bodies):
+                    if not self._mocap_table.direct:  # who reads the system itself hears all bodies anyway
+                        for body in bodies:
+                            source_of(self._mocap_table, self._bus, body, *self._on_poses).start()
                 case ev.SetOffboard():
                     self._link.set_offboard()
                 case ev.Arm():
@@ -277,6 +284,8 @@ class Agent:
                 if self.fleet.fleet.global_origin is not None and self._link.snapshot().global_origin is None:
                     self._link.request_global_origin()
                 await asyncio.sleep(_PARAM_REPEAT_S if problems else 1.0)
+                is_full = await loop.run_in_executor(self._blocking, process.is_disk_full)
+                self._notices.append(ev.DiskChecked(is_full))
                 before, boot_ms = boot_ms, self._link.snapshot().px4_boot_ms
                 if boot_ms + 1000 < before:
                     log.warning("PX4 has restarted")
@@ -293,6 +302,7 @@ def _warm_up(fleet: FleetConfig, name: str, law: str) -> None:
     """Run the whole core on made-up data, so that the first real tick is not the slow one (imports, allocations)."""
     core = AgentCore(fleet, name, boot_id=0, law=law)
     vehicle = core.vehicle
+    x, y, z = vehicle.start_enu_m
     for count in range(1, 60):
         now_ns = count * PERIOD_NS
         pose = MocapPose(
@@ -301,7 +311,7 @@ def _warm_up(fleet: FleetConfig, name: str, law: str) -> None:
             sequence=count,
             stamp_ns=now_ns,
             is_tracked=True,
-            position_enu_m=vehicle.start_enu_m,
+            position_enu_m=(x, y, z + 1e-6 * (count % 2)),  # a body that is tracked is never quite still
             quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
         )
         core.own.add_pose(pose, now_ns)

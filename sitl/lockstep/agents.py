@@ -179,7 +179,7 @@ class AgentShell:
             if isinstance(message, MocapPose):
                 inbox.append(ev.PoseArrived(message, now_ns()))
 
-        self._on_neighbour = neighbour
+        self._on_neighbour, self._on_pose = neighbour, pose
         if self._reads_in_bulk:
             self._bus.read_news(node, neighbour)
         else:
@@ -254,6 +254,9 @@ class AgentShell:
                     reply = self._replies.pop(answer.order_id, None)
                     if reply is not None:
                         reply(answer)
+                case ev.WatchBodies(bodies):
+                    for body in bodies:
+                        self.node.subscribe(Topic.MOCAP, body, self._on_pose)
                 case ev.SetOffboard():
                     link.set_offboard()
                 case ev.Arm():

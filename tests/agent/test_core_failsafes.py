@@ -145,7 +145,8 @@ def test_a_stalled_loop_holds_and_a_long_one_leaves_the_landing_to_px4() -> None
         {"sequence": 1},
         {"stamp_ns": 10**18},
         {"is_tracked": False, "position_enu_m": (9.0, 9.0, 9.0)},
-        {"body": "mav1", "position_enu_m": (9.0, 9.0, 9.0)},
+        {"body": "mav1", "position_enu_m": (9.0, 9.0, 0.0)},
+        {"body": "somebody", "position_enu_m": (9.0, 9.0, 9.0)},
         {"sequence": 10**6, "position_enu_m": (2.0, 2.0, 2.0)},
     ],
 )
