@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 
+from onboard.bus.clock_node import ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import FaultOrder, MocapPose, OrderReply, Truth
 from onboard.bus.session import BusError, BusSession
@@ -225,6 +226,7 @@ class Server:
                 is_tracked=pose.is_tracked,
                 position_enu_m=pose.position_enu_m,
                 quaternion_enu_flu_wxyz=pose.quaternion_enu_flu_wxyz,
+                source=bus.node,
             )
             bus.publish(Topic.MOCAP, body, message)
         states = self.emulator.world.vehicles.states
@@ -287,6 +289,7 @@ def run(
 async def _serve(server: Server, bus: BusSession | None) -> None:
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
+    clock: asyncio.Task[None] | None = None
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopped.set)
     try:
@@ -298,6 +301,7 @@ async def _serve(server: Server, bus: BusSession | None) -> None:
                 loop.call_soon_threadsafe(lambda: reply(answer_fault(server.emulator, order)))
 
             bus.serve_faults(take_fault)
+            clock = loop.create_task(ClockNode(bus).keep())  # agents may run on other hosts
         # A full collection would stop every vehicle at once; nothing that exists now will ever be garbage.
         gc.collect()
         gc.freeze()
@@ -305,6 +309,8 @@ async def _serve(server: Server, bus: BusSession | None) -> None:
         await server.run(stopped, _say)
     finally:
         server.stop()
+        if clock is not None:
+            clock.cancel()
         if bus is not None:
             bus.stop()
 
