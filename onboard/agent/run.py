@@ -77,6 +77,7 @@ class Agent:
         self._clock = ClockNode(self._bus)
         self._inbox: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)  # the newest matter
         self._notices: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)  # few, and none may be pushed out by the others
+        self._followed: frozenset[str] = frozenset()
         self._replies: dict[str, Callable[[OrderReply], None]] = {}
         self._blocking = ThreadPoolExecutor(1, thread_name_prefix="link")
         self._reliable, self._interest = Outbox("bus"), Outbox("interest")
@@ -126,7 +127,9 @@ class Agent:
     def _subscribe(self, loop: asyncio.AbstractEventLoop) -> None:
         """Bus threads only append to the inbox (a deque is safe for that) or wake the loop for an order."""
 
-        def neighbour(_topic: Topic, name: str, message: Message | Malformed) -> None:
+        def neighbour(topic: Topic, name: str, message: Message | Malformed) -> None:
+            if topic is Topic.FAR and name in self._followed:
+                return  # the same is heard at full rate
             if isinstance(message, (StateMessage, Telemetry)):
                 if name != self.name or message.boot_id != self._core.boot_id:  # a twin counts as one
                     now_ns = time.monotonic_ns()
@@ -148,7 +151,8 @@ class Agent:
             loop.call_soon_threadsafe(self._ordered, message, reply)
 
         self._clock.start()
-        self._bus.subscribe(Topic.STATE, "*", neighbour)
+        self._on_state = neighbour
+        self._bus.subscribe(Topic.FAR, "*", neighbour)
         self._bus.subscribe(Topic.TELEMETRY, "*", neighbour)
         if self.vehicle.mocap_required and self.vehicle.body:
             self._on_poses = pose, malformed
@@ -233,6 +237,9 @@ class Agent:
                     if not self._mocap_table.direct:  # who reads the system itself hears all bodies anyway
                         for body in bodies:
                             source_of(self._mocap_table, self._bus, body, *self._on_poses).start()
+                case ev.Follow(names):
+                    self._followed = names
+                    self._interest.submit(self._bus.follow, Topic.STATE, names, self._on_state)
                 case ev.SetOffboard():
                     self._link.set_offboard()
                 case ev.Arm():
