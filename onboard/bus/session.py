@@ -78,6 +78,7 @@ class BusSession:
             ("scouting/multicast/enabled", False),
             ("scouting/gossip/enabled", False),
             ("transport/link/tx/lease", LEASE_MS),
+            ("transport/shared_memory/enabled", False),  # messages are small, and its threads and memory are not free
             # a peer that hangs fills its queue: who publishes drops at once instead of waiting in the control loop
             ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", 0),
             ("transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments", 0),

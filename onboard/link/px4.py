@@ -8,7 +8,6 @@ calls and belong on an executor of their own (:meth:`Px4Link.apply_params`).
 
 from __future__ import annotations
 
-import json
 import math
 import threading
 import time
@@ -36,9 +35,14 @@ _TYPE_MASK_ATTITUDE_AND_THRUST = 7
 _FRAME_LOCAL_NED, _FRAME_LOCAL_FRD_VELOCITY = 1, 12
 _ESTIMATOR_TYPE_VISION = 2
 _RATES_HZ = {31: 50.0, 32: 50.0, 245: 10.0, 147: 2.0}  # ATTITUDE_QUATERNION, LOCAL_POSITION_NED, EXTENDED_SYS_STATE, ..
+# ATTITUDE, HIGHRES_IMU, GLOBAL_POSITION_INT, ODOMETRY: half of all that PX4 says by itself, and nobody here listens
+_RATES_HZ |= {30: 1.0, 105: 1.0, 33: 1.0, 331: 1.0}
 _TUNE = "MFT180O4L8CEGO5CP4O4CEGO5C"  # up a chord, twice; at most 29 characters
 _GPS_GLOBAL_ORIGIN = 49
-_ORIGIN = (47.397742, 8.545594, 489.4)  # any place will do indoors: only PX4's global frame hangs on it
+# Any place will do indoors: only PX4's global frame hangs on it. Its altitude must be 0: PX4 takes heights of a mocap
+# for altitudes, and its local height would be wrong by the altitude of the origin.
+_ORIGIN = (47.397742, 8.545594, 0.0)
+_json = msgspec.json.Encoder().encode  # ten times as fast as the standard library's, at 100 messages a second
 
 
 def _silent(*_: Any) -> bool:
@@ -300,7 +304,7 @@ class Px4Link:
         if direct is None:
             return
         message = MavlinkMessage(
-            name, self.system_id, _COMPONENT_ID, self.system_id, _AUTOPILOT_COMPONENT_ID, json.dumps(fields)
+            name, self.system_id, _COMPONENT_ID, self.system_id, _AUTOPILOT_COMPONENT_ID, _json(fields).decode()
         )
         try:
             direct.send_message(message)
