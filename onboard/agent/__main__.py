@@ -6,13 +6,18 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+from onboard.agent import service
 from onboard.agent.run import EXIT_WRONG_INPUT, run_agent
 from onboard.config import ConfigError, load_fleet
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of an agent."""
-    found = argparse.ArgumentParser(prog="covey agent", description="Fly one vehicle of a fleet.")
+    found = argparse.ArgumentParser(
+        prog="covey agent",
+        description="Fly one vehicle of a fleet.",
+        epilog="As a service of systemd: covey agent install, status or logs, with --fleet, --vehicle and --help.",
+    )
     found.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
     found.add_argument("--vehicle", required=True, metavar="NAME", help="vehicle of the fleet file")
     found.add_argument("--law", choices=["covey", "paper", "off"], help="avoidance law instead of the fleet file's")
@@ -29,8 +34,11 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run an agent; exit status 2 when the input is wrong."""
-    arguments = parser().parse_args(argv)
+    """Run an agent, or look after its service; exit status 2 when the input is wrong."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    if words and words[0] in service.VERBS:
+        return service.main(words)
+    arguments = parser().parse_args(words)
     try:
         fleet = load_fleet(arguments.fleet)
         (name,) = fleet.select(arguments.vehicle)

@@ -22,6 +22,7 @@ import numpy as np
 from onboard.agent import events as ev
 from onboard.agent import process
 from onboard.agent.core import AgentCore
+from onboard.agent.notify import Notifier
 from onboard.agent.outbox import Outbox
 from onboard.agent.ticker import Ticker
 from onboard.bus.clock_node import ClockNode
@@ -87,6 +88,7 @@ class Agent:
         self._ended: asyncio.Future[int] | None = None
         self._ticks = self._failed_ticks = self._signals = self._tick_ns = 0
         self._was_ready = False
+        self._life = Notifier()
 
     async def run(self) -> int:
         """Fly until told to stop; exit status."""
@@ -197,6 +199,7 @@ class Agent:
             if self._ticks % _STATISTICS_TICKS == 0:
                 self._clock.beat()
             self._failed_ticks = 0
+            self._life.alive(now_ns, self._core.flight.state)
         except Exception as error:  # our own bug in flight: the one place that catches it
             log.exception("tick failed")
             self._failed_ticks += 1
