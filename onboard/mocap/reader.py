@@ -56,7 +56,8 @@ def main(argv: list[str]) -> int:
     """Read until the parent is gone."""
     # The package holds Python's lock while it connects, so that only the kernel can end it with its parent.
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which lands first
+    for number in (signal.SIGINT, signal.SIGTERM):  # the agent lands first, by these poses
+        signal.signal(number, signal.SIG_IGN)
     pipe = os.dup(1)
     os.dup2(2, 1)  # the package prints on stdout, which is the pipe
     settings = msgspec.json.decode(argv[0], type=Settings)

@@ -150,6 +150,19 @@ def test_a_reading_process_that_dies_is_started_again_and_its_poses_count_on() -
 
 
 @needs_package
+def test_who_asks_the_agents_processes_to_end_does_not_end_the_poses_that_it_lands_by() -> None:
+    with NatNetServer(["mav0"], _circle) as server, _Listener(_optitrack(server)) as heard:
+        heard.wait(lambda: len(heard.poses) > 5)
+        reader = heard.source.reader_pid
+        assert reader is not None
+        os.kill(reader, signal.SIGTERM)
+        os.kill(reader, signal.SIGINT)
+        count = len(heard.poses)
+        heard.wait(lambda: len(heard.poses) > count + 20)
+        assert heard.source.reader_pid == reader
+
+
+@needs_package
 def test_a_system_that_falls_silent_is_named_and_read_again_when_it_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(captured, "_QUIET_S", 0.5)
     with NatNetServer(["mav0"], _circle) as server, _Listener(_optitrack(server)) as heard:
