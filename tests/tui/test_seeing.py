@@ -522,6 +522,19 @@ async def test_a_fleet_of_none_and_a_tiny_terminal_are_drawn(fleet: FleetConfig)
         assert any("no vehicles" in line for line in lines(app, FleetTable))
 
 
+async def test_after_a_tiny_size_everything_is_as_before() -> None:
+    client = SteadyClient(crowd(8))
+    ground_and_sky(client)
+    app = ConsoleApp(client.fleet, client)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await see(app, pilot)
+        before = screen(app)
+        for size in [(20, 5), (80, 24)]:
+            await pilot.resize_terminal(*size)
+            await see(app, pilot)
+        assert screen(app) == before
+
+
 async def test_a_hundred_rows_scroll_and_the_heading_stays() -> None:
     client = SteadyClient(crowd(100))
     fly(client, 0.0)

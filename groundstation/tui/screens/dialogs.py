@@ -10,28 +10,36 @@ from textual.containers import VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
-HELP = """[b]Keys[/b]
-  [b]:[/b]            order line          [b]esc[/b]   back
-  [b]ctrl+l[/b]  [b]F9[/b]   LAND ALL, at once, from anywhere
-  [b]ctrl+o[/b]  [b]F8[/b]   HOLD ALL, at once, from anywhere
-  [b]F12 F12[/b]      KILL the vehicle under the cursor: same key
-               twice within 1 s (or ctrl+\\ twice). It falls.
-  [b]↑ ↓ j k[/b]      choose a vehicle
-  [b]+ - 0[/b]        zoom the plan; 0 shows the whole fence
-  [b]pgup pgdn[/b]    look back in the events
-  [b]v[/b]            hide or show the verdict
-  [b]q[/b]            quit; asks when vehicles fly, and lands them
-
-[b]Orders[/b]   WHO is all, mav1, mav0,mav2 or places 0-1
-  takeoff all 1.0          arm all      disarm all
-  formation triangle 0 1.2 1.0
-  move all 0 0 1.2         move mav1 1 0 1 in 8
-  hold                     land mav2    kill mav1
-  tab completes, ↑ ↓ fetch earlier orders
-
-[b]Plan[/b]     number = place in the fleet file, height beside it
+HELP = """[b]At once, from every screen[/b]
+  [b]ctrl+l F9[/b]   LAND ALL            [b]ctrl+o F8[/b]   HOLD ALL
+  [b]F7[/b] land  [b]F6[/b] hold     the marked, else the one at the cursor
+  [b]F12 F12[/b]     KILL the one at the cursor: the same key twice
+              within 1 s (or ctrl+\\ twice). It falls.
+[b]Asked about first[/b], with paths and distances; enter sends
+  [b]F2[/b] arm  [b]F3[/b] take off  [b]F4[/b] move  [b]F5[/b] formation   [b]w[/b] identify
+  [b]:[/b] an order   WHO is all, mav1, mav0,mav2 or places 0-1
+    takeoff all 1.0       formation triangle 0 1.2 1.0
+    move all 0 0 1.2      move mav1 1 0 1 in 8
+    hold    land mav2     arm all    disarm all    kill mav1
+    tab completes, ↑ ↓ fetch earlier orders
+[b]Fleet[/b]
+  [b]↑ ↓ j k home end[/b]   choose          [b]enter[/b]   its page
+  [b]space[/b] mark   [b]J K[/b] mark along   [b]*[/b] all (for 5 s) or none
+  [b]3-7 enter[/b]   mark places   [b]m[/b] mark by name   [b]esc[/b] forget
+  [b]/[/b] filter    part of a name, 3-7, flying, armed, silent,
+              unready, low; !word turns it round; esc ends it
+  [b]s S[/b]         sort by the next column, the other way
+[b]Panels[/b]        [b]tab[/b] goes on, [b]z[/b] gives one all the room
+  [b]+ - 0[/b]       zoom the plan, whole fence
+  [b]arrows f[/b]    in the plan: move it, follow
+  [b]pgup pgdn[/b]   earlier events    [b]v[/b]   verdict
+  [b]a A[/b]         acknowledge alarms, all alarms with advice
+  [b]t[/b]           light or dark     [b]ctrl+y[/b]   give the control
+  [b]q[/b]           quit; asks when vehicles fly
+[b]Plan[/b]          number = place in the fleet file, then height
   circles have half the safety distance: touching = limit
-  ✛ goal · dotted line: way to go · blue line: avoiding"""
+  [b]\\[1][/b] cursor  ✓ marked  ! too close  ? silent
+  ✛ goal  × setpoint  ┄ way to go  ·→ avoids that one"""
 
 
 class HelpScreen(ModalScreen[None]):

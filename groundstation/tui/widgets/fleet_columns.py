@@ -41,7 +41,7 @@ class Column:
     cell: Callable[[Row], Cell]
     right: bool = False
     sort: Callable[[Row], float] | None = None
-    is_of_flight: bool = False  # says little on the ground: a reason not to fly may take its place
+    cover: int = 0  # on the ground a reason not to fly takes its place: 2 always, 1 where the reason is short of room
 
 
 def _state(row: Row) -> Cell:
@@ -188,14 +188,15 @@ COLUMNS = (
     Column("volt", 4, 10, _voltage, True),
     Column("%/min", 5, 11, _trend, True),
     Column("left", 6, 6, _left, True, sort=lambda row: row.drain.left_min if row.drain is not None else math.nan),
-    Column("PX4", 6, 4, _link, True),
-    Column("age s", 5, 2, _age, True, sort=lambda row: -row.age_s),
-    Column("near m", 11, 1, _near, sort=_near_m, is_of_flight=True),
-    Column("OIST", 10, 3, _oist, sort=lambda row: -row.told.intervention_m_s2, is_of_flight=True),
-    Column("order", 16, 3, _order, is_of_flight=True),
+    Column("PX4", 6, 4, _link, True, cover=1),
+    Column("age s", 5, 2, _age, True, sort=lambda row: -row.age_s, cover=1),
+    Column("near m", 11, 1, _near, sort=_near_m, cover=2),
+    Column("OIST", 10, 3, _oist, sort=lambda row: -row.told.intervention_m_s2, cover=2),
+    Column("order", 16, 3, _order, cover=2),
 )
 SORTS = ("place", "name", *(column.title for column in COLUMNS if column.sort is not None))
 WHY_WIDTH = 24
+READ_WIDTH = 48  # in which most reasons are read to their end
 
 
 def choose_columns(width: int) -> tuple[tuple[Column, ...], int]:

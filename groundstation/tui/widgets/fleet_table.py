@@ -23,7 +23,7 @@ from groundstation.fleet import FleetState, VehicleView
 from groundstation.tui import look
 from groundstation.tui.history import History
 from groundstation.tui.look import BAD, CALM, FAINT, TEXT, WARN, clean, number
-from groundstation.tui.widgets.fleet_columns import COLUMNS, SORTS, WHY_WIDTH, Column, Row, choose_columns, reason
+from groundstation.tui.widgets.fleet_columns import COLUMNS, READ_WIDTH, SORTS, Column, Row, choose_columns, reason
 from groundstation.tui.widgets.lines import Lines
 from onboard.config import ConfigError, FleetConfig
 
@@ -356,18 +356,18 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         # What keeps a vehicle on the ground is worth more than numbers of a flight.
         has_reason = bool(told.not_ready or told.state == "failed") and not told.is_airborne and not is_stale
         used = 0
-        for place_of_column, column in enumerate(columns):
-            used += column.width + 1
+        rest = sum(column.width + 1 for column in columns) + left
+        for column in columns:
+            begins, used = used, used + column.width + 1
+            room, rest = rest, rest - column.width - 1
             if used <= skip:
                 continue
-            if used - column.width - 1 < skip:  # begins below the silence: what is left of its width stays empty
+            if begins < skip:  # begins below the silence: what is left of its width stays empty
                 segments.append(Segment(" " * (used - skip)))
                 continue
-            if has_reason and column.is_of_flight and left < WHY_WIDTH * 2:
-                rest = sum(other.width + 1 for other in columns[place_of_column:]) + left
+            if has_reason and left < READ_WIDTH and column.cover >= (1 if len(columns) < 10 else 2):
                 text, colour = reason(row)
-                segments.append(Segment(look.fit(text, rest), look.style(colour)))
-                return segments
+                return [*segments, Segment(look.fit(text, room), look.style(colour))]
             text, colour = column.cell(row)
             if is_stale:  # a warning about the past is none, nor is its all clear
                 text = "?" if text == "ok" else text.translate(_NO_SIGNS)
