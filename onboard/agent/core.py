@@ -136,6 +136,7 @@ class AgentCore:
             flight=self.flight,
             guard=self.guard,
             roles=self.roles,
+            lives=self.readiness.lives,
         )
 
     # -- events ------------------------------------------------------------------------------------------------------

@@ -77,6 +77,7 @@ def tick_sample(
     distances_m: dict[str, float],
     ages_s: dict[str, float],
     attitude_enu_flu: Array,
+    attitude_age_s: float,
 ) -> TickSample:
     """Every intermediate value of one pass, for the record; ``told`` is what the neighbours were told of it."""
     law = tick.law
@@ -106,6 +107,7 @@ def tick_sample(
         setpoint_thrust_frac=float(tick.attitude.thrust_frac),
         attitude_quaternion_enu_flu_wxyz=vec4(np.asarray(attitude_enu_flu)),
         hover_thrust_frac=float(tick.hover_thrust_frac),
+        attitude_age_s=attitude_age_s,
     )
 
 
@@ -123,12 +125,14 @@ def telemetry(
     distances_m: Mapping[str, float],
     law: str,
     state_age_s: float,
+    mocap_delay_s: float,
     neighbour_age_s: float,
     loop: LoopTimed,
     malformed: int,
     config_hash: str,
     conditions: tuple[str, ...],
     roles: Roles,
+    doubles: tuple[str, ...],
     avoids: str,
     action: str,
 ) -> Telemetry:
@@ -163,6 +167,7 @@ def telemetry(
         order_kind=order.kind if order is not None else "",
         order_phase=flight.step.value,
         state_age_s=state_age_s,
+        mocap_delay_s=mocap_delay_s,
         autopilot_age_s=(now_ns - snapshot.last_packet_ns) * 1e-9 if snapshot.last_packet_ns else math.inf,
         neighbour_age_s=neighbour_age_s,
         loop_period_p50_ms=loop.p50_ms,
@@ -180,4 +185,5 @@ def telemetry(
         operator=roles.operator,
         roles=roles.others,
         avoids=avoids,
+        doubles=doubles,
     )

@@ -11,10 +11,11 @@ import msgspec
 from onboard.agent import takeover
 from onboard.agent.events import EventIn, LoopTimed, NeighbourHeard, NodeSeen, ParamsRead, PoseArrived
 from onboard.agent.flight import Flight
+from onboard.agent.lives import Lives
 from onboard.agent.neighbours import NeighbourTable
 from onboard.agent.own_state import OwnState
 from onboard.agent.steps import View
-from onboard.bus.schema import PreflightReport, StateMessage
+from onboard.bus.schema import PreflightReport, StateMessage, Telemetry
 from onboard.config import FleetConfig, Vec3, Vehicle
 from onboard.control.bounds import ACCURACIES
 from onboard.control.feasibility import error_class, fleet_findings, start_finding
@@ -65,6 +66,7 @@ class Readiness:
         self._loop_p99_ms = 0.0
         self._recorders: set[str] = set()
         self._twin_ns: int | None = None
+        self.lives = Lives()
         self._clocks_s: dict[str, float] = {}
         self._sample: tuple[Vec4, int, float] | None = None  # quaternion, arrival, delay of the newest mocap sample
         self._tilts: tuple[Vec3, Vec3] | None = None  # directions of up in the body, of mocap and PX4, low-passed
@@ -84,6 +86,10 @@ class Readiness:
                 self._sample = pose.quaternion_enu_flu_wxyz, received_ns, (received_ns - pose.stamp_ns) * 1e-9
             case NeighbourHeard(message, received_ns) if message.vehicle == self._vehicle.name:
                 if message.boot_id != self._boot_id:
+                    self._twin_ns = received_ns
+            case NeighbourHeard(Telemetry() as message, received_ns):
+                self.lives.hear(message.vehicle, message.boot_id, received_ns)
+                if self._vehicle.name in message.doubles:
                     self._twin_ns = received_ns
             case NeighbourHeard(StateMessage() as message, received_ns):
                 self._clocks_s[message.vehicle] = (received_ns - message.stamp_ns) * 1e-9

@@ -7,6 +7,7 @@ from onboard.agent.events import Command, LoopTimed, Publish
 from onboard.agent.flight import Flight
 from onboard.agent.guard import Guard
 from onboard.agent.interest import is_slow
+from onboard.agent.lives import Lives
 from onboard.agent.neighbours import NeighbourTable
 from onboard.agent.own_state import OwnState
 from onboard.agent.steps import View
@@ -36,10 +37,11 @@ class Report:
         flight: Flight,
         guard: Guard,
         roles: Roles,
+        lives: Lives,
     ) -> None:
         self._vehicle, self._boot_id, self._config_hash, self._law = vehicle, boot_id, config_hash, law
         self._own, self._neighbours, self._flight, self._guard = own, neighbours, flight, guard
-        self._roles = roles
+        self._roles, self._lives = roles, lives
         self._samples: list[TickSample] = []
         self._sequence = 0
         self._shown = (flight.state, flight.step)
@@ -85,6 +87,7 @@ class Report:
                 distances_m=distances_m,
                 ages_s=self._neighbours.near_ages_s(now_ns),
                 attitude_enu_flu=self._own.attitude(view.snapshot),
+                attitude_age_s=(now_ns - view.snapshot.attitude_ns) * 1e-9 if view.snapshot.attitude_ns else 0.0,
             )
         )
         if len(self._samples) >= _BATCH_TICKS:
@@ -108,6 +111,7 @@ class Report:
                 distances_m=distances_m,
                 law=self._law,
                 state_age_s=self._own.age_s,
+                mocap_delay_s=self._own.watch.delay_s,
                 neighbour_age_s=self._neighbours.oldest_age_s(now_ns),
                 loop=loop,
                 malformed=malformed + self._neighbours.ignored_messages + self._own.ignored_samples,
@@ -116,5 +120,6 @@ class Report:
                 action=action,
                 roles=self._roles,
                 avoids=avoids,
+                doubles=self._lives.doubled(now_ns),
             )
             out.insert(0, Publish(Topic.TELEMETRY, telemetry))
