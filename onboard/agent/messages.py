@@ -132,7 +132,6 @@ def telemetry(
     config_hash: str,
     conditions: tuple[str, ...],
     roles: Roles,
-    doubles: tuple[str, ...],
     avoids: str,
     action: str,
 ) -> Telemetry:
@@ -185,5 +184,4 @@ def telemetry(
         operator=roles.operator,
         roles=roles.others,
         avoids=avoids,
-        doubles=doubles,
     )
