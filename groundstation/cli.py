@@ -33,12 +33,16 @@ _PASSED_ON = {
     "identify": ("a vehicle's lag, drag, hover throttle and lean, flown or from a record", "groundstation.identify"),
     "plot": ("figures of a recorded flight", "groundstation.plot"),
     "replay": ("a recorded flight in the console", "groundstation.replay"),
+    "web": ("the console in a browser of this machine", "groundstation.web.command"),
 }
 _BENCHES = {
     "lockstep": ("how much faster than time flights in lockstep are, and where the time goes", "sitl.lockstep.bench"),
     "demo": ("fly the demo several times and write a table", "groundstation.bench"),
     "sitl": ("what the emulated PX4s cost", "sitl.bench"),
     "responses": ("the emulator beside PX4: steps, closed loop, errors", "sitl.response_page"),
+    "silence": ("how soon the wire to PX4 is silent after an agent hangs", "tests.silence.bench"),
+    "agents": ("period, processor and memory of agents in flight", "groundstation.bench_agents"),
+    "soak": ("memory, orders and late ticks of a long flight", "groundstation.bench_soak"),
     "law": ("the law beside other methods, and without each of its ideas", "tests.peers.bench"),
 }
 _BUS_OPTIONS = {
@@ -48,12 +52,18 @@ _BUS_OPTIONS = {
     "reorder": ("chance of each message to be overtaken", 0),
     "duplicate": ("chance of each message to come twice", 0),
 }
-_EXTRAS = {"textual", "mcap", "pymavlink", "rich", "matplotlib", "fastcrc", "zstandard", "pyrvo", "daqp"}
+_EXTRAS = {
+    *("textual", "textual_serve", "aiohttp", "mcap", "zstandard", "pymavlink", "fastcrc", "rich", "matplotlib"),
+    *("pyrvo", "daqp"),
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
+    if "--ascii" in words:  # wherever it stands: every command that has a console understands it
+        words.remove("--ascii")
+        os.environ["COVEY_ASCII"] = "1"
     try:
         if words and words[0] in _PASSED_ON:
             return _pass_on(_PASSED_ON[words[0]][1], words[1:])
@@ -82,6 +92,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="covey", description="Fleet ground station for PX4 multirotors that fly close together.", epilog=EXIT_HELP
     )
     parser.add_argument("--version", action="version", version=f"covey {_version()}")
+    parser.add_argument("--ascii", action="store_true", help="draw consoles in ASCII, as COVEY_ASCII=1 does")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
     demo = commands.add_parser("demo", help="the paper's experiment in simulation, on free ports", epilog=EXIT_HELP)
@@ -97,7 +108,12 @@ def _parser() -> argparse.ArgumentParser:
 
     tui = commands.add_parser("tui", help="the console, attached to a fleet")
     tui.add_argument("--fleet", metavar="FILE", required=True, help="fleet file")
+    tui.add_argument("--readonly", action="store_true", help="only watch: no order leaves it, not even land")
     tui.add_argument("--bell", action="store_true", help="ring the terminal's bell for every new alarm")
+    tui.add_argument("--view", action="store_true", help="only watch: do not take control, not even of a free fleet")
+    tui.add_argument(
+        "--no-preview", action="store_true", help="send arm, take-off and moves without showing them ahead"
+    )
     tui.set_defaults(run=_tui)
 
     for name, (text, _) in _PASSED_ON.items():
@@ -184,17 +200,24 @@ def _lockstep(options: argparse.Namespace, mission: str, bus: dict[str, float]) 
 def _tui(options: argparse.Namespace) -> int:
     from groundstation.client import FleetClient
     from groundstation.tui.app import run_console
+    from groundstation.watching import Watching
     from onboard.config import load_fleet
 
     fleet = load_fleet(options.fleet)
-    if not sys.stdout.isatty():
+    if not (sys.stdout.isatty() or "TEXTUAL_DRIVER" in os.environ):  # in a browser the page is the terminal
         raise ConfigError("The console needs a terminal, and this output is none.")
 
     async def attach() -> int:
-        client = FleetClient(fleet)
-        await client.start()
+        client = FleetClient(fleet, operates=not (options.view or options.readonly))
         try:
-            return await run_console(fleet, client, title=f"fleet {fleet.fleet.name}", has_bell=options.bell)
+            return await run_console(
+                fleet,
+                Watching(client) if options.readonly else client,
+                connect=client.start,
+                has_preview=not options.no_preview,
+                title=f"fleet {fleet.fleet.name}",
+                has_bell=options.bell,
+            )
         finally:
             await client.stop()
 
