@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,7 +144,7 @@ def closest_pairs(known: list[tuple[VehicleView, tuple[float, float, float]]], m
     told = [view.telemetry for view, _ in known]
     speeds = np.array([each.velocity_enu_m_s[:2] if each is not None else (0.0, 0.0) for each in told])
     flies = np.array([view.is_airborne for view, _ in known])
-    one, two = np.triu_indices(len(known), 1)
+    one, two = _pairs_of(len(known))
     gap = places[two] - places[one]
     distance = np.hypot(gap[:, 0], gap[:, 1])
     any_flies = flies[one] | flies[two]
@@ -166,3 +167,9 @@ def closest_pairs(known: list[tuple[VehicleView, tuple[float, float, float]]], m
             )
         )
     return pairs
+
+
+@lru_cache(4)
+def _pairs_of(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Both places of every pair of ``count``."""
+    return np.triu_indices(count, 1)
