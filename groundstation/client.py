@@ -375,6 +375,8 @@ class FleetClient:
             return
         if handle.plan.orders[event.vehicle].order_id != event.order_id:
             return
+        if handle.results[event.vehicle].phase == "direct" and event.order_outcome != "done":
+            return  # the agent came back to an order that is PX4's now: what PX4 says ends it
         handle.update(event.vehicle, event.order_outcome, event.sentence)
         if handle.results[event.vehicle].is_final:
             self._handles.pop(event.order_id, None)
@@ -402,6 +404,8 @@ class FleetClient:
             self._put(reply)
         elif reply.vehicle == vehicle and reply.order_id == handle.plan.orders[vehicle].order_id:
             answered.set()
+            if handle.results[vehicle].phase == "direct":
+                return
             handle.update(vehicle, "accepted" if reply.is_accepted else "refused", reply.reason)
 
     async def _watch(self, handle: OrderHandle, vehicle: str, order: Order, answered: asyncio.Event) -> None:

@@ -145,6 +145,37 @@ async def test_kill_and_land_go_straight_to_px4_when_the_agent_is_silent(
     assert "straight to PX4" in results["mav1"].sentence
 
 
+async def test_what_an_agent_that_comes_back_says_does_not_end_an_order_that_went_straight_to_px4(
+    fleet: FleetConfig, bus: Any
+) -> None:
+    def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
+        time.sleep(0.4)
+        return DirectResult(True, True, "PX4 accepted it, and it is disarmed")
+
+    bus.misbehave["mav1"] = "silent"
+    client = FleetClient(fleet, bus=bus, send=send)
+    await client.start()
+    handle = await client.submit("land mav1")
+    went = asyncio.Event()
+    handle.add_listener(lambda result: went.set())
+    await went.wait()
+    assert handle.results["mav1"].phase == "direct"
+    late = Event(
+        vehicle="mav1",
+        stamp_ns=1,
+        severity="warning",
+        code="order-land",
+        sentence="Loop stalled for long: PX4 lands.",
+        order_id=handle.plan.orders["mav1"].order_id,
+        order_outcome="failed",
+    )
+    bus.on_message[Topic.EVENT](Topic.EVENT, "mav1", late)
+    results = await handle.wait(5.0)
+    await client.stop()
+    assert results["mav1"].is_done
+    assert "straight to PX4" in results["mav1"].sentence
+
+
 @pytest.mark.parametrize("verb", ["land", "kill"])
 async def test_accepted_without_a_heartbeat_that_shows_it_is_not_done(fleet: FleetConfig, bus: Any, verb: str) -> None:
     def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
