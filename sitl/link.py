@@ -286,6 +286,7 @@ class Link:
 
     def _set_origin(self, message: Message) -> list[bytes]:
         self.emulator.has_global_origin[self.index] = True
+        self.emulator.estimator.set_origin_altitude(self.index, message.fields["altitude"] * 1e-3)
         return []
 
     def _set_mode(self, message: Message) -> list[bytes]:

@@ -239,7 +239,7 @@ def global_origin(v: View) -> Values | None:
     if not v.has_origin:
         return None
     latitude, longitude = v.origin_deg
-    return (round(latitude * 1e7), round(longitude * 1e7), round(HOME_ALTITUDE_M * 1e3), v.boot_us)
+    return (round(latitude * 1e7), round(longitude * 1e7), round(v.origin_altitude_m * 1e3), v.boot_us)
 
 
 # -- setpoints and outputs --------------------------------------------------------------------------------------------

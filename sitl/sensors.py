@@ -49,9 +49,11 @@ _YAW_KEEP = math.exp(-PERIOD_S / errors.YAW_CORRELATION_S)
 # Reset counters in PX4's order, and how often its filter has jumped before it has any position: 13 on the pad.
 XY, VXY, Z, VZ, HEADING = range(5)
 _RESETS_AT_START = (2, 2, 2, 2, 1)
+HOME_ALTITUDE_M = 489.4  # of the ground where simulated vehicles start
 # ESTIMATOR_STATUS.flags. With satellites PX4 adds what is absolute to what it was measured to say with vision.
 _FLAGS = {Source.VISION: 0x1EF, Source.GPS: 0x3FF}
 _FLAGS_RECKONING, _FLAGS_LOST = 0xEF, 0xE5
+_FLAG_ABSOLUTE = 0x10  # it is known where on Earth the local frame lies
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +83,8 @@ class Estimator:
         gps_blocked: (list) satellites are not received, whatever the parameters say.
         resets: (n, 5) counters XY, VXY, Z, VZ, HEADING.
         reset_ned_m: (n, 3) by how much the position jumped at its newest reset.
+        origin_altitude_m: (list) of the local frame's origin above the sea: from satellites, or as somebody said; None
+            before either.
         jumps: which vehicle's position jumped by how much, until somebody takes them.
     """
 
@@ -131,6 +135,7 @@ class Estimator:
         self.resets = np.tile(np.array(_RESETS_AT_START, dtype=np.int64), (n, 1))
         self.reset_ned_m = np.zeros((n, 3))
         self.jumps: list[tuple[int, Array]] = []
+        self.origin_altitude_m: list[float | None] = [None] * n
         self._levels: list[ErrorLevel | None] = [None] * n
         self._rests = [True] * n
 
@@ -187,6 +192,8 @@ class Estimator:
             self._height_time_s[index] = time_s
             self._correct(index, (_FUSE_GAIN * (x - bx), _FUSE_GAIN * (y - by), _FUSE_GAIN * (z - bz)))
             return
+        # PX4 takes the height for one above the sea: its local height is off by the altitude of its origin
+        z += self.origin_altitude_m[index] or 0.0
         ex, ey, ez = x - bx, y - by, z - bz
         gate_m = max(_SMALLEST_GATE_M, _GATE_SIGMAS * self.vision_noise_m[index])
         jumps = is_first or math.hypot(ex, ey) > gate_m
@@ -206,6 +213,14 @@ class Estimator:
             self.reset_ned_m[index] = shift
             self.jumps.append((index, shift))
 
+    def set_origin_altitude(self, index: int, altitude_m: float) -> None:
+        """Somebody says how high the local frame's origin lies: local heights change by the difference."""
+        before, self.origin_altitude_m[index] = self.origin_altitude_m[index], altitude_m
+        shift_m = altitude_m - (before or 0.0)
+        if shift_m and self.source[index] is not Source.NONE:
+            self._correct(index, (0.0, 0.0, shift_m))
+            self.resets[index, Z] += 1
+
     def begin_vision_anew(self, index: int) -> None:
         """The sender says that its positions are other ones from here on: the next is taken wherever it lies."""
         self._vision_time_s[index] = -math.inf
@@ -220,6 +235,7 @@ class Estimator:
         self._start_time_s[index] = time_s
         self._vision_frame[index] = None
         self._levels[index] = None
+        self.origin_altitude_m[index] = None
         self.source[index] = Source.NONE
         self.resets[index] = _RESETS_AT_START
 
@@ -250,10 +266,11 @@ class Estimator:
 
     def flags(self, index: int, time_s: float) -> int:
         """ESTIMATOR_STATUS.flags: they fade in two stages when the last source is gone."""
+        absolute = _FLAG_ABSOLUTE if self.origin_altitude_m[index] is not None else 0
         known = _FLAGS.get(self.source[index])
         if known is not None:
-            return known
-        return _FLAGS_RECKONING if time_s - self._lost_time_s[index] < _FLAGS_FADE_S else _FLAGS_LOST
+            return known | absolute
+        return _FLAGS_RECKONING | absolute if time_s - self._lost_time_s[index] < _FLAGS_FADE_S else _FLAGS_LOST
 
     def sees_satellites(self, index: int, time_s: float) -> bool:
         """Whether the estimate may rest on satellites: allowed, received, and a fix since the start."""
@@ -282,6 +299,8 @@ class Estimator:
         if source is before:
             return
         self.source[i] = source
+        if source is Source.GPS and self.origin_altitude_m[i] is None:
+            self.origin_altitude_m[i] = HOME_ALTITUDE_M
         if source is not Source.VISION:
             self._vision_frame[i] = None
         has_yaw = source is Source.VISION and self.uses_vision_yaw[i]

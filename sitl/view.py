@@ -8,8 +8,9 @@ import numpy as np
 
 from sitl.autopilot import Autopilot
 from sitl.emulator import Emulator
+from sitl.sensors import HOME_ALTITUDE_M as HOME_ALTITUDE_M
 
-HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, HOME_ALTITUDE_M = 47.397742, 8.545594, 489.4
+HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG = 47.397742, 8.545594
 METRES_PER_DEGREE = 111_319.49
 METRES_PER_DEGREE_EAST = METRES_PER_DEGREE * math.cos(math.radians(HOME_LATITUDE_DEG))
 _ATTITUDE_NOISE_RAD = math.radians(0.06)
@@ -159,6 +160,12 @@ class View:
     def has_origin(self) -> bool:
         """Whether PX4 knows where on earth its local frame is: from satellites, or because somebody said so."""
         return self.has_fix or self.emulator.has_global_origin[self.index]
+
+    @property
+    def origin_altitude_m(self) -> float:
+        """Of the local frame's origin above the sea."""
+        known = self.emulator.estimator.origin_altitude_m[self.index]
+        return HOME_ALTITUDE_M if known is None else known
 
     @property
     def reset_counter(self) -> int:

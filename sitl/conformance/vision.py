@@ -16,20 +16,30 @@ _PLACE = (1.0, -0.5, -0.2)
 _JUMP_M = 0.8
 _SETTLE_S = 4.0
 _NO_GPS_S = 4.0
-_GOOD = 0x1EF
+_GOOD = 0x1FF
+_ORIGIN_M = 100.0
+_LATITUDE_1E7, _LONGITUDE_1E7 = 473977420, 85455940
 FUSED = (
     word("vision.before-streams", "10", "LOCAL_POSITION_NED without any source", "streams"),
     word("vision.before-arming", "10", "arming in AUTO.LOITER without any source", "TEMPORARILY_REJECTED"),
     number("vision.estimate", "10", "VISION_POSITION_ESTIMATE: local position apart from it after 4 s", 0.0, 0.03, "m"),
-    number("vision.jump", "10", "a jump sideways is followed within 2 s, left over", 0.0, 0.06, "m"),
+    number("vision.jump", "10", "a jump sideways is followed within 2 s, left over", 0.0, 0.15, "m"),
     number("vision.height-jump", "10", "a jump in height is followed within 8 s, left over", 0.0, 0.06, "m"),
     number("vision.odometry", "10", "ODOMETRY: local position apart from it after 4 s", 0.0, 0.03, "m"),
+    number(
+        "vision.origin-height",
+        "10",
+        "a global origin 100 m above the sea: local height apart from the vision's, which counts as one above the sea",
+        99.9,
+        100.1,
+        "m",
+    ),
     word("vision.silent", "10", "answers to either", "none"),
     number("vision.flags", "10", "ESTIMATOR_STATUS.flags with vision", _GOOD, _GOOD),
 )
 LOST = (
     word("vision.lost-streams", "10", "LOCAL_POSITION_NED after vision stopped", "streams"),
-    word("vision.lost-flags", "10", "ESTIMATOR_STATUS.flags then, one after the other", "0x1ef 0xef 0xe5", "0xef 0xe5"),
+    word("vision.lost-flags", "10", "ESTIMATOR_STATUS.flags then, one after the other", "0x1ff 0xff 0xe5", "0xff 0xe5"),
     word("vision.mocap-ignored", "10", "ATT_POS_MOCAP all the while is not fused: flags at the end", "0xe5"),
     word("vision.lost-arming", "10", "arming in AUTO.LOITER after it stopped", "TEMPORARILY_REJECTED"),
     word("vision.offboard-arming", "10", "attitude OFFBOARD arms without any position source", "ACCEPTED"),
@@ -45,6 +55,7 @@ def run(pilot: Pilot, report: Report) -> None:
     pilot.interval("ESTIMATOR_STATUS", 5.0)
     for name, value in _PARAMETERS.items():
         pilot.set_parameter(name, value)
+    _set_origin(pilot, 0.0)  # satellites have set one where they saw the vehicle
     if report.wants("vision.before-*"):
         pilot.spend(_NO_GPS_S)
         report.add("vision.before-streams", _streams(pilot))
@@ -81,6 +92,12 @@ def _fused(pilot: Pilot, report: Report) -> None:
         pilot.vision_duty.act = _odometry(pilot, place)
         pilot.spend(_SETTLE_S)
         report.add("vision.odometry", _apart(pilot, place))
+    if report.wants("vision.origin-height"):
+        _set_origin(pilot, _ORIGIN_M)
+        pilot.spend(_SETTLE_S)
+        report.add("vision.origin-height", _apart(pilot, place))
+        _set_origin(pilot, 0.0)
+        pilot.spend(_SETTLE_S)
     answers = pilot.seen.of("COMMAND_ACK", since_s)
     report.add("vision.silent", "none" if not answers else f"{len(answers)} acknowledgements")
 
@@ -122,6 +139,17 @@ def _apart(pilot: Pilot, place: list[float], axes: int = 3) -> float:
         return math.nan
     mean = [statistics.fmean(getattr(m, axis) for m in newest) for axis in "xyz"]
     return math.dist(mean[:axes], place[:axes])
+
+
+def _set_origin(pilot: Pilot, altitude_m: float) -> None:
+    pilot.send(
+        "SET_GPS_GLOBAL_ORIGIN",
+        target_system=pilot.system_id,
+        latitude=_LATITUDE_1E7,
+        longitude=_LONGITUDE_1E7,
+        altitude=round(altitude_m * 1e3),
+        time_usec=_usec(pilot),
+    )
 
 
 def _usec(pilot: Pilot) -> int:
