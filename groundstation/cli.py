@@ -38,6 +38,7 @@ _PASSED_ON = {
 _BENCHES = {
     "lockstep": ("how much faster than time flights in lockstep are, and where the time goes", "sitl.lockstep.bench"),
     "demo": ("fly the demo several times and write a table", "groundstation.bench"),
+    "console": ("what the console costs and how quickly it answers", "groundstation.bench_console"),
     "sitl": ("what the emulated PX4s cost", "sitl.bench"),
     "responses": ("the emulator beside PX4: steps, closed loop, errors", "sitl.response_page"),
     "silence": ("how soon the wire to PX4 is silent after an agent hangs", "tests.silence.bench"),
