@@ -58,6 +58,11 @@ class Guard:
         if condition is not None:
             self._obey(view, asked, condition)
 
+    @property
+    def is_obeyed(self) -> bool:
+        """Whether what the law commands is what the vehicle does, so that others may count on it."""
+        return not self.must_be_level and Condition.ATTITUDE_NOT_FOLLOWED not in self.conditions
+
     def ordered(self) -> None:
         """An operator's order begins: it decides how the vehicle flies from here on."""
         self.action = Action.GO_ON

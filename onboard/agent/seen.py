@@ -23,12 +23,16 @@ class SeenBody:
     position_enu_m: Vec3 = (0.0, 0.0, 0.0)
     velocity_enu_m_s: Vec3 = (0.0, 0.0, 0.0)
     stamp_ns: int = 0
+    _last_enu_m: Vec3 | None = None
 
     def hear(self, pose: MocapPose, received_ns: int) -> bool:
-        """Take a sample; False for one that is not usable, repeated or older."""
+        """Take a sample; False for one that is not usable, older, or the same again."""
         position, stamp_ns = pose.position_enu_m, pose.stamp_ns
         if not (pose.is_tracked and is_finite(position) and max(map(abs, position)) < _LARGEST_M):
             return False
+        if position == self._last_enu_m:
+            return False  # a tracked body always has noise: this one is not seen any more
+        self._last_enu_m = position
         if not self.stamp_ns < stamp_ns <= received_ns + _FUTURE_NS:
             return False
         gap_s = (stamp_ns - self.stamp_ns) * 1e-9
