@@ -68,7 +68,7 @@ class Report:
             stamp_ns=now_ns,
             is_valid=view.has_position,
             is_airborne=is_airborne,
-            is_cooperative=view.has_position and flight.is_under_law,
+            is_cooperative=view.has_position and flight.is_under_law and self._guard.is_obeyed,
         )
         out.append(Publish(Topic.STATE, state))
         if is_slow(self._sequence):
