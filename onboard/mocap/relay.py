@@ -7,7 +7,6 @@ flies does. It stands on the bus where the emulator would, so that there can onl
 from __future__ import annotations
 
 import re
-import signal
 import threading
 import time
 from collections.abc import Callable
@@ -130,14 +129,6 @@ class Relay:
         self._bus.publish(Topic.MOCAP, pose.body, pose)
         with self._lock:
             self.report.add(pose)
-
-
-def run_relay(fleet: FleetConfig, *, seconds: float | None, every_s: float) -> int:
-    """Relay until Ctrl-C (a clean end, status 0) or for ``seconds``; then 1 when a body is missing, 10 when all are."""
-    stopped = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopped.set())
-    return Relay(fleet, say=lambda line: print(line, flush=True)).run(seconds=seconds, every_s=every_s, stopped=stopped)
 
 
 def with_source(fleet: FleetConfig, *, type_: str | None, hostname: str | None) -> FleetConfig:

@@ -6,9 +6,10 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from onboard.bus.schema import MocapPose, Vec3
+from onboard.bus.schema import MocapPose, Vec3, Vec4
 
 _JUMP_M_S, _NOISE_M = 10.0, 0.05
+_FLIP_RAD_S, _FLIP_RAD = 12.0, 0.5
 _STILL_S = 1.0
 _GONE_S = 1.0
 
@@ -17,6 +18,7 @@ _GONE_S = 1.0
 class Body:
     """What came of one body. ``rate_hz`` is of the last finished window, the counts are since the start.
 
+    flips: attitudes that turned faster than a vehicle does, which markers that look alike from several sides cause.
     still_s: for so long the very same numbers have come; a body that is really measured always has noise.
     """
 
@@ -26,11 +28,13 @@ class Body:
     rate_hz: float = 0.0
     samples: int = 0
     jumps: int = 0
+    flips: int = 0
     losses: int = 0
     longest_gap_s: float = 0.0
     age_s: float = 0.0
     still_s: float = 0.0
     is_tracked: bool = False
+    _quaternion: Vec4 = (0.0, 0.0, 0.0, 0.0)
     _stamp_ns: int = 0
     _changed_ns: int = 0
     _in_window: int = 0
@@ -45,13 +49,17 @@ class Body:
         step_m = math.dist(pose.position_enu_m, self.position_enu_m) if self.samples else 0.0
         # what is not finite is a jump as well
         self.jumps += int(not step_m <= _NOISE_M + _JUMP_M_S * gap_s)
+        cosine = abs(sum(a * b for a, b in zip(pose.quaternion_enu_flu_wxyz, self._quaternion, strict=True)))
+        turn_rad = 2.0 * math.acos(min(1.0, cosine)) if self.samples else 0.0
+        self.flips += int(turn_rad > min(_FLIP_RAD + _FLIP_RAD_S * gap_s, math.pi))
         self.longest_gap_s = max(self.longest_gap_s, gap_s)
         if pose.position_enu_m != self.position_enu_m:
             self._changed_ns = pose.stamp_ns
         self.still_s = (pose.stamp_ns - self._changed_ns) * 1e-9
         w, x, y, z = pose.quaternion_enu_flu_wxyz
         self.heading_deg = math.degrees(math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
-        self.position_enu_m, self._stamp_ns, self.is_tracked = pose.position_enu_m, pose.stamp_ns, True
+        self.position_enu_m, self._quaternion = pose.position_enu_m, pose.quaternion_enu_flu_wxyz
+        self._stamp_ns, self.is_tracked = pose.stamp_ns, True
         self.samples += 1
         self._in_window += 1
 
@@ -102,13 +110,19 @@ class Report:
             label = f"{name} ({owner[name]})" if name in owner and owner[name] != name else name
             yield (
                 f"  {label:<18} {body.rate_hz:5.1f} Hz  at ({x:+.2f}, {y:+.2f}, {z:+.2f}) m, heading "
-                f"{body.heading_deg:+.0f}°  jumps {body.jumps}, lost {body.losses}, longest gap "
+                f"{body.heading_deg:+.0f}°  jumps {body.jumps}, flips {body.flips}, lost {body.losses}, longest gap "
                 f"{1e3 * body.longest_gap_s:.0f} ms{'' if name in owner else ' – no vehicle of the fleet'}"
             )
         yield from (f"  ! {sentence}" for sentence in self.findings())
 
     def findings(self) -> Iterator[str]:
         """What a person has to look at, as sentences."""
+        for flipped in self.bodies.values():
+            if flipped.flips:
+                yield (
+                    f"body '{flipped.name}' turned {flipped.flips} times faster than anything flies: its markers look "
+                    "alike from several sides. Move one: no two distances between markers may be equal."
+                )
         others = sorted(set(self.bodies) - set(self.vehicles.values()))
         for vehicle, name in self.vehicles.items():
             body = self.bodies.get(name)

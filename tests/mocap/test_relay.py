@@ -16,7 +16,7 @@ import pytest
 
 from groundstation.ports import toml_text, with_free_ports
 from onboard.bus.codec import Malformed
-from onboard.bus.schema import Message, MocapPose
+from onboard.bus.schema import Message, MocapPose, Vec4
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config import FleetConfig, fleet_from_mapping, load_fleet
@@ -138,7 +138,7 @@ def test_unknown_missing_and_unnameable_bodies_are_told_and_the_rest_is_passed_o
     assert "ready" not in text
 
 
-def _pose(at_s: float, x_m: float, *, is_tracked: bool = True) -> MocapPose:
+def body_pose(at_s: float, x_m: float, *, is_tracked: bool = True, quaternion: Vec4 = _LEVEL) -> MocapPose:
     return MocapPose(
         body="a",
         boot_id=1,
@@ -146,7 +146,7 @@ def _pose(at_s: float, x_m: float, *, is_tracked: bool = True) -> MocapPose:
         stamp_ns=round(at_s * 1e9),
         is_tracked=is_tracked,
         position_enu_m=(x_m, 0.0, 0.0),
-        quaternion_enu_flu_wxyz=_LEVEL,
+        quaternion_enu_flu_wxyz=quaternion,
     )
 
 
@@ -160,8 +160,8 @@ def _report(*poses: MocapPose) -> Report:
 
 
 def test_rate_gap_jumps_and_losses_of_a_body_are_counted() -> None:
-    poses = [_pose(0.01 * n, 0.001 * n + (2.0 if n > 50 else 0.0)) for n in range(1, 101) if not 20 <= n < 30]
-    poses[70:75] = [_pose(pose.stamp_ns * 1e-9, 0.0, is_tracked=False) for pose in poses[70:75]]
+    poses = [body_pose(0.01 * n, 0.001 * n + (2.0 if n > 50 else 0.0)) for n in range(1, 101) if not 20 <= n < 30]
+    poses[70:75] = [body_pose(pose.stamp_ns * 1e-9, 0.0, is_tracked=False) for pose in poses[70:75]]
     body = _report(*poses).bodies["a"]
     assert (body.jumps, body.losses) == (1, 1)
     assert body.longest_gap_s == pytest.approx(0.11)
@@ -170,18 +170,18 @@ def test_rate_gap_jumps_and_losses_of_a_body_are_counted() -> None:
 
 
 def test_numbers_that_are_not_finite_count_as_jumps() -> None:
-    body = _report(_pose(0.01, 0.0), _pose(0.02, math.nan), _pose(0.03, math.inf)).bodies["a"]
+    body = _report(body_pose(0.01, 0.0), body_pose(0.02, math.nan), body_pose(0.03, math.inf)).bodies["a"]
     assert body.jumps == 2
 
 
 def test_a_body_that_gives_the_same_numbers_is_named() -> None:
     assert not any(
-        "very same" in line for line in _report(*[_pose(0.01 * n, 1e-4 * n) for n in range(1, 200)]).findings()
+        "very same" in line for line in _report(*[body_pose(0.01 * n, 1e-4 * n) for n in range(1, 200)]).findings()
     )
-    assert any("very same" in line for line in _report(*[_pose(0.01 * n, 1.0) for n in range(1, 200)]).findings())
+    assert any("very same" in line for line in _report(*[body_pose(0.01 * n, 1.0) for n in range(1, 200)]).findings())
 
 
 def test_a_body_that_is_lost_now_is_named() -> None:
-    report = _report(_pose(0.01, 0.0), _pose(0.5, 0.0, is_tracked=False))
+    report = _report(body_pose(0.01, 0.0), body_pose(0.5, 0.0, is_tracked=False))
     assert not report.is_complete
     assert any("not tracked now" in line for line in report.findings())
