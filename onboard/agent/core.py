@@ -345,7 +345,13 @@ class AgentCore:
             doing.below_m = float(tick.setpoint.position_enu_m[2]) - self._view.position_enu_m[2]
         self.guard.tick(self._view, doing)
         if flight.situation is Situation.GROUND:
-            self.readiness.look(self._view, self._period_s, is_airborne=self._is_airborne, hover_frac=self._hover_frac)
+            self.readiness.look(
+                self._view,
+                self._period_s,
+                is_airborne=self._is_airborne,
+                hover_frac=self._hover_frac,
+                conditions=self.guard.conditions,
+            )
             if flight.state in ("waiting", "ready") and flight.step is Step.IDLE:
                 flight.state = "waiting" if self.readiness.not_ready else "ready"
 

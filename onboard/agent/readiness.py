@@ -24,6 +24,7 @@ from onboard.link.autopilot import Snapshot, Vec4
 from onboard.link.params import FUSES_HEADING, FUSES_POSITION, required_params
 from onboard.link.sensors import has_rc, unhealthy
 from onboard.safety import preflight
+from onboard.safety.failsafe import Condition
 from onboard.safety.go_no_go import Facts
 
 RECORDER = "recorder"  # first word of the bus node of whoever records
@@ -100,15 +101,23 @@ class Readiness:
             case LoopTimed():
                 self._loop_p99_ms = event.p99_ms
 
-    def look(self, view: View, dt_s: float, *, is_airborne: bool, hover_frac: float) -> tuple[str, ...]:
-        """What refuses take-off at this tick on the ground."""
+    def look(
+        self,
+        view: View,
+        dt_s: float,
+        *,
+        is_airborne: bool,
+        hover_frac: float,
+        conditions: Iterable[Condition] = (),
+    ) -> tuple[str, ...]:
+        """What refuses take-off at this tick on the ground; ``conditions`` of the failsafe table hold."""
         self._count_attitudes(view.now_ns, view.snapshot)
         speed_m_s = math.hypot(*view.velocity_enu_m_s)
         if speed_m_s >= self._fastest[0] or view.now_ns - self._fastest[1] > _AT_REST_NS:
             self._fastest = speed_m_s, view.now_ns
         self._compare_tilts(view.snapshot, dt_s)
         self._has_flown |= self._flight.state == "landed"
-        self._facts = self._gather(view, is_airborne, hover_frac)
+        self._facts = replace(self._gather(view, is_airborne, hover_frac), conditions=frozenset(conditions))
         self.not_ready = preflight.reasons(self._facts, self._fleet, self._vehicle)
         return self.not_ready
 

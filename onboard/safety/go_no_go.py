@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from onboard.config import FleetConfig, Vec3, Vehicle
+from onboard.safety.failsafe import TABLE, Action, Condition, Situation, in_order
 
 AUTOPILOT_SILENT_S = 0.3
 HEARTBEAT_SILENT_S = 3.0
@@ -41,7 +42,7 @@ class Facts:
     has_flown: since this agent started, so that it may stand anywhere. hover_frac: as learned in flight.
     other_clocks_s: vehicle -> how far its stamps are from ours, where that is no delay. other_hashes: vehicle -> its
     configuration hash, where it differs. law_refusals: (name, sentence, remedy) of the law's findings against flying.
-    param_problems: sentences; None while not read yet.
+    param_problems: sentences; None while not read yet. conditions: what holds of the failsafe table.
     """
 
     autopilot_age_s: float
@@ -78,6 +79,7 @@ class Facts:
     law_refusals: tuple[tuple[str, str, str], ...] = ()
     loop_p99_ms: float = 0.0
     has_recorder: bool = False
+    conditions: frozenset[Condition] = frozenset()
 
     @property
     def has_autopilot(self) -> bool:
@@ -96,6 +98,15 @@ class Facts:
         return self.position_age_s < POSITION_STALE_S
 
 
+# conditions that have a line of their own here, or, having been asked to stop, a word of the order's own refusal
+_OF_OTHER_RULES = frozenset(
+    {
+        *(Condition.POSITION_STALE, Condition.POSITION_LOST, Condition.AUTOPILOT_SILENT, Condition.AUTOPILOT_FROZEN),
+        *(Condition.HEARTBEAT_LOST, Condition.TWIN, Condition.SHUTDOWN, Condition.BUS_LOST, Condition.BUS_LOST_LONG),
+        *(Condition.SEPARATION_BREACHED, Condition.CONFIG_DIFFERS, Condition.BATTERY_WARNING, Condition.BATTERY_LOW),
+        *(Condition.FENCE_BREACH, Condition.FENCE_BREACH_LONG),
+    }
+)
 _FINE: Verdict = (OK, {})
 _NO_PX4: Verdict = (SKIP, {"without": "while PX4 is silent"})
 _NO_POSITION: Verdict = (SKIP, {"without": "without a fresh position"})
@@ -141,6 +152,18 @@ def disarmed(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     if not f.has_autopilot:
         return _NO_PX4
     return ("airborne", {}) if f.is_airborne else ("armed", {}) if f.is_armed else _FINE
+
+
+def failsafe(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+    found = [
+        condition.value
+        for condition in in_order(f.conditions - _OF_OTHER_RULES)
+        if TABLE[Situation.GROUND, condition] is Action.REFUSE
+    ]
+    if not found:
+        return _FINE
+    text = ", ".join(found)
+    return "holds", {"conditions": text[0].upper() + text[1:]}
 
 
 def parameters(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:

@@ -145,6 +145,17 @@ RULES: tuple[Rule, ...] = (
         judge.disarmed,
     ),
     Rule(
+        "failsafe",
+        "Nothing holds for which the failsafe table refuses take-off, beside what has a line of its own here: a mocap "
+        "that repeats itself, jumps or is late, a full disk, a clock that jumped, PX4 just restarted, a battery falling "
+        "fast.",
+        "No failsafe refuses take-off.",
+        {
+            "holds": Fault("{conditions}.", "It goes with its cause; docs/failsafe.md says what each one means."),
+        },
+        judge.failsafe,
+    ),
+    Rule(
         "parameters",
         "PX4's parameters are what this fleet needs: failsafes, mocap fusion, and the fleet file's px4_params.",
         "PX4's parameters are as this fleet needs them.",

@@ -12,6 +12,7 @@ import pytest
 
 from onboard.config import FleetConfig, load_fleet
 from onboard.safety import preflight
+from onboard.safety.failsafe import TABLE, Action, Condition, Situation
 from onboard.safety.go_no_go import Facts
 from onboard.safety.preflight import RULES
 
@@ -55,6 +56,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("health", "unneeded"): ({"unhealthy": (("satellites", False),)}, "satellites"),
     ("disarmed", "airborne"): ({"is_airborne": True, "is_armed": True}, "in the air"),
     ("disarmed", "armed"): ({"is_armed": True}, "armed already"),
+    ("failsafe", "holds"): (
+        {"conditions": frozenset({Condition.MOCAP_FROZEN, Condition.DISK_FULL, Condition.POSITION_STALE})},
+        "Mocap repeats itself, disk full.",
+    ),
     ("parameters", "unread"): ({"param_problems": None}, "not read yet"),
     ("parameters", "differ"): ({"param_problems": ("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)}, "0.3"),
     ("position", "untracked"): ({"position_age_s": math.inf, "sample_age_s": math.inf}, "mocap body 'mav1'"),
@@ -131,6 +136,24 @@ def test_each_fault_shows_in_its_own_line_only_with_sentence_and_remedy(rule: st
 
 def test_no_fault_is_left_out_of_these_cases() -> None:
     assert set(CASES) == {(rule.name, fault) for rule in RULES for fault in rule.faults}
+
+
+def test_every_condition_that_refuses_take_off_is_in_some_line_of_the_page() -> None:
+    # which line shows those that have one of their own
+    own = {
+        "position": {Condition.POSITION_STALE, Condition.POSITION_LOST},
+        "px4": {Condition.AUTOPILOT_SILENT, Condition.AUTOPILOT_FROZEN, Condition.HEARTBEAT_LOST},
+        "alone": {Condition.TWIN},
+        "neighbours": {Condition.BUS_LOST, Condition.BUS_LOST_LONG},
+        "law": {Condition.SEPARATION_BREACHED},
+        "configuration": {Condition.CONFIG_DIFFERS},
+        "battery": {Condition.BATTERY_WARNING, Condition.BATTERY_LOW},
+        "fence": {Condition.FENCE_BREACH, Condition.FENCE_BREACH_LONG},
+    }
+    refusing = {condition for condition in Condition if TABLE[Situation.GROUND, condition] is Action.REFUSE}
+    for condition in refusing - set().union(*own.values()) - {Condition.SHUTDOWN}:
+        found = {check.name: check for check in judged(conditions=frozenset({condition}))}
+        assert not found["failsafe"].is_ok, condition
 
 
 def test_what_cannot_be_judged_says_so_and_refuses_nothing_by_itself() -> None:
