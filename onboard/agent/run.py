@@ -239,7 +239,8 @@ class Agent:
                 case ev.WatchBodies(bodies):
                     if not self._mocap_table.direct:  # who reads the system itself hears all bodies anyway
                         for body in bodies:
-                            source_of(self._mocap_table, self._bus, body, *self._on_poses).start()
+                            source = source_of(self._mocap_table, self._bus, body, *self._on_poses)
+                            self._interest.submit(source.start)
                 case ev.Follow(names):
                     self._followed = names
                     self._interest.submit(self._bus.follow, Topic.STATE, names, self._on_state)

@@ -35,9 +35,8 @@ _TYPE_MASK_ATTITUDE_AND_THRUST = 7
 _FRAME_LOCAL_NED, _FRAME_LOCAL_FRD_VELOCITY = 1, 12
 _ESTIMATOR_TYPE_VISION = 2
 _RATES_HZ = {31: 50.0, 32: 50.0, 245: 10.0, 147: 2.0}  # ATTITUDE_QUATERNION, LOCAL_POSITION_NED, EXTENDED_SYS_STATE, ..
-# Two thirds of what PX4 tells a companion by itself nobody here listens to; each message costs both ends: 1 Hz for
-# GPS_RAW_INT, ATTITUDE, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, VFR_HUD, targets, HIGHRES_IMU, DISTANCE_SENSOR, ALTITUDE,
-# ODOMETRY
+# Nobody here listens to two thirds of what PX4 tells a companion by itself, and each message costs: GPS_RAW_INT,
+# ATTITUDE, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, VFR_HUD, targets, HIGHRES_IMU, DISTANCE_SENSOR, ALTITUDE, ODOMETRY
 _RATES_HZ |= dict.fromkeys((24, 30, 33, 36, 74, 83, 85, 87, 105, 132, 141, 331), 1.0)
 _TUNE = "MFT180O4L8CEGO5CP4O4CEGO5C"  # up a chord, twice; at most 29 characters
 _GPS_GLOBAL_ORIGIN = 49
