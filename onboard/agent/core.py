@@ -151,7 +151,8 @@ class AgentCore:
                 if pose.body != self.vehicle.body:
                     self.neighbours.see(pose, received_ns)
                 elif self.own.add_pose(pose, received_ns):
-                    self.neighbours.last_heard_ns = max(self.neighbours.last_heard_ns, received_ns)
+                    if not self.fleet.mocap.direct:  # a mocap that is read directly says nothing of the bus
+                        self.neighbours.last_heard_ns = max(self.neighbours.last_heard_ns, received_ns)
                     return list(self._odometry.take(pose, self._snapshot, now_ns))
             case NeighbourHeard(message, received_ns):
                 self.neighbours.hear(message, received_ns)

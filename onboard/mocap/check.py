@@ -147,6 +147,7 @@ class Check:
         """Listen until all is right, ``stopped``, or for ``seconds``; exit status."""
         self._bus.start()
         began_s = told_s = time.monotonic()
+        status = EXIT_NOBODY
         try:
             self._clock.start()
             self._bus.subscribe(Topic.MOCAP, "*", self._hear_pose)
@@ -156,14 +157,12 @@ class Check:
                 now_s = time.monotonic()
                 is_over = seconds is not None and now_s - began_s >= seconds
                 if is_over or now_s - told_s >= every_s:
-                    told_s = now_s
-                    if self._tell() == EXIT_OK:
-                        return EXIT_OK
-                if is_over:
+                    told_s, status = now_s, self._tell()
+                if is_over or status == EXIT_OK:
                     break
         finally:
             self._bus.stop()
-        return self._tell()
+        return status
 
     def _tell(self) -> int:
         with self._lock:

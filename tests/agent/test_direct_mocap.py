@@ -1,0 +1,24 @@
+"""An agent that reads the mocap itself: its poses keep it flying, and say nothing of whether the bus is there."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from onboard.agent import events as ev
+from onboard.agent.core import AgentCore
+from onboard.agent.watch import BUS_LOST_S
+from onboard.config import MocapConfig
+from tests.agent.rig import Rig, fleet
+
+_DIRECT = MocapConfig(source="motioncapture", type="mock", direct=True)
+
+
+@pytest.mark.parametrize(("mocap", "state"), [(_DIRECT, "holding"), (MocapConfig(), "flying")])
+def test_only_poses_that_come_over_the_bus_show_that_the_bus_is_there(mocap: MocapConfig, state: str) -> None:
+    rig = Rig(core=AgentCore(msgspec.structs.replace(fleet(), mocap=mocap), "mav0", boot_id=7))
+    rig.fly()
+    rig.core.neighbours.last_heard_ns = rig.now_ns  # a stranger was heard just now, and nobody from here on
+    rig.core.handle(ev.NodeSeen("ground-1", False), rig.now_ns)
+    rig.run(BUS_LOST_S + 0.5)
+    assert rig.core.flight.state == state
