@@ -188,7 +188,7 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection("a tenth of the link lost", _fault("link_loss", share=0.1)),
     Injection("PX4 hangs for 0.6 s", _fault("autopilot_hang", 0.6),
               _f(C.AUTOPILOT_FROZEN, C.AUTOPILOT_SILENT, C.AUTOPILOT_BACK), is_silenced=True, may_leave_fence=True),
-    Injection("PX4 reboots", _fault("autopilot_reboot"), _f(C.REBOOTED, C.AUTOPILOT_SILENT, C.AUTOPILOT_FROZEN),
+    Injection("PX4 reboots", _fault("autopilot_reboot"), _f(C.REBOOTED, C.DISARMED, C.AUTOPILOT_SILENT, C.AUTOPILOT_FROZEN),
               is_silenced=True, may_leave_fence=True),
     Injection("PX4's clock drifts", _fault("clock_drift", ms_per_s=-8.0)),
     Injection("PX4 ignores setpoints", _fault("setpoints_ignored"),

@@ -82,7 +82,7 @@ def mission_of(count: int) -> Mission:
     """Up, everybody across to where another started, down."""
     steps = [
         {"do": "takeoff", "height_m": 1.0},
-        {"do": "formation", "name": "turned", "position_enu_m": [0.0, 0.0, 1.0]},
+        {"do": "formation", "name": "turned", "position_enu_m": [0.0, 0.0, 1.0], "timeout_s": 14},
         {"do": "land"},
     ]
     return mission_from_mapping({"schema": 1, "step": steps}, path="suite.toml", fleet=fleet_of(count))
