@@ -79,6 +79,19 @@ def demands(vehicle: Vehicle) -> tuple[Demand, ...]:
     return (*(demand for demand in built_in if demand.name not in own), *asked)
 
 
+def page() -> str:
+    """The built-in demands as a table for docs/deployment.md."""
+    lines = ["| parameter | value | take-off without it | why |", "|---|---|---|---|"]
+    for demand in (*_FAILSAFE, *_MOCAP, *_MOCAP_ADVICE):
+        without = "allowed" if demand.is_advice else "**refused**"
+        restart = " Restart PX4 after it." if demand.needs_restart else ""
+        lines.append(f"| `{demand.name}` | {demand.value:g} | {without} | {demand.why}.{restart} |")
+    lines.append(
+        "| `MPC_THR_HOVER` | `hover_thrust_frac` | allowed | PX4's own hold and land begin with this throttle. |"
+    )
+    return "\n".join(lines)
+
+
 def required_params(vehicle: Vehicle) -> dict[str, Value]:
     """What take-off is refused without: the built-in demands and the fleet file's own."""
     return {demand.name: demand.value for demand in demands(vehicle) if not demand.is_advice}

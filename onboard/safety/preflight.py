@@ -147,7 +147,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "failsafe",
         "Nothing holds for which the failsafe table refuses take-off, beside what has a line of its own here: a mocap "
-        "that repeats itself, jumps or is late, a full disk, a clock that jumped, PX4 just restarted, a battery falling "
+        "that repeats itself, jumps or is late, a full disk, a clock that jumped, a restarted PX4, a battery falling "
         "fast.",
         "No failsafe refuses take-off.",
         {

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from groundstation import alerts
+from onboard.link import params
 from onboard.safety import preflight
 from onboard.safety.failsafe import table_text
 from tests.architecture.import_graph import mermaid
@@ -18,6 +19,7 @@ PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "failsafe": ("failsafe.md", table_text),
     "alarms": ("alarms.md", alerts.table_text),
     "preflight": ("preflight.md", preflight.page),
+    "parameters": ("deployment.md", params.page),
 }
 
 
