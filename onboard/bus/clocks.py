@@ -106,10 +106,9 @@ class Clocks:
             return stamp_ns if is_near else received_ns - _UNKNOWN_DELAY_NS
         if peer.host == self.host:
             return min(stamp_ns, received_ns)
-        high = peer.bounds_ns(received_ns)[1]
-        if high is None:
+        if peer.high_ns is None:
             return received_ns - _UNKNOWN_DELAY_NS
-        return min(stamp_ns - high, received_ns)
+        return min(stamp_ns - peer.high_ns - _drift_ns(received_ns - peer.high_at_ns), received_ns)
 
     def is_measured(self, node: str) -> bool:
         """Whether stamps of ``node`` can be told on our clock."""
@@ -125,6 +124,15 @@ class Clocks:
             return 0.0, 0.0
         low, high = peer.bounds_ns(now_ns)
         return None if high is None else ((low + high) * 0.5e-9, (high - low) * 0.5e-9)
+
+    def bounds_s(self, now_ns: int) -> dict[str, float]:
+        """How wrong each other host's clock may be known: half the gap of its bounds, infinite while not measured."""
+        found = {}
+        for name, peer in tuple(self._peers.items()):
+            if peer.host != self.host and now_ns - peer.received_ns < _FORGET_NS:
+                offset = self.offset_s(name, now_ns)
+                found[name] = float("inf") if offset is None else offset[1]
+        return found
 
     def shares(self, node: str) -> bool:
         """Whether ``node`` is known to run on our clock."""
