@@ -124,8 +124,7 @@ class Flight:
         """From the first process to the verdict; the exit status."""
         self._main = asyncio.current_task()
         loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, self._on_signal)
+        self._listen()
         try:
             return await self._fly()
         except ProcessError as error:
@@ -161,9 +160,12 @@ class Flight:
                 from groundstation.tui.app import run_console
 
                 title = f"{self.settings.mission.name} - law {self._fleet.law.name}"
-                return await run_console(
-                    self._fleet, client, mission=self._mission, title=title, progress=lambda: self._last_line
-                )
+                try:
+                    return await run_console(
+                        self._fleet, client, mission=self._mission, title=title, progress=lambda: self._last_line
+                    )
+                finally:
+                    self._listen()  # the console has listened instead
             finally:
                 watch.cancel()
 
@@ -236,10 +238,15 @@ class Flight:
             if run.abort_if_silent():
                 return
 
+    def _listen(self) -> None:
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, self._on_signal)
+
     def _on_signal(self) -> None:
         self._signals += 1
         if self._signals == 1:
-            self._print("Interrupted: who flies lands; interrupt again to end at once.")
+            self._print("Interrupt again to end at once, without waiting for a landing.")
             if self._run is not None:
                 self._run.interrupt()
         else:

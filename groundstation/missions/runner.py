@@ -47,6 +47,7 @@ class MissionRun:
         self._ready_timeout_s = ready_timeout_s
         self._failure = ""
         self._nobody = False
+        self._is_wrong_input = False
         self._is_interrupted = False
         self._aborted: str | None = None
         self._can_land = True
@@ -135,6 +136,7 @@ class MissionRun:
             arrivals=list(self.fleet.arrivals),
             failure=self._failure,
             nobody=self._nobody,
+            is_wrong_input=self._is_wrong_input,
             is_interrupted=self._is_interrupted,
         )
 
@@ -153,7 +155,11 @@ class MissionRun:
             return
         for step in self.mission.steps:
             if isinstance(step, FaultStep):
-                await self._fault(step, is_rehearsal=True)  # nobody takes off for what cannot be done later
+                try:
+                    await self._fault(step, is_rehearsal=True)  # nobody takes off for what cannot be done later
+                except FaultRefused:
+                    self._is_wrong_input = True
+                    raise
         for index, step in enumerate(self.mission.steps):
             if isinstance(step, WaitStep):
                 await self.fleet.wait(step.duration_s)

@@ -105,6 +105,7 @@ class Flown(msgspec.Struct, frozen=True):
     arrivals: list[Arrival]
     failure: str = ""
     nobody: bool = False
+    is_wrong_input: bool = False
     is_interrupted: bool = False
 
 
@@ -200,6 +201,8 @@ def judge(flown: Flown, expect: Expect, report: FlightReport | None = None, reco
         if flown.is_interrupted
         else EXIT_NO_ANSWER
         if flown.nobody
+        else EXIT_WRONG_INPUT
+        if flown.is_wrong_input
         else EXIT_FAILED
         if not all(one.has_come_true for one in checks)
         else EXIT_MIXED

@@ -59,12 +59,13 @@ class ConsoleApp(LeavingApp):
         client: ConsoleClient,
         *,
         mission: Mission | None = None,
+        connect: Mission | None = None,
         title: str = "",
         progress: Callable[[], str] | None = None,
         has_bell: bool = False,
         has_preview: bool = True,
     ) -> None:
-        super().__init__(fleet, client, mission=mission, progress=progress, has_preview=has_preview)
+        super().__init__(fleet, client, mission=mission, connect=connect, progress=progress, has_preview=has_preview)
         self._fleet_title = title or fleet.fleet.name
         self.alarms = Alarms(fleet)
         self.has_bell = has_bell
@@ -102,7 +103,8 @@ class ConsoleApp(LeavingApp):
             f"Fleet '{self.fleet.fleet.name}': {len(self.fleet.enabled_names)} vehicles. Press ? for help."
         )
         self.set_interval(REFRESH_S, self.refresh_fleet)
-        self.catch_signals()
+        if not self.is_headless:
+            self.catch_signals()
         self.start_mission()
 
     def on_resize(self, event: events.Resize) -> None:
@@ -126,6 +128,8 @@ class ConsoleApp(LeavingApp):
 
     def refresh_fleet(self) -> None:
         """Draw the fleet as it is now."""
+        if self.is_hung_up:
+            return
         state, now_ns = self.client.state, self.client.now_ns()
         self._history.add(state, now_ns)
         self._write_new_events(state)
@@ -140,8 +144,9 @@ class ConsoleApp(LeavingApp):
             self.bell()
         self.show_notices()
         self._status_bar.show(self.alarms, now_ns, self.armed_kill)
-        if isinstance(self.screen, LiveScreen):
-            self.screen.show_fleet(state, now_ns, self.armed_kill)
+        front = self.screen_stack[-1] if self.screen_stack else None
+        if isinstance(front, LiveScreen):
+            front.show_fleet(state, now_ns, self.armed_kill)
         self.leave_when_down()
 
     def _mission_text(self, now_ns: int) -> str:
@@ -208,7 +213,8 @@ class ConsoleApp(LeavingApp):
     @property
     def chosen(self) -> tuple[str, ...]:
         """Whom keys mean: on its page a vehicle stands alone, whatever is marked in the table behind it."""
-        shown = self._fleet_table.selected if isinstance(self.screen, VehicleScreen) else None
+        front = self.screen_stack[-1] if self.screen_stack else None
+        shown = front.vehicle_name if isinstance(front, VehicleScreen) else None
         return super().chosen if shown is None else (shown,)
 
     async def action_back(self) -> None:
@@ -229,6 +235,7 @@ async def run_console(
     client: ConsoleClient,
     *,
     mission: Mission | None = None,
+    connect: Mission | None = None,
     title: str = "",
     progress: Callable[[], str] | None = None,
     has_bell: bool = False,
@@ -240,6 +247,7 @@ async def run_console(
         fleet: the fleet file.
         client: started or about to be; the console says whom it waits for.
         mission: flies the mission and returns its verdict (``sentences``; ``exit_status`` or ``is_passed`` if any).
+        connect: opens the bus, while the console is on the screen already.
         title: what stands at the top.
         progress: one line about where the mission is, asked ten times a second.
         has_bell: ring the terminal's bell for every new alarm.
@@ -248,7 +256,15 @@ async def run_console(
     Returns:
         The verdict's exit status; 0 without a mission; 130 when the operator cut it short.
     """
-    status = await ConsoleApp(
-        fleet, client, mission=mission, title=title, progress=progress, has_bell=has_bell, has_preview=has_preview
-    ).run_async()
+    app = ConsoleApp(
+        fleet,
+        client,
+        mission=mission,
+        connect=connect,
+        title=title,
+        progress=progress,
+        has_bell=has_bell,
+        has_preview=has_preview,
+    )
+    status = await app.run_async()
     return 0 if status is None else status

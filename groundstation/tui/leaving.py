@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import signal
 from collections.abc import Awaitable, Callable
 from typing import ClassVar
@@ -19,7 +20,7 @@ from onboard.config import FleetConfig
 
 INTERRUPTED = 130
 LAND_WAIT_S = 90.0
-SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+HANG_UP_S = 1.0  # for a landing to reach everybody, silent agents' PX4 included
 
 Mission = Callable[[], Awaitable[object]]
 
@@ -40,15 +41,19 @@ class LeavingApp(OrderingApp):
         client: ConsoleClient,
         *,
         mission: Mission | None = None,
+        connect: Mission | None = None,
         progress: Callable[[], str] | None = None,
         has_preview: bool = True,
     ) -> None:
         super().__init__(fleet, client, has_preview=has_preview)
+        self._connect = connect
+        self._connect_worker: Worker[object] | None = None
         self.status = 0
         self._mission = mission
         self._progress = progress
         self._leaving: int | None = None
         self._leave_by_ns = 0
+        self.is_hung_up = False
         self._mission_worker: Worker[object] | None = None
         self._mission_line = ""
         self._verdict = Static(id="verdict", markup=False)
@@ -56,7 +61,9 @@ class LeavingApp(OrderingApp):
     # -- the mission -------------------------------------------------------------------------------------------------
 
     def start_mission(self) -> None:
-        """Fly the mission, if there is one, in a worker."""
+        """Connect and fly the mission, if there is one, in workers: the screen does not wait for either."""
+        if self._connect is not None:
+            self._connect_worker = self.run_worker(_awaited(self._connect), exit_on_error=False)
         if self._mission is not None:
             self._mission_line = "mission flies"
             self._mission_worker = self.run_worker(self._fly(self._mission), exit_on_error=False)
@@ -89,7 +96,7 @@ class LeavingApp(OrderingApp):
         box.border_title = "✔ mission passed" if is_good else "✖ mission failed"
         box.border_subtitle = "v hides · q quits"
         box.set_class(not is_good, "bad")
-        box.display = True
+        self._open_verdict(True)
         box.update("\n".join(sentences))
         self._mission_line = "✔ mission passed" if is_good else "✖ mission failed"
         for sentence in sentences:
@@ -101,12 +108,20 @@ class LeavingApp(OrderingApp):
             self.status = 1
             error = event.worker.error
             self._show_verdict([f"The mission broke off: {type(error).__name__}: {error}", "Land with ctrl+l."], False)
+        elif event.worker is self._connect_worker and event.state is WorkerState.ERROR:
+            self._event_log.write(f"No connection: {event.worker.error} Press q to quit.", severity="critical")
+            self.status = 2
 
     def action_verdict(self) -> None:
         """Hide or show the verdict."""
         box = self._verdict
         if box.border_title:
-            box.display = not box.display
+            self._open_verdict(not box.display)
+
+    def _open_verdict(self, is_open: bool) -> None:
+        """It stands where the events are, which tell the same: the plan keeps its room."""
+        self._verdict.display = is_open
+        self.screen_stack[0].set_class(is_open, "judged")
 
     # -- leaving -----------------------------------------------------------------------------------------------------
 
@@ -158,21 +173,37 @@ class LeavingApp(OrderingApp):
     def catch_signals(self) -> None:
         """A terminal that closes, or a kill: as ctrl+c, so that who flies lands and the terminal is restored."""
         loop = asyncio.get_running_loop()
-        for number in SIGNALS:
+        for number, act in ((signal.SIGTERM, self.action_interrupt), (signal.SIGHUP, self._hang_up)):
             with contextlib.suppress(RuntimeError, ValueError, NotImplementedError):
-                loop.add_signal_handler(number, self._signalled)
+                loop.add_signal_handler(number, lambda act=act: self.run_worker(act(), group="signal"))
 
     def release_signals(self) -> None:
         """The console is over; what began it listens to signals again."""
         loop = asyncio.get_running_loop()
-        for number in SIGNALS:
+        for number in (signal.SIGTERM, signal.SIGHUP):
             with contextlib.suppress(RuntimeError, ValueError, NotImplementedError):
                 loop.remove_signal_handler(number)
 
-    def _signalled(self) -> None:
-        self.run_worker(self.action_interrupt(), group="signal")
+    async def _hang_up(self) -> None:
+        """The terminal is gone: land who is ours, and end."""
+        self.is_hung_up = True
+        nowhere = os.open(os.devnull, os.O_RDWR)
+        for descriptor in (1, 2):
+            os.dup2(nowhere, descriptor)
+        # Textual's thread that writes may have died of the terminal; nobody is to wait for room in its queue.
+        queue = getattr(getattr(self._driver, "_writer_thread", None), "_queue", None)
+        if queue is not None:
+            queue.maxsize = 0
+        if self.client.state.airborne_names and not self._leaves_others_alone():
+            await self.action_order_all("land")
+            await asyncio.sleep(HANG_UP_S)
+        self.exit(INTERRUPTED)
 
     async def on_unmount(self) -> None:
         """Nothing is left behind."""
         self.release_signals()
         await super().on_unmount()
+
+
+async def _awaited(function: Mission) -> object:
+    return await function()

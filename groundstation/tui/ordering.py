@@ -196,7 +196,7 @@ class OrderingApp(DressedApp):
         """Send an order at once and show each vehicle's answer; a misspelt one is a sentence."""
         try:
             handle = await self.client.submit(order)
-        except OrderError as error:
+        except (OrderError, RuntimeError) as error:  # RuntimeError: the bus is not open yet, or not any more
             self._not_sent(str(order), str(error))
             return
         self._handle = handle

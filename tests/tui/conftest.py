@@ -6,6 +6,15 @@ from pathlib import Path
 
 import pytest
 
+from onboard.config import FleetConfig, load_fleet
+
+FLEET = Path(__file__).parents[2] / "configs" / "fleets" / "paper.toml"
+
+
+@pytest.fixture
+def fleet() -> FleetConfig:
+    return load_fleet(FLEET)
+
 
 @pytest.fixture(autouse=True)
 def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
