@@ -71,7 +71,7 @@ class Clocks:
 
     def hear(self, message: ClockMessage, received_ns: int) -> None:
         """Take a message of another node."""
-        if message.node == self.node or (message.node not in self._peers and len(self._peers) >= _MOST_NODES):
+        if message.node == self.node or (message.node not in self._peers and not self._has_room(received_ns)):
             return
         low = message.sent_ns - received_ns
         peer = self._peers.get(message.node)
@@ -93,6 +93,15 @@ class Clocks:
             self.restarts += 1
             peer = Peer(message.host, message.sent_ns, received_ns, low, received_ns)
         self._peers[message.node] = peer
+
+    def _has_room(self, now_ns: int) -> bool:
+        """Whether one more node can be remembered; who has been silent for a minute makes room."""
+        if len(self._peers) >= _MOST_NODES:
+            oldest = min(self._peers, key=lambda node: self._peers[node].received_ns)
+            if now_ns - self._peers[oldest].received_ns < _FORGET_NS:
+                return False
+            del self._peers[oldest]
+        return True
 
     def own_ns(self, node: str, stamp_ns: int, received_ns: int) -> int:
         """A stamp of ``node`` on our clock: the earliest moment that it can mean, and never after its arrival.

@@ -83,6 +83,8 @@ class Relay:
             f"mocap: {mocap.type} at {mocap.hostname or 'this computer'} -> bus {self.fleet.namespace}/mocap/*, "
             f"{mocap.latency_s * 1e3:.0f} ms taken off each stamp. Ctrl-C ends."
         )
+        if mocap.direct:
+            self.say("  ! mocap.direct is true: the agents read the system themselves and do not listen to this relay.")
         began_s = told_s = time.monotonic()
         was_complete = False
         try:

@@ -191,6 +191,15 @@ def test_strangers_cannot_fill_the_memory() -> None:
     for number in range(1000):
         a.hear(Clocks(f"x{number}", 1000 + number).message(5 * _S), 6 * _S)
     assert len(a.message(7 * _S).heard) <= 64
+    assert not a.is_measured("x999")
+
+
+def test_grounds_that_come_and_go_are_forgotten_in_favour_of_the_one_that_is_there() -> None:
+    a = Clocks("a", _A)
+    for number in range(300):
+        ground = Clocks(f"ground-{number}", _A)
+        a.hear(ground.message(number * 100 * _S), number * 100 * _S)
+        assert a.shares(f"ground-{number}")
 
 
 def test_a_clock_message_of_twenty_nodes_is_small_and_comes_back_the_same() -> None:
