@@ -292,8 +292,8 @@ class Agent:
                     self._notices.append(ev.ParamsRead(problems))
                     for sentence in problems:
                         log.warning("%s", sentence)
-                if self.fleet.fleet.global_origin is not None and self._link.snapshot().global_origin is None:
-                    self._link.request_global_origin()
+                if self._core.flight.situation is Situation.GROUND:
+                    self._link.settle_global_origin(gives_ours=self.vehicle.mocap_required)
                 await asyncio.sleep(_PARAM_REPEAT_S if problems else 1.0)
                 is_full = await loop.run_in_executor(self._blocking, process.is_disk_full)
                 self._notices.append(ev.DiskChecked(is_full))

@@ -43,6 +43,7 @@ _GPS_GLOBAL_ORIGIN = 49
 # Any place will do indoors: only PX4's global frame hangs on it. Its altitude must be 0: PX4 takes heights of a mocap
 # for altitudes, and its local height would be wrong by the altitude of the origin.
 _ORIGIN = (47.397742, 8.545594, 0.0)
+_ORIGIN_TOLERANCE_M = 0.01
 _json = msgspec.json.Encoder().encode  # ten times as fast as the standard library's, at 100 messages a second
 
 
@@ -237,9 +238,19 @@ class Px4Link:
             time_usec=time.monotonic_ns() // 1000,
         )
 
-    def request_global_origin(self) -> None:
-        """Ask where PX4's local frame lies: it says so by itself only at the moment when it settles there."""
-        self._command(modes.CMD_REQUEST_MESSAGE, float(_GPS_GLOBAL_ORIGIN))
+    def settle_global_origin(self, *, gives_ours: bool) -> None:
+        """Once a second on the ground: ask PX4 where its local frame lies, and give it ours until it says that.
+
+        PX4 tells by itself only at the moment when it settles there, and a datagram may be lost.
+
+        Args:
+            gives_ours: a mocap gives the height, which needs an origin at altitude 0.
+        """
+        known = self._slot.global_origin
+        if known is None:
+            self._command(modes.CMD_REQUEST_MESSAGE, float(_GPS_GLOBAL_ORIGIN))
+        elif gives_ours and abs(known[2] - _ORIGIN[2]) > _ORIGIN_TOLERANCE_M:
+            self.set_global_origin()
 
     def request_rates(self) -> None:
         """SET_MESSAGE_INTERVAL for what the agent reads; PX4's defaults are too slow for close flight."""

@@ -105,6 +105,18 @@ def test_the_snapshot_fills_with_everything_that_the_agent_reads(link: Px4Link) 
     assert 10.0 < seen.battery_voltage_v < 20.0
 
 
+def test_px4_tells_where_its_local_frame_lies_and_takes_an_origin_at_sea_level_for_a_mocap(link: Px4Link) -> None:
+    deadline = time.monotonic() + 8.0
+    while link.snapshot().global_origin is None and time.monotonic() < deadline:
+        link.settle_global_origin(gives_ours=False)
+        time.sleep(0.2)
+    by_satellites = link.snapshot().global_origin
+    assert by_satellites == pytest.approx((47.397742, 8.545594, 489.4), abs=1e-4)
+    link.settle_global_origin(gives_ours=True)
+    given = wait_for(link, lambda s: s.global_origin is not None and s.global_origin[2] == 0.0)
+    assert given.global_origin == pytest.approx((47.397742, 8.545594, 0.0), abs=1e-4)
+
+
 def test_the_stream_rates_are_raised(link: Px4Link) -> None:
     stamps = set()
     end = time.monotonic() + 1.0
