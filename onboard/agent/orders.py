@@ -13,6 +13,7 @@ from onboard.config import FleetConfig
 from onboard.link.autopilot import Snapshot, Vec3
 
 _LOWEST_GOAL_M = 0.2
+_LONGEST_MOVE_S = 3600.0
 DEFAULT_HEIGHT_M = 1.0
 
 
@@ -33,6 +34,8 @@ def refusal(
     late = late_sentence(order, now_ns)
     if late is not None:
         return late
+    if not order.order_id:
+        return "An order needs an id of its own, by which its end is told: give it one."
     if order.kind == "identify":
         return None
     if order.kind in ("arm", "takeoff"):
@@ -93,8 +96,10 @@ def _start(
 
 def _move(order: Order, others: Mapping[str, Telemetry], fleet: FleetConfig) -> str | None:
     goal = order.position_enu_m
-    if goal is None or not is_finite(goal) or not math.isfinite(order.duration_s):
+    if goal is None or not is_finite(goal):
         return "A move needs a finite position [x, y, z] in metres."
+    if not order.duration_s <= _LONGEST_MOVE_S:
+        return f"A move cannot take {order.duration_s:g} s: give up to {_LONGEST_MOVE_S:.0f} s, or 0 for the shortest."
     text = "(" + ", ".join(f"{value:.2f}" for value in goal) + ") m"
     if not fleet.fleet.geofence_m.contains(goal) or goal[2] < fleet.fleet.geofence_m.z[0] + _LOWEST_GOAL_M:
         return f"Goal {text} lies outside the geofence, or less than {_LOWEST_GOAL_M} m above its floor."

@@ -27,7 +27,7 @@ def _neighbour(rig: Rig, **changes: object) -> None:
         ("move", {"position_enu_m": (0.0, 0.0, 0.05)}, "above its floor"),
         ("move", {"position_enu_m": (math.nan, 0.0, 1.0)}, "finite"),
         ("move", {"position_enu_m": None}, "finite"),
-        ("move", {"position_enu_m": (1.0, 0.0, 1.0), "duration_s": math.inf}, "finite"),
+        ("move", {"position_enu_m": (1.0, 0.0, 1.0), "duration_s": math.inf}, "cannot take"),
         ("takeoff", {"height_m": 1.0}, "cannot start now"),
         ("arm", {}, "cannot start now"),
         ("disarm", {}, "in the air"),
