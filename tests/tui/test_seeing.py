@@ -282,6 +282,7 @@ async def test_separation_shows_pairs_the_time_to_the_closest_approach_and_the_t
     client = SteadyClient(fleet)
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=(120, 40)) as pilot:
+        client.clock_ns += 2_000_000_000
         client.hear("mav0", position_enu_m=(-2.0, 0.0, 1.0), velocity_enu_m_s=(1.0, 0.0, 0.0))
         client.hear("mav1", position_enu_m=(2.0, 0.5, 1.0), velocity_enu_m_s=(-1.0, 0.0, 0.0))
         await see(app, pilot)
@@ -362,9 +363,12 @@ async def test_an_obstacle_stands_in_the_plan_with_its_name() -> None:
         await see(app, pilot)
         assert "wall" in "\n".join(lines(app, PlanView))
         assert plan_of(app).size.width > 110
-        await pilot.press("z")
+        await pilot.press("escape")
         await pilot.pause()
         assert plan_of(app).size.width < 80
+        assert plan_of(app).has_focus
+        await pilot.press("escape")
+        assert table_of(app).has_focus
 
 
 async def test_what_stands_still_is_not_drawn_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -112,8 +112,8 @@ class FleetTable(Lines, ScrollView, can_focus=True):
     def show(self, state: FleetState, now_ns: int) -> None:
         """Draw this state."""
         self._views, self._now_ns, self._has_nodes = list(state.vehicles.values()), now_ns, bool(state.nodes)
-        if len(self._places) != len(self._views) or not self._marks <= self._places.keys():
-            self._places = {view.name: place for place, view in enumerate(self._views)}
+        if list(self._places) != list(state.vehicles):
+            self._places = {name: place for place, name in enumerate(state.vehicles)}
             self._marks &= self._places.keys()
         if self._now_s >= self._forget_s:
             self._marks, self._forget_s = set(), math.inf

@@ -17,7 +17,10 @@ _PACE_NS = 150_000_000  # of pictures, in which nothing is read that moves faste
 class Lines(Widget):
     """Draws what :meth:`draw` gives, and asks the screen for the changed lines only."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("z", "alone", "this alone", show=False)]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("z", "alone", "this alone", show=False),
+        Binding("escape", "together", "all panels", show=False),
+    ]
 
     _lines: list[Strip]  # as drawn, without the widget's ground
     _drawn: Size | None = None
@@ -50,6 +53,13 @@ class Lines(Widget):
         self.screen.remove_class(*(name for name in self.screen.classes if name.startswith("only-")))
         self.screen.set_class(not is_alone, own)
         self.post_message(self.Alone("" if is_alone else str(self.id)))
+
+    async def action_together(self) -> None:
+        """Escape gives the room back first, and then means what it means everywhere."""
+        if self.screen.has_class(f"only-{self.id}"):
+            self.action_alone()
+        else:
+            await self.app.run_action("back")
 
     def redraw(self) -> None:
         """Draw now; what looks as before costs the terminal nothing."""
