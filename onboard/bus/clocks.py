@@ -97,10 +97,10 @@ class Clocks:
     def _has_room(self, now_ns: int) -> bool:
         """Whether one more node can be remembered; who has been silent for a minute makes room."""
         if len(self._peers) >= _MOST_NODES:
-            oldest = min(self._peers, key=lambda node: self._peers[node].received_ns)
-            if now_ns - self._peers[oldest].received_ns < _FORGET_NS:
+            oldest, peer = min(tuple(self._peers.items()), key=lambda item: item[1].received_ns)
+            if now_ns - peer.received_ns < _FORGET_NS:
                 return False
-            del self._peers[oldest]
+            self._peers.pop(oldest, None)  # another thread may have been as quick
         return True
 
     def own_ns(self, node: str, stamp_ns: int, received_ns: int) -> int:
