@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessage, Telemetry
@@ -56,6 +57,13 @@ class ParamsRead:
 
 
 @dataclass(frozen=True, slots=True)
+class ClocksCompared:
+    """Nodes on other hosts, and how well their clocks are known [s]; infinite: not measured yet."""
+
+    bounds_s: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
 class LoopTimed:
     """Statistics of the loop's period over the last window, and how far behind its schedule it began."""
 
@@ -100,6 +108,7 @@ EventIn = (
     | NodeSeen
     | AutopilotHeard
     | ParamsRead
+    | ClocksCompared
     | LoopTimed
     | MessageMalformed
     | TickFailed

@@ -9,13 +9,13 @@ from dataclasses import replace
 import msgspec
 
 from onboard.agent import takeover
-from onboard.agent.events import EventIn, LoopTimed, NeighbourHeard, NodeSeen, ParamsRead, PoseArrived
+from onboard.agent.events import ClocksCompared, EventIn, LoopTimed, NeighbourHeard, NodeSeen, ParamsRead, PoseArrived
 from onboard.agent.flight import Flight
 from onboard.agent.lives import Lives
 from onboard.agent.neighbours import NeighbourTable
 from onboard.agent.own_state import OwnState
 from onboard.agent.steps import View
-from onboard.bus.schema import PreflightReport, StateMessage, Telemetry
+from onboard.bus.schema import PreflightReport, Telemetry
 from onboard.config import FleetConfig, Vec3, Vehicle
 from onboard.control.bounds import ACCURACIES
 from onboard.control.feasibility import error_class, fleet_findings, start_finding
@@ -33,7 +33,6 @@ _RATE_OVER_NS = _AT_REST_NS = 1_000_000_000
 _TWIN_FOR_NS = 3_000_000_000
 _TILT_TIME_S = 0.5
 _HANDLED_RAD, _WRONG_TILT_RAD = math.radians(12.0), math.radians(10.0)
-_SAME_CLOCK_S = 0.5
 
 Refusal = tuple[str, str, str]
 
@@ -68,7 +67,7 @@ class Readiness:
         self._recorders: set[str] = set()
         self._twin_ns: int | None = None
         self.lives = Lives()
-        self._clocks_s: dict[str, float] = {}
+        self._clock_bounds_s: dict[str, float] = {}
         self._sample: tuple[Vec4, int, float] | None = None  # quaternion, arrival, delay of the newest mocap sample
         self._tilts: tuple[Vec3, Vec3] | None = None  # directions of up in the body, of mocap and PX4, low-passed
         self._has_wrong_tilt = self._has_flown = False
@@ -92,8 +91,8 @@ class Readiness:
                 self.lives.hear(message.vehicle, message.boot_id, received_ns)
                 if self._vehicle.name in message.doubles:
                     self._twin_ns = received_ns
-            case NeighbourHeard(StateMessage() as message, received_ns):
-                self._clocks_s[message.vehicle] = (received_ns - message.stamp_ns) * 1e-9
+            case ClocksCompared(bounds_s):
+                self._clock_bounds_s = {node: bound_s for node, bound_s in bounds_s.items() if not _is_ground(node)}
             case NodeSeen(node, is_alive) if node.partition("-")[0] == RECORDER:
                 (self._recorders.add if is_alive else self._recorders.discard)(node)
             case ParamsRead(problems):
@@ -176,7 +175,7 @@ class Readiness:
             battery_frac=snapshot.battery_frac,
             battery_voltage_v=snapshot.battery_voltage_v,
             missing_neighbours=self._neighbours.missing(now_ns),
-            other_clocks_s={name: gap for name, gap in self._clocks_s.items() if not 0.0 <= gap < _SAME_CLOCK_S},
+            clock_bounds_s=self._clock_bounds_s,
             other_hashes=self._neighbours.other_hashes(self._config_hash),
             config_hash=self._config_hash,
             param_problems=self._problems,
@@ -252,6 +251,10 @@ _judged: dict[tuple[str, str], tuple[Refusal, ...]] = {}
 
 def _refused(findings: Iterable[Finding]) -> tuple[Refusal, ...]:
     return tuple((f.name, f.sentence.removesuffix(f" {f.remedy}"), f.remedy) for f in findings if f.status == "refused")
+
+
+def _is_ground(node: str) -> bool:
+    return node.startswith("ground")
 
 
 def _age_s(now_ns: int, then_ns: int) -> float:

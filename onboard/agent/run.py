@@ -198,6 +198,7 @@ class Agent:
             self._execute(self._core.tick(now_ns))
             if self._ticks % _STATISTICS_TICKS == 0:
                 self._clock.beat()
+                self._core.handle(ev.ClocksCompared(self._clock.clocks.bounds_s(now_ns)), now_ns)
             self._failed_ticks = 0
             self._life.alive(now_ns, self._core.flight.state)
         except Exception as error:  # our own bug in flight: the one place that catches it

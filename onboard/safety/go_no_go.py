@@ -17,7 +17,7 @@ AUTOPILOT_SILENT_S = 0.3
 HEARTBEAT_SILENT_S = 3.0
 POSITION_STALE_S = 0.2
 LEAST_ATTITUDE_HZ, USUAL_ATTITUDE_HZ = 20.0, 35.0
-OLDEST_SAMPLE_S, FUTURE_S = 0.5, 0.005
+OLDEST_SAMPLE_S, FUTURE_S, WIDE_CLOCK_S = 0.5, 0.005, 0.02
 FAR_FROM_PX4_M, HEADING_MISS_DEG, TILT_MISS_DEG = 0.3, 25.0, 6.0
 MOVING_M_S = 0.3
 OFF_SPOT_M = 0.5
@@ -40,8 +40,8 @@ class Facts:
     between both directions of gravity as the body sees it; has_wrong_tilt: they differed when it was last tilted by
     hand. fuses_position, fuses_heading: what PX4 takes from the mocap by its required parameters.
     has_flown: since this agent started, so that it may stand anywhere. hover_frac: as learned in flight.
-    other_clocks_s: vehicle -> how far its stamps are from ours, where that is no delay. other_hashes: vehicle -> its
-    configuration hash, where it differs. law_refusals: (name, sentence, remedy) of the law's findings against flying.
+    clock_bounds_s: node on another host -> how well its clock is known, infinite: not measured. other_hashes: vehicle ->
+    its configuration hash, where it differs. law_refusals: (name, sentence, remedy) of the law's findings against it.
     param_problems: sentences; None while not read yet. conditions: what holds of the failsafe table.
     """
 
@@ -74,7 +74,7 @@ class Facts:
     fuses_heading: bool = False
     has_flown: bool = False
     hover_frac: float = math.nan
-    other_clocks_s: Mapping[str, float] = field(default_factory=dict)
+    clock_bounds_s: Mapping[str, float] = field(default_factory=dict)
     law: str = "covey"
     law_refusals: tuple[tuple[str, str, str], ...] = ()
     loop_p99_ms: float = 0.0
@@ -190,8 +190,12 @@ def clock(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
         assert f.sample_delay_s is not None
         ahead = f.sample_delay_s < 0.0
         return "mocap", {"gap": f"{abs(f.sample_delay_s):.3g} s {'in the future' if ahead else 'in the past'}"}
-    if f.other_clocks_s:
-        return "other", {"others": ", ".join(f"{n} ({gap:+.3g} s)" for n, gap in f.other_clocks_s.items())}
+    unknown = [name for name, bound_s in f.clock_bounds_s.items() if not math.isfinite(bound_s)]
+    if unknown:
+        return "unmeasured", {"others": ", ".join(unknown)}
+    widest = max(f.clock_bounds_s, key=f.clock_bounds_s.__getitem__, default="")
+    if widest and f.clock_bounds_s[widest] > WIDE_CLOCK_S:
+        return "wide", {"other": widest, "bound": 1e3 * f.clock_bounds_s[widest]}
     return _FINE
 
 

@@ -188,7 +188,8 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "clock",
         f"Mocap samples are at most {judge.OLDEST_SAMPLE_S:g} s old on arrival and not from the future: one clock, or "
-        "a measured offset. A neighbour on another clock is worth a word.",
+        f"a measured offset. Other computers' clocks are measured; known worse than {1e3 * judge.WIDE_CLOCK_S:g} ms is "
+        "worth a word.",
         "Stamps and this computer's clock agree.",
         {
             "mocap": Fault(
@@ -196,9 +197,13 @@ RULES: tuple[Rule, ...] = (
                 "The sender has another clock: run 'covey mocap' on the computer that reads the mocap, so that the "
                 "offset is measured, or restart the sender.",
             ),
-            "other": Fault(
-                "The stamps of {others} are of another clock: their arrival counts.",
-                "Let both computers hear each other for a few seconds, so that the offset is measured.",
+            "unmeasured": Fault(
+                "The clock of {others} is not measured yet.",
+                "Wait a second; if it stays, that computer does not hear this one: check its connection to this agent.",
+            ),
+            "wide": Fault(
+                "The clock of {other} is known to {bound:.0f} ms only, which counts as age of all that it says.",
+                "Look for a slow or busy network between the two computers.",
                 is_advice=True,
             ),
         },

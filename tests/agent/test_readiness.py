@@ -13,7 +13,7 @@ import pytest
 
 from onboard.agent import events as ev
 from onboard.agent.core import AgentCore
-from onboard.bus.schema import PreflightReport, StateMessage, Telemetry
+from onboard.bus.schema import PreflightReport, Telemetry
 from onboard.bus.topics import Topic
 from onboard.frames import quaternion_from_yaw, quaternion_multiply
 from tests.agent.rig import Rig, fleet
@@ -246,17 +246,15 @@ def test_a_recorder_on_the_bus_is_seen_and_none_is_only_advised_against() -> Non
     assert rig.core.flight.state == "ready"
 
 
-def test_a_neighbour_on_another_clock_is_told_and_refuses_nothing() -> None:
+def test_a_computer_whose_clock_is_not_measured_refuses_until_it_is_and_the_grounds_does_not_matter() -> None:
     rig = ready()
-    assert isinstance(rig.state, StateMessage)
-    far = msgspec.structs.replace(rig.state, vehicle="mav1", stamp_ns=rig.now_ns - 81_000_000_000)
-    far = msgspec.structs.replace(far, position_enu_m=(1.5, 0.0, 0.0), predicted_position_enu_m=(1.5, 0.0, 0.0))
-    for count in range(70):
-        message = msgspec.structs.replace(far, sequence=count, stamp_ns=far.stamp_ns + count * 20_000_000)
-        rig.core.handle(ev.NeighbourHeard(message, rig.now_ns), rig.now_ns)
-        rig.run(0.02)
+    rig.core.handle(ev.ClocksCompared({"ground-1": math.inf, "mocap": math.inf}), rig.now_ns)
+    rig.run(1.5)
+    assert refusals(rig) == {"clock": "The clock of mocap is not measured yet."}
+    rig.core.handle(ev.ClocksCompared({"ground-1": math.inf, "mocap": 0.03}), rig.now_ns)
+    rig.run(1.5)
     assert refusals(rig) == {}
-    assert "mav1 (+81 s)" in {name: sentence for name, _, sentence, _ in reports(rig)[-1].checks}["clock"]
+    assert "30 ms only" in {name: sentence for name, _, sentence, _ in reports(rig)[-1].checks}["clock"]
 
 
 def test_reports_come_once_a_second_on_the_ground_and_never_in_flight() -> None:
