@@ -9,15 +9,16 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
 
 from groundstation.ports import toml_text, with_free_ports
 from onboard.bus.codec import Malformed
-from onboard.bus.schema import Message, MocapPose, StateMessage
+from onboard.bus.schema import Message, MocapPose, Telemetry
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config import FleetConfig, fleet_from_mapping, load_fleet
@@ -82,6 +83,14 @@ def _agent(folder: Path, name: str) -> list[str]:
     return _python("onboard", "--fleet", str(folder / "fleet.toml"), "--vehicle", name, "--apply-params")
 
 
+def _wait_ready(folder: Path, names: Iterable[str], seconds: float = 60.0) -> None:
+    """Until every agent has said that it may fly; a busy machine needs a while."""
+    end = time.monotonic() + seconds
+    while not all(f"agent {name}: ready" in (folder / f"{name}.log").read_text() for name in names):
+        assert time.monotonic() < end, _logs(folder)
+        time.sleep(0.2)
+
+
 def _fly(folder: Path) -> subprocess.CompletedProcess[str]:
     words = ["fly", str(folder / "hop.toml"), "--headless", "--record", str(folder / "record")]
     return subprocess.run(_python("groundstation", *words), capture_output=True, text=True, timeout=200)
@@ -127,11 +136,16 @@ def test_a_vehicle_whose_computer_has_another_clock_flies_with_the_others(tmp_pa
         for name in fleet.enabled_names:
             prefix = _IN_ANOTHER_TIME if name == "mav1" else []
             stack.enter_context(_running(tmp_path, name, [*prefix, *_agent(tmp_path, name)]))
-        ear = stack.enter_context(_Ear(fleet, Topic.STATE, StateMessage))
+        ear = stack.enter_context(_Ear(fleet, Topic.TELEMETRY, Telemetry))
+        _wait_ready(tmp_path, fleet.enabled_names)
+        told = ear.newest()
         done = _fly(tmp_path)
-        stamps = {name: message.stamp_ns * 1e-9 for name, message in ear.newest().items()}
-    assert done.returncode == 0, done.stdout + done.stderr + _logs(tmp_path)
+    stamps = {name: message.stamp_ns * 1e-9 for name, message in told.items()}
     assert stamps["mav1"] - stamps["mav0"] == pytest.approx(_SHIFT_S, abs=30.0)  # its clock really is another one
+    for name, message in told.items():  # what comes from the other clock has its true age, here and there
+        assert message.state_age_s < 0.5, name
+        assert message.neighbour_age_s < 0.5, name
+    assert done.returncode == 0, done.stdout + done.stderr + _logs(tmp_path)
     assert min_separation_m(tmp_path / "record") >= 0.80
 
 
@@ -169,5 +183,6 @@ def test_an_agent_that_reads_the_motion_capture_itself_flies_without_poses_on_th
         stack.enter_context(_running(tmp_path, "sitl", _python("sitl", "--fleet", str(tmp_path / "fleet.toml"))))
         stack.enter_context(_running(tmp_path, "mav0", _agent(tmp_path, "mav0")))
         ear = stack.enter_context(_Ear(fleet, Topic.MOCAP, MocapPose))
+        _wait_ready(tmp_path, fleet.enabled_names)
         done = _fly(tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr + _logs(tmp_path)
