@@ -28,6 +28,7 @@ from onboard.agent.events import (
     Reply,
     SendAttitude,
     ShutdownAsked,
+    SourceTold,
     TickFailed,
     WatchBodies,
 )
@@ -171,6 +172,8 @@ class AgentCore:
             case TickFailed(sentence):
                 self._is_last_finite = False
                 self.flight.say(self._view, "critical", "tick-failed", sentence)
+            case SourceTold(sentence):
+                self.flight.say(self._view, "warning", "mocap-source", sentence)
             case ShutdownAsked():
                 self.is_stopping = True
         return []

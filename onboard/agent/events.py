@@ -97,6 +97,13 @@ class DiskChecked:
 
 
 @dataclass(frozen=True, slots=True)
+class SourceTold:
+    """Why the mocap gives nothing, in the words of whoever reads it."""
+
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
 class ShutdownAsked:
     """Somebody wants this process to end: land first."""
 
@@ -113,6 +120,7 @@ EventIn = (
     | MessageMalformed
     | TickFailed
     | DiskChecked
+    | SourceTold
     | ShutdownAsked
 )
 

@@ -83,6 +83,7 @@ class Agent:
         self._blocking = ThreadPoolExecutor(1, thread_name_prefix="link")
         self._reliable, self._interest = Outbox("bus"), Outbox("interest")
         self._mocap: MocapSource | None = None
+        self._told = ""  # of the mocap's problems, the newest one said
         self._on_poses: tuple[OnPose, OnMalformed]
         self._mocap_table = MocapConfig() if has_bus_mocap else fleet.mocap
         self._ended: asyncio.Future[int] | None = None
@@ -199,6 +200,9 @@ class Agent:
             if self._ticks % _STATISTICS_TICKS == 0:
                 self._clock.beat()
                 self._core.handle(ev.ClocksCompared(self._clock.clocks.bounds_s(now_ns)), now_ns)
+                if self._mocap is not None and self._mocap.problem not in ("", self._told):
+                    self._told = self._mocap.problem
+                    self._core.handle(ev.SourceTold(self._told), now_ns)
             self._failed_ticks = 0
             self._life.alive(now_ns, self._core.flight.state)
         except Exception as error:  # our own bug in flight: the one place that catches it
