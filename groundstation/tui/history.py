@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from groundstation.fleet import FleetState, VehicleView
 
-TRAIL_LENGTH = 600
+TRAIL_LENGTH, _LEAST_TRAIL, _ALL_TRAILS = 600, 80, 12_000  # places of one, and of all together
 CHART_LENGTH = 3000
 PAIRS = 40
 FAR_M = 1e6
@@ -46,7 +46,7 @@ class Drain:
 class History:
     """Fed with the fleet ten times a second.
 
-    trails: name -> (TRAIL_LENGTH, 2) places x, y in metres ENU, in no order, nan where there is none yet.
+    trails: name -> (n, 2), the last n places x, y in metres ENU, in no order, nan where there is none yet.
     pairs: the closest ones now, those with a vehicle in the air first. distances: (time in s, metres) of the closest
     pair while anybody flies. periods_ms, ages_ms: the slowest control loop, and the oldest news between agents.
     """
@@ -86,7 +86,7 @@ class History:
         for gone in self.trails.keys() - state.vehicles.keys():
             del self.trails[gone], self._ends[gone]
         for name, spot in known.items():
-            self._lengthen(name, spot[0], spot[1])
+            self._lengthen(name, spot[0], spot[1], max(_LEAST_TRAIL, min(TRAIL_LENGTH, _ALL_TRAILS // len(spots))))
         self.pairs = closest_pairs([(state.vehicles[name], spot) for name, spot in known.items()])
         if state.airborne_names:
             self.first_flight_s = now_s if self.first_flight_s is None else self.first_flight_s
@@ -96,13 +96,13 @@ class History:
             self._sampled_s = now_s
             self._sample(state, now_ns)
 
-    def _lengthen(self, name: str, x_m: float, y_m: float) -> None:
+    def _lengthen(self, name: str, x_m: float, y_m: float, length: int) -> None:
         count, last_x_m, last_y_m = self._ends.get(name, (0, math.inf, math.inf))
         if math.hypot(x_m - last_x_m, y_m - last_y_m) <= _TRAIL_STEP_M:
             return
         if name not in self.trails:
-            self.trails[name] = np.full((TRAIL_LENGTH, 2), np.nan)
-        self.trails[name][count % TRAIL_LENGTH] = x_m, y_m
+            self.trails[name] = np.full((length, 2), np.nan)
+        self.trails[name][count % len(self.trails[name])] = x_m, y_m
         self._ends[name] = count + 1, x_m, y_m
 
     def _sample(self, state: FleetState, now_ns: int) -> None:

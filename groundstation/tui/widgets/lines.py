@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from rich.segment import Segment
 from rich.style import Style
 from textual.binding import Binding, BindingType
 from textual.geometry import Region, Size
@@ -25,6 +26,7 @@ class Lines(Widget):
     _lines: list[Strip]  # as drawn, without the widget's ground
     _drawn: Size | None = None
     _shown: tuple[int, object] = (0, None)
+    _on_ground: dict[Style | None, Style]
     _ground: Style | None = None  # the widget's own colours, which cost too much to look up for every line
 
     def draw(self, width: int, height: int) -> list[Strip]:
@@ -72,12 +74,14 @@ class Lines(Widget):
             self.refresh()
             return
         changed = [y for y in range(size.height) if _line(before, y) != _line(self._lines, y)]
+        # Whole lines with the border: what is asked for in part is cut out line by line, which costs more.
+        left, width = -self.gutter.left, size.width + self.gutter.width
         regions: list[Region] = []
         for y in changed:
             if regions and regions[-1].bottom == y:
-                regions[-1] = Region(0, regions[-1].y, size.width, regions[-1].height + 1)
+                regions[-1] = Region(left, regions[-1].y, width, regions[-1].height + 1)
             else:
-                regions.append(Region(0, y, size.width, 1))
+                regions.append(Region(left, y, width, 1))
         if regions:
             self.refresh(*regions)
 
@@ -86,9 +90,18 @@ class Lines(Widget):
         if self._drawn != self.size:
             self._lines, self._drawn = self.draw(*self.size), self.size
         if self._ground is None:
-            self._ground = self.rich_style
+            self._ground, self._on_ground = self.rich_style, {}
         line = _line(self._lines, y)
-        return Strip.blank(self.size.width, self._ground) if line is None else line.apply_style(self._ground)
+        if line is None:
+            return Strip.blank(self.size.width, self._ground)
+        return Strip([Segment(text, self._grounded(style)) for text, style, _ in line], line.cell_length)
+
+    def _grounded(self, style: Style | None) -> Style | None:
+        """A style on this widget's ground; there are few, and adding them anew for every piece costs most of a line."""
+        found = self._on_ground.get(style)
+        if found is None:
+            found = self._on_ground[style] = (self._ground or Style.null()) + style
+        return found
 
     def notify_style_update(self) -> None:
         """Another ground, perhaps."""
