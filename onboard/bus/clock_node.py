@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import logging
 import os
 import time
 from pathlib import Path
@@ -17,6 +18,9 @@ from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 
 BEAT_S = 0.5
+_PATIENCE_NS = 5_000_000_000
+
+log = logging.getLogger("covey.clock")
 
 
 def host_id() -> int:
@@ -35,6 +39,8 @@ class ClockNode:
     def __init__(self, bus: BusSession) -> None:
         self._bus = bus
         self.clocks = Clocks(bus.node, host_id())
+        self._waiting_ns: dict[str, int] = {}
+        self._named: set[str] = set()
 
     def start(self) -> None:
         """Listen to the others; the bus must be open."""
@@ -50,9 +56,20 @@ class ClockNode:
         if not pose.source:
             return pose
         if not self.clocks.is_measured(pose.source):
+            self._wait_for(pose.source, received_ns)
             return None
         stamp_ns = self.clocks.own_ns(pose.source, pose.stamp_ns, received_ns)
         return pose if stamp_ns == pose.stamp_ns else replace(pose, stamp_ns=stamp_ns)
+
+    def _wait_for(self, source: str, now_ns: int) -> None:
+        since_ns = self._waiting_ns.setdefault(source, now_ns)
+        if source not in self._named and now_ns - since_ns > _PATIENCE_NS:
+            self._named.add(source)
+            log.warning(
+                "Poses of node '%s' are not used: its clock is not known. Let it tell its clock (onboard/bus/"
+                "clock_node.py), or leave 'source' empty if it runs on this computer.",
+                source,
+            )
 
     def order(self, order: Order, received_ns: int) -> Order:
         """An order with its stamp and its deadline on our clock."""

@@ -52,6 +52,14 @@ def test_a_pose_whose_clock_is_not_measured_is_not_used() -> None:
     assert _node().pose(_pose(10 * _S, "somebody"), 10 * _S) is None
 
 
+def test_a_source_that_never_tells_its_clock_is_named_once(caplog: pytest.LogCaptureFixture) -> None:
+    node = _node()
+    for second in range(10, 30):
+        node.pose(_pose(second * _S, "somebody"), second * _S)
+    (record,) = caplog.records
+    assert "'somebody'" in record.getMessage()
+
+
 def test_a_pose_without_a_source_is_of_our_own_clock() -> None:
     pose = _pose(10 * _S, "")
     assert _node().pose(pose, 10 * _S) is pose

@@ -11,7 +11,7 @@ from onboard.mocap import latency
 from sitl.mocap import MocapSettings
 
 
-@pytest.mark.parametrize("latency_s", [0.02, 0.08])
+@pytest.mark.parametrize("latency_s", [pytest.param(0.02, marks=pytest.mark.long), 0.08])
 def test_the_mocaps_latency_is_found_when_its_stamps_do_not_allow_for_it(lockstep, paper, latency_s: float):
     flight = lockstep(paper, seed=1, mocap=MocapSettings(latency_s=latency_s))
     poses: dict[str, list] = {}
