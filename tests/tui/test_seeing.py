@@ -14,6 +14,7 @@ from rich.cells import cell_len
 from rich.color import Color
 from textual.pilot import Pilot
 
+from groundstation.cli import main
 from groundstation.fleet import VehicleView
 from groundstation.tui import look
 from groundstation.tui.app import ConsoleApp
@@ -559,3 +560,14 @@ async def test_a_hundred_rows_scroll_and_the_heading_stays() -> None:
 def test_the_process_environment_is_what_an_app_looks_at(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(os.environ, "COVEY_ASCII", "1")
     assert DressedApp().is_ascii
+
+
+@pytest.mark.parametrize("words", [["--ascii", "--version"], ["tui", "--ascii", "--help"]])
+def test_the_flag_stands_anywhere_on_the_command_line(
+    words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COVEY_ASCII", "0")
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 0
+    assert os.environ["COVEY_ASCII"] == "1"
