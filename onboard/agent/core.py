@@ -56,6 +56,7 @@ from onboard.safety.wire import is_sendable
 from onboard.types import AttitudeSetpoint, Goal, Neighbours, State, Tick
 
 _CONFLICT_CHECK_S = 0.6
+_FARTHEST_M2, _FASTEST_M2_S2 = 1e10, 1e6
 # PX4 speaks at least every 30 ms: setpoints are for an attitude that is known now, and a thread that hangs is not known
 _HEARD_NS = 80_000_000
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -147,7 +148,10 @@ class AgentCore:
         self.readiness.hear(event)
         match event:
             case AutopilotHeard(snapshot):
-                self._snapshot = snapshot
+                if _is_plausible(snapshot):
+                    self._snapshot = snapshot
+                else:
+                    self._malformed += 1  # who tells nonsense counts as silent
             case PoseArrived(pose, received_ns):
                 if pose.body != self.vehicle.body:
                     self.neighbours.see(pose, received_ns)
@@ -411,3 +415,13 @@ class AgentCore:
         if sentence is not None:
             flight.finish(self._view, "refused", sentence)
             flight.begin_hold(self._view, None, sentence)
+
+
+def _is_plausible(snapshot: Snapshot) -> bool:
+    """Whether attitude and motion that PX4 tells can be calculated with."""
+    w, x, y, z = snapshot.quaternion_enu_flu_wxyz
+    a, b, c = snapshot.position_local_ned_m
+    d, e, f = snapshot.velocity_local_ned_m_s
+    # comparisons with what is no number are false
+    is_unit = 0.9 < w * w + x * x + y * y + z * z < 1.1
+    return is_unit and a * a + b * b + c * c < _FARTHEST_M2 and d * d + e * e + f * f < _FASTEST_M2_S2

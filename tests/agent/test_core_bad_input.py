@@ -134,6 +134,33 @@ def test_no_stream_of_messages_brings_the_core_down_or_a_wrong_setpoint_out_of_i
         gave_up = gave_up or core.flight.state == "failed"
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"quaternion_enu_flu_wxyz": (1e300, 0.0, 0.0, 0.0)},
+        {"quaternion_enu_flu_wxyz": (0.0, 0.0, 0.0, 0.0)},
+        {"position_local_ned_m": (math.nan, 0.0, 0.0)},
+        {"velocity_local_ned_m_s": (0.0, 1e308, 0.0)},
+    ],
+)
+def test_a_px4_that_tells_nonsense_counts_as_silent(changes: dict[str, Any]) -> None:
+    rig = moving()
+    rig.core.handle(ev.AutopilotHeard(replace(rig._snapshot, **changes)), rig.now_ns)
+    rig.run(0.1)
+    assert rig.core.flight.state == "flying"  # once is never
+    handle = rig.core.handle
+
+    def nonsense(event: ev.EventIn, now_ns: int) -> list[ev.Command]:
+        if isinstance(event, ev.AutopilotHeard):
+            event = ev.AutopilotHeard(replace(event.snapshot, **changes))
+        return handle(event, now_ns)
+
+    rig.core.handle = nonsense  # type: ignore[method-assign]
+    rig.run(1.0)
+    assert rig.core.flight.state == "failed"
+    assert rig.core.flight.reason.startswith("PX4 silent")
+
+
 @pytest.mark.parametrize("kind", ["state", "telemetry"])
 def test_a_neighbour_that_sends_nonsense_is_ignored_counted_and_then_silent(kind: str) -> None:
     rig = moving()
