@@ -30,8 +30,8 @@ HELP = """[b]At once, from every screen[/b]
               unready, low; !word turns it round; esc ends it
   [b]s S[/b]         sort by the next column, the other way
 [b]Panels[/b]        [b]tab[/b] goes on, [b]z[/b] gives one all the room
-  [b]+ - 0[/b]       zoom the plan, whole fence
-  [b]arrows f[/b]    in the plan: move it, follow
+  [b]+ -[/b]         zoom the plan; in it also [b]arrows[/b] move,
+              [b]f[/b] follow, [b]0[/b] the whole fence
   [b]pgup pgdn[/b]   earlier events    [b]v[/b]   verdict
   [b]a A[/b]         acknowledge alarms, all alarms with advice
   [b]t[/b]           light or dark     [b]ctrl+y[/b]   give the control
