@@ -2,8 +2,9 @@
 
 Memory is what the kernel says of each process: its own pages, without those of files. Growth is counted from the end of
 the first minutes, in which caches fill, to the end, between medians of a minute each, so that no single sample decides.
-A late tick is explained when the ticks of another process were late at the same time, or the machine was busy with
-others: then the machine was, not the agent.
+The ground is this process: its memory is shown and not judged, since it keeps every order's result and the index of the
+record, which MCAP wants at its end (some 60 kB a minute). A late tick is explained when the ticks of another process
+were late at the same time, or the machine was busy with others: then the machine was, not the agent.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from onboard.bus.topics import Topic
 
 EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT = 0, 1, 2
 GROWTH_MIB = 1.0
+GROUND = "ground"
 LATE_S, PERIOD_S = 0.020, 0.020
 _SAMPLE_S = 5.0
 _TOGETHER_S = 0.3
@@ -67,7 +69,7 @@ class Soak:
         found = [
             f"{name} grew by {grown:.2f} MiB, asked are less than {GROWTH_MIB:g}"
             for name, grown in self.growth_mib.items()
-            if not grown < GROWTH_MIB
+            if name != GROUND and not grown < GROWTH_MIB
         ]
         found += [f"missed order: {sentence}" for sentence in self.missed]
         found += [
@@ -115,7 +117,7 @@ async def soak(minutes: float, folder: Path, *, settle_minutes: float) -> Soak:
     async with stage:
         await stage.fleet.takeoff(height_m=1.0)
         stage.client.add_sink(watcher.put)
-        pids = {**stage.processes.pids, "ground": os.getpid()}
+        pids = {**stage.processes.pids, GROUND: os.getpid()}
         tasks = [asyncio.create_task(samples.take(pids)), asyncio.create_task(_watch_machine(watcher))]
         orders, missed = await _fly(stage, minutes * 60.0)
         for task in tasks:
