@@ -1,4 +1,4 @@
-"""A flight record as arrays per vehicle, on one time axis that starts at the first take-off."""
+"""A flight record as arrays per vehicle, on one time axis that starts when the first of them leaves the ground."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ TOPICS = ("truth", "tick", "telemetry")
 GRID_S = 0.02
 _AIRBORNE_Z_M = 0.12
 _LEAD_S = 1.0
+_LIFTED_M = 0.05  # above where it stood
 _SLOT_STEP_M = 0.05
 
 
@@ -96,7 +97,7 @@ def from_samples(samples: Iterable[Sample], *, title: str, safety_distance_m: fl
     for kinds in rows.values():
         for found in kinds.values():
             found.sort(key=lambda sample: sample.stamp_ns)
-    start_ns = _start_ns([rows["tick"][name] for name in names])
+    start_ns = _start_ns({name: rows["truth"].get(name, []) for name in names}, {n: rows["tick"][n] for n in names})
     tracks = tuple(
         _track(name, rows["tick"][name], rows["truth"].get(name, []), rows["telemetry"].get(name, []), start_ns)
         for name in names
@@ -107,14 +108,17 @@ def from_samples(samples: Iterable[Sample], *, title: str, safety_distance_m: fl
     return FlightData(title, tracks, safety_distance_m, grid_s, _pairs(tracks, grid_s))
 
 
-def _start_ns(flights: list[list[Sample]]) -> int:
-    starts = [
-        tick.stamp_ns
-        for ticks in flights
-        for tick in ticks
-        if tick.values.get("state") in ("taking off", "flying", "holding")
-    ]
-    return min(starts, default=min(ticks[0].stamp_ns for ticks in flights))
+def _start_ns(truth: dict[str, list[Sample]], ticks: dict[str, list[Sample]]) -> int:
+    """When the first vehicle leaves the ground; "taking off" begins seconds before, while the motors are started."""
+    lifted = []
+    for name, flown in ticks.items():
+        place = truth[name] if len(truth[name]) > 1 else flown
+        height_m = _vectors(place, "position_enu_m", 3)[:, 2]
+        known = height_m[np.isfinite(height_m)]
+        up = np.flatnonzero(height_m > known[0] + _LIFTED_M) if known.size else known
+        if up.size:
+            lifted.append(place[int(up[0])].stamp_ns)
+    return min(lifted, default=min(flown[0].stamp_ns for flown in ticks.values()))
 
 
 def _track(name: str, ticks: list[Sample], truth: list[Sample], told: list[Sample], start_ns: int) -> Track:

@@ -11,6 +11,7 @@ from groundstation.figures.data import Array, FlightData
 from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
 
 _SAME_M = 0.05
+_SIDES = np.array([[1, -1], [-1, -1], [-1, 1], [1, 1], [0, -1.3], [0, 1.3], [-1.3, 0], [1.3, 0]], np.float64)
 _STEPS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0)
 
 
@@ -21,6 +22,8 @@ def draw(flight: FlightData) -> Any:
     length_s = float(flight.grid_s[-1] - flight.grid_s[0])
     step_s = next((step for step in _STEPS_S if length_s / step <= 14.0), _STEPS_S[-1])
     marks_s = np.arange(0.0, flight.grid_s[-1], step_s)
+    taken: list[Array] = []
+    labels: list[tuple[Array, str, str]] = []
     for index, track in enumerate(flight.tracks):
         tint, place = colour(index), track.place_enu_m
         flying = track.place_time_s >= flight.grid_s[0]
@@ -29,17 +32,18 @@ def draw(flight: FlightData) -> Any:
         ax.plot(place[flying, 0], place[flying, 1], color=tint, linewidth=2.0, label=track.name)
         marks = track.place_at(marks_s)
         ax.plot(marks[:, 0], marks[:, 1], "o", color="white", markeredgecolor=tint, markersize=5.5)
-        last = None
+        taken.append(marks[np.isfinite(marks).all(-1)][:, :2])
+        written: list[Array] = []
         for time_s, mark in zip(marks_s, marks, strict=True):
-            if last is None or np.hypot(*(mark[:2] - last)) > 0.18:
+            if all(np.hypot(*(mark[:2] - other)) > _SAME_M * 3 for other in written):
                 ax.annotate(f"{time_s:g}", mark[:2], (4, 4), textcoords="offset points", fontsize=8, color=tint)
-                last = mark[:2]
+                written.append(mark[:2])
         known = place[np.isfinite(place).all(-1)]
         if len(known):
             ax.plot(*known[0, :2], "s", color=tint, markersize=9, markeredgecolor="white")
         for slot, orders in _slots(track.slots_enu_m):
             ax.plot(slot[0], slot[1], "+", color=tint, markersize=15, markeredgewidth=2.2)
-            ax.annotate(orders, slot[:2], (7, -13), textcoords="offset points", fontsize=8.5, weight="bold", color=tint)
+            labels.append((slot[:2], orders, tint))
     closest = flight.closest()
     if closest is not None:
         pair, at = closest
@@ -75,7 +79,45 @@ def draw(flight: FlightData) -> Any:
     ax.set_xlabel("x, east [m]")
     ax.set_ylabel("y, north [m]")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=min(8, len(flight.tracks) + 4), fontsize=9)
+    _write(figure, ax, labels, np.concatenate([np.zeros((0, 2)), *taken]))
     return figure
+
+
+def _write(figure: Any, ax: Any, labels: list[tuple[Array, str, str]], taken: Array) -> None:
+    """Write the slots' numbers beside them, each where most room is between marks, slots and other numbers.
+
+    Args:
+        labels: place (2,) in metres, text and colour. taken: marks (n, 2) in metres.
+    """
+    figure.canvas.draw()  # only then is known where things are
+    per_point = figure.dpi / 72.0
+    slots = [place for place, _, _ in labels]
+    marks = ax.transData.transform(np.concatenate([taken, np.reshape(slots, (-1, 2))])) / per_point
+    # the times stand at the upper right of their marks
+    busy = [*marks, *np.add(marks[: len(taken)], (9.0, 8.0))]
+    for place, text, tint in labels:
+        here = ax.transData.transform(place) / per_point
+        size = np.array([5.0 * len(text) + 2.0, 9.0])
+        others = np.array([spot for spot in busy if np.hypot(*(spot - here)) > 0.5]).reshape(-1, 2)
+
+        def room(shift: Array, here: Array = here, others: Array = others, size: Array = size) -> float:
+            gap = np.maximum(np.abs(others - (here + shift)) - size / 2.0, 0.0)
+            return float(np.min(np.hypot(gap[:, 0], gap[:, 1]), initial=40.0))
+
+        shifts = [(size / 2.0 + (8.0, 7.0)) * side for side in _SIDES]
+        best = max(shifts, key=room)
+        ax.annotate(
+            text,
+            place,
+            tuple(best),
+            textcoords="offset points",
+            fontsize=8.5,
+            weight="bold",
+            color=tint,
+            ha="center",
+            va="center",
+        )
+        busy.append(here + best)
 
 
 def _slots(slots_enu_m: Array) -> list[tuple[Array, str]]:

@@ -18,6 +18,7 @@ FIGURES = ("fig2_attitude", "fig4_plan", "fig5_tracking", "fig6_avoidance")
 STARTS = ((-1.5, -1.5), (0.0, -1.5), (1.5, -1.5))
 GOALS = ((0.0, 2.12), (-0.8, 0.74), (0.8, 0.74))
 LENGTH_S = 16.0
+LIFTED_S = 0.12  # into the made-up flight, when it has left the ground
 
 
 def place(index: int, time_s: float, bend_m: float = 0.0) -> tuple[float, float, float]:
@@ -108,8 +109,8 @@ def test_the_arrays_are_what_was_flown(tmp_path: Path) -> None:
     assert flight.source == "ground truth"
     at = int(np.argmin(np.abs(track.time_s - 5.0)))
     np.testing.assert_allclose(track.time_s[at], 5.0, atol=1e-9)
-    np.testing.assert_allclose(track.position_enu_m[at], place(1, 5.0, 0.25), atol=1e-9)
-    wave_deg = 4.0 * math.sin(1.3 * 5.0 + 1)
+    np.testing.assert_allclose(track.position_enu_m[at], place(1, 5.0 + LIFTED_S, 0.25), atol=1e-9)
+    wave_deg = 4.0 * math.sin(1.3 * (5.0 + LIFTED_S) + 1)
     np.testing.assert_allclose(track.asked_deg[at], [wave_deg, -wave_deg / 2], atol=1e-9)
     np.testing.assert_allclose(track.flown_deg[at], [0.9 * wave_deg, -0.4 * wave_deg], atol=1e-9)
     np.testing.assert_allclose(track.slots_enu_m, [[*GOALS[1], 1.0]])
@@ -123,13 +124,22 @@ def test_distances_are_horizontal_and_only_counted_in_flight(tmp_path: Path) -> 
     assert (pair.first, pair.second) == ("mav0", "mav1")
     assert np.isnan(pair.distance_m[flight.grid_s < 0.0]).all()
     times = flight.grid_s[(flight.grid_s > 1.0) & (flight.grid_s < 13.0)]
-    wanted = [math.dist(place(0, t, 0.25)[:2], place(1, t, 0.25)[:2]) for t in times]
+    wanted = [math.dist(place(0, t, 0.25)[:2], place(1, t, 0.25)[:2]) for t in times + LIFTED_S]
     found = pair.distance_m[(flight.grid_s > 1.0) & (flight.grid_s < 13.0)]
     np.testing.assert_allclose(found, wanted, atol=2e-3)
     closest = flight.closest()
     assert closest is not None
     least = min(float(np.nanmin(other.distance_m)) for other in flight.pairs)
     assert closest[0].distance_m[closest[1]] == least
+
+
+def test_time_counts_from_when_the_first_leaves_the_ground_and_not_from_its_motors_start(tmp_path: Path) -> None:
+    write_flight(tmp_path)
+    flight = flight_of(tmp_path)
+    for track in flight.tracks:
+        height_m = np.interp(0.0, track.place_time_s, track.place_enu_m[:, 2])
+        assert 0.04 < height_m < 0.08
+    assert flight.grid_s[0] == pytest.approx(-1.0)
 
 
 def test_without_truth_the_estimates_are_drawn(tmp_path: Path) -> None:
