@@ -33,7 +33,7 @@ _ROUNDS = (
 )
 RATES = (
     number("rate.attitude", "4", "ATTITUDE asked for every 4 ms", 205.0, 235.0, "Hz"),
-    number("rate.attitude-quaternion", "4", "ATTITUDE_QUATERNION asked for every 4 ms", 205.0, 235.0, "Hz"),
+    number("rate.attitude-quaternion", "4", "ATTITUDE_QUATERNION asked for every 4 ms", 205.0, 245.0, "Hz"),
     number("rate.local-position-200", "4", "LOCAL_POSITION_NED asked for every 5 ms", 117.0, 130.0, "Hz"),
     number("rate.local-position-100", "4", "LOCAL_POSITION_NED asked for every 10 ms", 93.0, 104.0, "Hz"),
     number("rate.odometry", "4", "ODOMETRY asked for every 10 ms", 93.0, 104.0, "Hz"),
