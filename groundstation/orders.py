@@ -107,6 +107,8 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
         raise OrderError(f"{verb.capitalize()} whom? Write: {USAGE[verb]}")
     if not names:
         names = fleet.enabled_names
+    if not names:
+        raise OrderError(f"Fleet '{fleet.fleet.name}' has nobody to order: no vehicle is enabled in its file.")
     if verb == "formation" and len(names) == len(fleet.enabled_names):
         names = tuple(name for name in names if name in fleet.formations[formation or ""])
     if verb == "takeoff":

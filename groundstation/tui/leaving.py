@@ -173,9 +173,9 @@ class LeavingApp(OrderingApp):
     def catch_signals(self) -> None:
         """A terminal that closes, or a kill: as ctrl+c, so that who flies lands and the terminal is restored."""
         loop = asyncio.get_running_loop()
-        for number, act in ((signal.SIGTERM, self.action_interrupt), (signal.SIGHUP, self._hang_up)):
-            with contextlib.suppress(RuntimeError, ValueError, NotImplementedError):
-                loop.add_signal_handler(number, lambda act=act: self.run_worker(act(), group="signal"))
+        with contextlib.suppress(RuntimeError, ValueError, NotImplementedError):
+            loop.add_signal_handler(signal.SIGTERM, lambda: self.run_worker(self.action_interrupt(), group="signal"))
+            loop.add_signal_handler(signal.SIGHUP, lambda: self.run_worker(self._hang_up(), group="signal"))
 
     def release_signals(self) -> None:
         """The console is over; what began it listens to signals again."""

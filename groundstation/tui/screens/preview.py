@@ -203,7 +203,7 @@ class PreviewScreen(ModalScreen[Intent | None]):
 
     def _show(self) -> None:
         proposal = self.proposal
-        if proposal is None or not self.is_mounted:
+        if proposal is None or not self.is_running:
             return
         self._paths.show(proposal, self.forecast)
         lines = [clean(line, 200) for line in (*self._who(proposal), "", *self._figures(), *proposal.notes, self._why)]

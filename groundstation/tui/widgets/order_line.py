@@ -30,7 +30,7 @@ def completions(text: str, fleet: FleetConfig) -> list[str]:
         return []
     if not done:
         rare = ["reset", *dict.fromkeys(order.partition(" ")[0] for order in CONTROL_ORDERS)]
-        found = [verb for verb in VERBS if verb.startswith(last) and verb != last]
+        found: list[str] = [verb for verb in VERBS if verb.startswith(last) and verb != last]
         return found or [word for word in rare if word.startswith(last) and word != last]
     if done[0] in ("take", "give", "keep"):
         return [order for order in CONTROL_ORDERS if order.startswith(text) and order != text]
