@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import pytest
 
@@ -100,3 +101,10 @@ def test_the_printed_table_has_a_row_for_every_condition() -> None:
     text = table_text()
     assert all(condition.value in text for condition in Condition)
     assert text.count("\n") == len(Condition) + 1
+
+
+def test_the_document_says_how_each_condition_is_noticed() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "failsafe.md").read_text(encoding="utf-8")
+    section = text.split("## How each condition is noticed")[1].split("## ")[0]
+    rows = [line.split(" | ")[0].removeprefix("| ") for line in section.splitlines() if line.startswith("| ")]
+    assert rows[1:] == [condition.value for condition in Condition]
