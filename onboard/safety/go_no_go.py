@@ -40,7 +40,7 @@ class Facts:
     between both directions of gravity as the body sees it; has_wrong_tilt: they differed when it was last tilted by
     hand. fuses_position, fuses_heading: what PX4 takes from the mocap by its required parameters.
     has_flown: since this agent started, so that it may stand anywhere. hover_frac: as learned in flight.
-    clock_bounds_s: node on another host -> how well its clock is known, infinite: not measured. other_hashes: vehicle ->
+    clock_bounds_s: node on another host -> how well its clock is known, inf: not measured. other_hashes: vehicle ->
     its configuration hash, where it differs. law_refusals: (name, sentence, remedy) of the law's findings against it.
     param_problems: sentences; None while not read yet. conditions: what holds of the failsafe table.
     """
@@ -155,9 +155,10 @@ def disarmed(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
 
 
 def failsafe(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+    late = {Condition.MOCAP_LATE} if f.has_wrong_clock else set()  # the clock's line says so
     found = [
         condition.value
-        for condition in in_order(f.conditions - _OF_OTHER_RULES)
+        for condition in in_order(f.conditions - _OF_OTHER_RULES - late)
         if TABLE[Situation.GROUND, condition] is Action.REFUSE
     ]
     if not found:
