@@ -163,6 +163,8 @@ class ConsoleApp(LeavingApp):
             event = logged.event
             if event.severity == "debug":
                 continue
+            if event.code == "identify":
+                self._fleet_table.blink(event.vehicle)
             vehicle = "" if event.vehicle == "ground" else event.vehicle
             stamp = self.time_text(logged.received_ns)
             if event.order_outcome in look.PHASE_SIGNS:

@@ -13,6 +13,7 @@ import pytest
 from textual import events
 from textual.pilot import Pilot
 
+from groundstation import fleet as fleet_state
 from groundstation.forecast import Forecast, Leg
 from groundstation.forecaster import Forecaster, ForecastFailed
 from groundstation.operator import SILENCE_S
@@ -24,6 +25,7 @@ from groundstation.tui.widgets.event_log import EventLog
 from groundstation.tui.widgets.notices import NoticeLines
 from groundstation.tui.widgets.order_line import OrderLine, completions
 from groundstation.tui.widgets.results import ResultLine
+from onboard.bus.schema import Event
 from onboard.config import FleetConfig
 from tests.tui.fake import FakeClient
 
@@ -297,6 +299,28 @@ async def test_keys_mean_the_marked_vehicles_else_the_one_under_the_cursor(rig: 
         assert rig.client.ordered == ["land mav1", "hold mav0,mav2", "identify mav0,mav2"]
         await pilot.press("f4")
         assert rig.app._order_line.value == "move mav0,mav2 "
+
+
+async def test_the_row_of_a_vehicle_that_shows_itself_blinks_when_it_says_so(rig: Rig) -> None:
+    async with rig.app.run_test(size=(120, 30)) as pilot:
+        rig.stand()
+        await pilot.press("w")
+        assert rig.client.ordered == ["identify mav0"]
+
+        def is_lit(step: int) -> bool:
+            rig.client.skew_ns += int(0.3e9)
+            rig.stand()
+            rig.app.refresh_fleet()
+            row = rig.app._fleet_table.render_line(1)
+            return any(segment.style is not None and segment.style.reverse for segment in row)
+
+        assert not any(map(is_lit, range(4)))
+        event = Event(vehicle="mav0", stamp_ns=1, severity="info", code="identify", sentence="Listen.")
+        rig.client.state = fleet_state.fold(rig.client.state, event, rig.client.now_ns())
+        rig.app.refresh_fleet()
+        lit = [is_lit(step) for step in range(20)]
+        assert 4 <= sum(lit) <= 8
+        assert not any(lit[-5:])
 
 
 async def test_a_killed_vehicle_stays_latched_until_it_is_reset(rig: Rig) -> None:

@@ -13,6 +13,7 @@ from typing import ClassVar
 
 from rich.cells import cell_len
 from rich.segment import Segment
+from rich.style import Style
 from textual import events
 from textual.binding import Binding, BindingType
 from textual.geometry import Size
@@ -29,6 +30,7 @@ from onboard.config import ConfigError, FleetConfig
 
 SORT_S = 1.0  # rows that change places ten times a second cannot be read
 ALL_MARKED_S = 5.0  # a selection of everybody is forgotten by itself
+BLINK_S, BLINK_PERIOD_S = 4.0, 0.6
 _SILENCE_WIDTH = 18
 _NO_SIGNS = str.maketrans("✖▲", "  ")
 
@@ -68,6 +70,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._has_nodes = False
         self._now_ns = 0
         self._titles = ("", "")
+        self._blink_until_s: dict[str, float] = {}
         self._say()
 
     @property
@@ -103,6 +106,10 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._forget_s = self._now_s + ALL_MARKED_S if is_all else math.inf
         self._say()
         self.redraw()
+
+    def blink(self, name: str) -> None:
+        """Let a row blink for a while: this vehicle is showing itself."""
+        self._blink_until_s[name] = self._now_s + BLINK_S
 
     def keep_marks(self) -> None:
         """Count the 5 s of a selection of everybody from now: the operator is still about it."""
@@ -338,6 +345,8 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         place = self._places.get(view.name, 0)
         is_marked = view.name in self._marks
         tint = look.style(look.vehicle_colour(place), bold=True)
+        if self._now_s < self._blink_until_s.get(view.name, -math.inf) and int(self._now_s * 2.0 / BLINK_PERIOD_S) % 2:
+            tint += Style(reverse=True)
         segments = [
             Segment("▌" if is_here else " ", look.style(TEXT if self.has_focus else FAINT, bold=True)),
             Segment("✓" if is_marked else " ", look.style(CALM, bold=True)),
