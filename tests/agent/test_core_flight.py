@@ -185,3 +185,19 @@ def test_the_state_message_says_cooperative_only_while_the_law_flies() -> None:
     assert rig.state.is_cooperative
     assert rig.state.is_airborne
     assert rig.state.is_valid
+
+
+@pytest.mark.parametrize("in_air", [False, True])
+def test_identify_plays_a_tune_and_changes_nothing_else(in_air: bool) -> None:
+    rig = Rig()
+    rig.until("ready")
+    if in_air:
+        rig.order("takeoff", height_m=1.0)
+        rig.until("flying")
+    before = (rig.core.flight.state, rig.core.flight.step, rig.core.flight.order)
+    reply = rig.order("identify")
+    assert reply.is_accepted
+    assert rig.count(ev.PlayTune) == 1
+    assert rig.outcomes()[reply.order_id] == "done"
+    assert (rig.core.flight.state, rig.core.flight.step, rig.core.flight.order) == before
+    assert any("does not confirm" in event.sentence for event in rig.events)

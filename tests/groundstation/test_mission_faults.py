@@ -162,3 +162,12 @@ def test_impossible_faults_and_weather_are_refused_with_exit_status_two(
 ) -> None:
     assert main(["--fleet", str(Path(FLEET)), "--no-bus", "--no-gcs", *arguments]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_a_fault_that_the_emulator_does_not_know_is_wrong_input_in_lockstep_too(paper: FleetConfig) -> None:
+    unknown = {**FAULT, "name": "no_such_fault", "parameters": {}}
+    with Lockstep(paper) as flight:
+        verdict = flight.fly(mission(paper, {"do": "takeoff", "height_m": 0.8}, unknown, {"do": "land"}))
+        assert verdict.exit_status == 2
+        assert "no_such_fault" in verdict.summary
+        assert not flight.state.airborne_names
