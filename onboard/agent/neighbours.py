@@ -168,16 +168,18 @@ class NeighbourTable:
             self._telemetry[message.vehicle] = message
             return True
         boot_id, sequence = self._newest[:, place].tolist()
-        numbers = numbers_of(message)
-        if (boot_id == message.boot_id and message.sequence <= sequence) or not is_usable(message, numbers):
+        numbers, stamp_ns = numbers_of(message), min(message.stamp_ns, received_ns)  # nothing comes from the future
+        is_same_life = boot_id == message.boot_id
+        # out of order, or out of a life that is over
+        is_old = message.sequence <= sequence if is_same_life else stamp_ns < self._heard_ns[place]
+        if is_old or not is_usable(message, numbers):
             self.ignored_messages += 1
             return False
         self._newest[:, place] = message.boot_id, message.sequence
         self._is_lost[place] = not message.is_valid
         if not message.is_valid:
             return True  # it knows no position: the last valid one ages, and is avoided like a silent vehicle's
-        self._stamp_ns[place] = min(message.stamp_ns, received_ns)  # nothing comes from the future
-        self._heard_ns[place] = self._stamp_ns[place]
+        self._stamp_ns[place] = self._heard_ns[place] = stamp_ns
         self._numbers[place] = numbers
         says = message.is_cooperative
         self._flags[:, place] = True, message.is_airborne, says and place not in self.distrusted, says

@@ -67,13 +67,14 @@ class OwnState:
         if not pose.is_tracked:
             return False
         boot_id, sequence, stamp_ns = self._newest
-        same_life, newer = pose.boot_id == boot_id, pose.sequence > sequence and pose.stamp_ns > stamp_ns
+        # stamps of all lives and sources are on one clock: what is not newer is out of order, or a life's that is over
+        newer = pose.stamp_ns > stamp_ns and (pose.boot_id != boot_id or pose.sequence > sequence)
         norm = math.hypot(*pose.quaternion_enu_flu_wxyz)
         usable = (
             is_finite(pose.position_enu_m, pose.quaternion_enu_flu_wxyz)
             and max(map(abs, pose.position_enu_m)) < _MAX_POSITION_M
             and 0.9 < norm < 1.1
-            and (newer or not same_life)
+            and newer
             and pose.stamp_ns <= received_ns + _FUTURE_NS
         )
         if not usable:

@@ -88,7 +88,10 @@ class Tables:
         is_here, is_usable, is_valid, is_airborne, is_cooperative, is_slow = arrived.flags
         is_heard = is_here[others] & (self._is_followed | is_slow[others]) & is_listening[:, None]
         newest_boot, newest = self._newest[:, 0], self._newest[:, 1]
-        is_news = is_heard & is_usable[others] & ~((newest_boot == boot_id[others]) & (sequence[others] <= newest))
+        stamps = np.minimum(stamp_ns, received_ns)[others]
+        is_same_life = newest_boot == boot_id[others]
+        is_old = np.where(is_same_life, sequence[others] <= newest, stamps < self._heard_ns)
+        is_news = is_heard & is_usable[others] & ~is_old
         for row in np.flatnonzero(is_heard.any(axis=1)).tolist():
             table = self.tables[row]
             table.last_heard_ns = max(table.last_heard_ns, received_ns)
@@ -103,8 +106,7 @@ class Tables:
         if not is_valid.all():
             placed = is_valid[senders]
             rows, columns, senders = rows[placed], columns[placed], senders[placed]
-        stamps = np.minimum(stamp_ns, received_ns)[senders]
-        self._stamp_ns[rows, columns] = self._heard_ns[rows, columns] = stamps
+        self._stamp_ns[rows, columns] = self._heard_ns[rows, columns] = stamps[rows, columns]
         self._numbers[rows, columns] = arrived.numbers[senders]
         for place, flag in enumerate((is_valid, is_airborne, is_cooperative, is_cooperative)):
             self._flags[rows, place, columns] = flag[senders]

@@ -101,6 +101,14 @@ def test_a_restarted_neighbour_is_heard_again_although_its_count_begins_anew() -
     assert table.hear(_state(boot_id=2, sequence=1, position_enu_m=(3.0, 0.0, 0.0)), 6 * S)
 
 
+def test_a_message_of_a_life_that_is_over_is_no_news() -> None:
+    table = _table()
+    table.hear(_state(boot_id=1, stamp_ns=4 * S), 4 * S)
+    table.hear(_state(boot_id=2, sequence=1, stamp_ns=5 * S), 5 * S)
+    assert not table.hear(_state(boot_id=1, sequence=99, stamp_ns=4 * S), 6 * S)  # replayed
+    assert table.age_s("mav1", 6 * S) == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("stamp_ns", [10**17, 7 * S])
 def test_a_stamp_of_the_future_counts_from_its_arrival(stamp_ns: int) -> None:
     table = _table()
