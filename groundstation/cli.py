@@ -31,6 +31,7 @@ _PASSED_ON = {
     "sitl-check": ("whether a MAVLink endpoint behaves as a real PX4", "sitl.conformance.__main__"),
     "sitl-truth": ("ground truth of real PX4s with SIH, for verdicts", "sitl.truth"),
     "identify": ("a vehicle's lag, drag, hover throttle and lean, flown or from a record", "groundstation.identify"),
+    "order": ("one order to a flying fleet, from a shell or a script", "groundstation.give"),
     "plot": ("figures of a recorded flight", "groundstation.plot"),
     "replay": ("a recorded flight in the console", "groundstation.replay"),
     "web": ("the console in a browser of this machine", "groundstation.web.command"),
