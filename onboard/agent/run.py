@@ -1,7 +1,7 @@
 """The agent's shell: moves bytes and time between PX4, the bus and the core, and decides nothing.
 
 One thread runs the core: a timer on an absolute schedule calls it 50 times a second. What comes from MAVSDK's and
-Zenoh's threads is handed over and waits for the next tick, orders excepted. Blocking calls (parameters, discovery,
+Zenoh's threads waits for the next tick, orders excepted. Blocking calls (parameters, discovery,
 reliable messages, whom to listen to) have threads of their own, so that nothing can stand between a tick and the wire.
 """
 
@@ -155,8 +155,8 @@ class Agent:
 
         self._clock.start()
         self._on_state = neighbour
-        self._bus.subscribe(Topic.FAR, "*", neighbour)
-        self._bus.subscribe(Topic.TELEMETRY, "*", neighbour)
+        self._bus.collect(Topic.FAR, "*", neighbour)
+        self._bus.collect(Topic.TELEMETRY, "*", neighbour)
         if self.vehicle.mocap_required and self.vehicle.body:
             self._on_poses = pose, malformed
             body = "*" if self._mocap_table.direct else self.vehicle.body
@@ -193,6 +193,7 @@ class Agent:
         try:
             while self._notices:
                 self._execute(self._core.handle(self._notices.popleft(), now_ns))
+            self._bus.deliver()
             while self._inbox:
                 self._execute(self._core.handle(self._inbox.popleft(), now_ns))
             self._core.handle(ev.AutopilotHeard(self._link.snapshot()), now_ns)

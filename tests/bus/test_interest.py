@@ -100,6 +100,7 @@ def test_what_is_not_followed_does_not_come_over_the_wire(talker: tuple[BusSessi
         def hears(name: str) -> Callable[[], bool]:
             def asked() -> bool:
                 say(session, name)
+                listener.deliver()
                 return name in heard
 
             return asked
@@ -113,24 +114,67 @@ def test_what_is_not_followed_does_not_come_over_the_wire(talker: tuple[BusSessi
         for _ in range(50):
             say(session, "far")
         time.sleep(0.3)
+        listener.deliver()
         assert relay.bytes_to_client - before < 5 * _SENTENCE_BYTES
         assert "far" not in heard
 
         listener.follow(Topic.EVENT, {"far"}, hear)  # the one goes, the other comes
         wait_for(hears("far"))
         time.sleep(0.2)
+        listener.deliver()
         heard.clear()
         before = relay.bytes_to_client
         for _ in range(50):
             say(session, "near")
         time.sleep(0.3)
+        listener.deliver()
         assert relay.bytes_to_client - before < 5 * _SENTENCE_BYTES
         assert "near" not in heard
         listener.follow(Topic.EVENT, (), hear)
         listener.follow(Topic.EVENT, (), hear)
+        listener.deliver()
     finally:
         listener.stop()
         relay.close()
+
+
+def test_what_is_collected_waits_and_of_too_much_the_newest_is_kept(talker: tuple[BusSession, int]) -> None:
+    session, port = talker
+    listener = BusSession(namespace="covey/i", node="listener", connect=[f"tcp/127.0.0.1:{port}"])
+    listener.start()
+    try:
+        heard: list[int] = []
+
+        def hear(_topic: Topic, _name: str, message: Any) -> None:
+            assert threading.current_thread() is threading.main_thread()
+            heard.append(message.stamp_ns)
+
+        def tell(number: int) -> None:
+            event = Event(vehicle="mav0", stamp_ns=number, severity="info", code="c", sentence="")
+            session.publish(Topic.EVENT, "mav0", event)
+
+        listener.collect(Topic.EVENT, "*", hear)
+
+        def hears() -> bool:
+            tell(-1)
+            listener.deliver()
+            return bool(heard)
+
+        wait_for(hears)
+        for number in range(5000):
+            tell(number)
+        time.sleep(0.5)
+        heard.clear()
+        listener.deliver()
+        assert heard == sorted(heard)
+        assert heard[-1] == 4999
+        assert 500 < len(heard) <= 1000
+        heard.clear()
+        listener.deliver()
+        assert heard == []
+    finally:
+        listener.stop()
+        listener.deliver()
 
 
 _HANGING = """
