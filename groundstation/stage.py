@@ -27,6 +27,7 @@ _QUAD = {
     "attitude_zeta": 0.6,
     "drag_1_s": 1.0,
     "max_tilt_deg": 30.0,
+    "max_speed_m_s": 1.4,
 }
 
 Command = Callable[[str, str], list[str]]

@@ -14,7 +14,9 @@ from groundstation.bench_soak import LateTick, Samples, Soak, Watcher, draw
 from groundstation.proc import usage
 from onboard.config import fleet_from_mapping
 
-AGENT = AgentCost("mav0", p50_ms=20.0, p99_ms=21.0, max_ms=30.0, late_ticks=0, cpu_pct=10.0, rss_mib=70.0, ticks=1500)
+AGENT = AgentCost(
+    "mav0", p50_ms=20.0, p99_ms=21.0, max_ms=30.0, late_ticks=0, cpu_pct=10.0, rss_mib=70.0, ticks=9, followed=9
+)
 
 
 def result(*agents: AgentCost) -> Result:
