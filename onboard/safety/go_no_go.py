@@ -107,6 +107,8 @@ _OF_OTHER_RULES = frozenset(
         *(Condition.FENCE_BREACH, Condition.FENCE_BREACH_LONG),
     }
 )
+# samples come and are not taken: the failsafe's line says why
+_UNBELIEVED = frozenset({Condition.MOCAP_FROZEN, Condition.MOCAP_SWAPPED, Condition.POSITION_JUMPED})
 _FINE: Verdict = (OK, {})
 _NO_PX4: Verdict = (SKIP, {"without": "while PX4 is silent"})
 _NO_POSITION: Verdict = (SKIP, {"without": "without a fresh position"})
@@ -155,7 +157,7 @@ def disarmed(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
 
 
 def failsafe(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
-    late = {Condition.MOCAP_LATE} if f.has_wrong_clock else set()  # the clock's line says so
+    late = {Condition.MOCAP_LATE, Condition.CLOCK_JUMPED} if f.has_wrong_clock else set()  # the clock's line says so
     found = [
         condition.value
         for condition in in_order(f.conditions - _OF_OTHER_RULES - late)
@@ -181,6 +183,8 @@ def position(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
         return OK, {"where": _where(f.position_enu_m), "age": 1e3 * f.position_age_s}
     if f.has_wrong_clock:
         return SKIP, {"without": "before the clocks agree"}
+    if f.conditions & _UNBELIEVED:
+        return SKIP, {"without": "while the mocap is not believed"}
     if not vehicle.mocap_required:
         return "silent", {}
     return "untracked", {}
