@@ -79,6 +79,7 @@ NOT_INSTALLED = (
 
 
 def _read(settings: Settings, pipe: int) -> None:
+    importlib.import_module("numpy")  # else the first body's position does it, while frames wait
     package: Any = importlib.import_module("motioncapture")
     options = dict(settings.options)
     if settings.type in _NUMERIC_ONLY and "hostname" in options:
