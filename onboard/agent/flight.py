@@ -6,15 +6,16 @@ OFFBOARD, landed or disarmed before PX4 says so. Commands and events collect in 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from onboard.agent.events import Arm, Command, Disarm, Kill, PlayTune, Publish, Px4Land, SetOffboard
+from onboard.agent.arrival import is_at_rest, is_there, place, stop_point
+from onboard.agent.events import Arm, Command, Disarm, Kill, PlayTune, Px4Land, SetOffboard
 from onboard.agent.steps import Step, View
-from onboard.bus.schema import AgentState, Event, Order, OrderOutcome, Severity
-from onboard.bus.topics import Topic
-from onboard.config import FleetConfig, Vehicle
+from onboard.agent.telling import Telling
+from onboard.bus.schema import AgentState, Order, OrderOutcome
 from onboard.control.pipeline import Phase
 from onboard.link.autopilot import Vec3
 from onboard.safety.failsafe import Situation
@@ -25,11 +26,10 @@ _STREAM_BEFORE_OFFBOARD_S = 0.3
 _RETRY_S = 1.2
 _LIFTED_M = 0.12
 _LIFTOFF_TIMEOUT_S = 6.0
+_GIVES_WAY_ABOVE_M = 0.5  # some second before touching down: friction ends what was promised of going aside
 _CLIMB_SPEED_M_S = 0.45
 _CLIMB_TIMEOUT_S = 40.0
-_ARRIVED_M, _ARRIVED_M_S, _ARRIVED_S = 0.12, 0.10, 0.5
-# PX4's own estimate in hover: .08-.18 m and .12-.19 m/s std per axis measured: stillness shows no better
-_ARRIVED_PX4_M, _ARRIVED_PX4_M_S = 0.6, 0.6
+_ARRIVED_S = 0.5
 _SINK_SPEED_M_S = 0.4
 _SLOW_SHARE = 0.25  # of the top speed on average; a quintic's peak is 1.9 times that
 _UNDER_GROUND_M = 0.10
@@ -42,20 +42,16 @@ _REST_S = 0.3
 
 
 @dataclass(slots=True)
-class Flight:
+class Flight(Telling):
     """State of one vehicle's flight."""
 
-    fleet: FleetConfig
-    vehicle: Vehicle
     state: AgentState = "waiting"
     step: Step = Step.IDLE
     reason: str = ""
-    order: Order | None = None
     goal_position_enu_m: Vec3 = (0.0, 0.0, 0.0)
     is_streaming: bool = False
     is_slow: bool = False
     ground_z_m: float = 0.0
-    out: list[Command] = field(default_factory=list)
     leg: int = 0  # counts orders to move
     _since_ns: int = 0
     _limit_s: float = 0.0
@@ -97,6 +93,11 @@ class Flight:
     def is_under_law(self) -> bool:
         """Whether what is flown is the pipeline's output."""
         return self.is_streaming and self.phase is not Phase.GROUND
+
+    def gives_way(self, view: View) -> bool:
+        """Whether the others may count on it to go aside; who is about to touch down, or has not lifted off, cannot."""
+        is_low = view.position_enu_m[2] - self.ground_z_m < _GIVES_WAY_ABOVE_M
+        return self.is_under_law and not (is_low and self.step in (Step.LIFTOFF, Step.DESCENT))
 
     @property
     def must_be_offboard(self) -> bool:
@@ -165,7 +166,7 @@ class Flight:
         """
         self._replace_order(view, order, reason, outcome)
         self.state, self.reason = "holding", reason
-        self._set_goal(self._stop_point(view), 0.0)
+        self._set_goal(stop_point(view, self.vehicle, self.fleet), 0.0)
         self._enter(Step.ARRIVED, view)
 
     def begin_takeover(self, view: View, order: Order) -> None:
@@ -173,7 +174,7 @@ class Flight:
         self._replace_order(view, order)
         self.state, self.reason, self.is_streaming = "holding", Step.TAKEOVER.value, True
         self.ground_z_m = self.vehicle.start_enu_m[2]
-        self._set_goal(self._stop_point(view), 0.0)
+        self._set_goal(stop_point(view, self.vehicle, self.fleet), 0.0)
         self._enter(Step.TAKEOVER, view)
 
     def begin_land(self, view: View, order: Order | None, reason: str) -> None:
@@ -182,9 +183,11 @@ class Flight:
         if self.step is Step.PX4:
             return
         self.state, self.reason = "landing", reason
-        x, y, _ = self._stop_point(view)
+        x, y, _ = stop_point(view, self.vehicle, self.fleet)
         height_m = max(0.0, view.position_enu_m[2] - self.ground_z_m)
-        self._set_goal((x, y, self.ground_z_m - _UNDER_GROUND_M), max(1.0, height_m / _SINK_SPEED_M_S))
+        braking_s = math.hypot(*view.velocity_enu_m_s) / self.vehicle.max_acceleration_m_s2  # not sideways at the floor
+        duration_s = max(1.0, height_m / _SINK_SPEED_M_S) + braking_s
+        self._set_goal((x, y, self.ground_z_m - _UNDER_GROUND_M), duration_s)
         self._enter(Step.DESCENT, view)
         self._limit(view, _LANDING_LIMIT_S, self._goal_duration_s)
 
@@ -287,11 +290,10 @@ class Flight:
     def _come_to_rest(self, view: View) -> None:
         if self.order is None:
             return
-        slow_m_s = 1.5 * (_ARRIVED_M_S if self.vehicle.mocap_required else _ARRIVED_PX4_M_S)
-        if not float(np.linalg.norm(view.velocity_enu_m_s)) < slow_m_s:
+        if not is_at_rest(view, self.vehicle):
             self._steady_ns = view.now_ns
         if (view.now_ns - self._steady_ns) * 1e-9 > _REST_S:
-            self.finish(view, "done", f"Holding at {_place(view)}.")
+            self.finish(view, "done", f"Holding at {place(view)}.")
         elif self._seconds(view) > _HOLD_LIMIT_S:
             self.finish(view, "timed out", f"Not at rest after {_HOLD_LIMIT_S:.0f} s; still trying to hold.")
 
@@ -363,7 +365,7 @@ class Flight:
     def _fly_leg(self, view: View) -> None:
         if self._is_steady(view):
             self._enter(Step.ARRIVED, view)
-            self.finish(view, "done", f"At {_place(view)}.")
+            self.finish(view, "done", f"At {place(view)}.")
 
     def _descend(self, view: View) -> None:
         height, sink = view.position_enu_m[2] - self.ground_z_m, abs(view.velocity_enu_m_s[2])
@@ -413,34 +415,6 @@ class Flight:
 
     # -- helpers -----------------------------------------------------------------------------------------------------
 
-    def finish(self, view: View, outcome: OrderOutcome, sentence: str) -> None:
-        """End the order in progress, if there is one."""
-        order, self.order = self.order, None
-        if order is not None:
-            severity: Severity = "info" if outcome in ("done", "superseded") else "warning"
-            self.say(view, severity, f"order-{order.kind}", sentence, order.order_id, outcome)
-
-    def say(
-        self,
-        view: View,
-        severity: Severity,
-        code: str,
-        sentence: str,
-        order_id: str = "",
-        outcome: OrderOutcome | None = None,
-    ) -> None:
-        """An event for people and programs."""
-        event = Event(
-            vehicle=self.vehicle.name,
-            stamp_ns=view.now_ns,
-            severity=severity,
-            code=code,
-            sentence=sentence,
-            order_id=order_id,
-            order_outcome=outcome or "",
-        )
-        self.out.append(Publish(Topic.EVENT, event))
-
     def _replace_order(
         self, view: View, order: Order | None, reason: str = "", outcome: OrderOutcome = "failed"
     ) -> None:
@@ -479,22 +453,6 @@ class Flight:
         self._goal_sequence += 1
 
     def _is_steady(self, view: View) -> bool:
-        miss = np.subtract(self.goal_position_enu_m, view.position_enu_m)
-        has_mocap = self.vehicle.mocap_required
-        near_m, slow_m_s = (_ARRIVED_M, _ARRIVED_M_S) if has_mocap else (_ARRIVED_PX4_M, _ARRIVED_PX4_M_S)
-        if not (np.linalg.norm(miss) < near_m and np.linalg.norm(view.velocity_enu_m_s) < slow_m_s):
+        if not is_there(view, self.goal_position_enu_m, self.vehicle):
             self._steady_ns = view.now_ns
         return (view.now_ns - self._steady_ns) * 1e-9 > _ARRIVED_S
-
-    def _stop_point(self, view: View) -> Vec3:
-        p, v = np.asarray(view.position_enu_m), np.asarray(view.velocity_enu_m_s)
-        way = p + v * (float(np.linalg.norm(v)) / self.vehicle.max_acceleration_m_s2)
-        fence = self.fleet.fleet.geofence_m
-        low, high = np.array([fence.x[0], fence.y[0], fence.z[0]]), np.array([fence.x[1], fence.y[1], fence.z[1]])
-        x, y, z = np.clip(way, low + 0.05, high - 0.05).tolist()
-        return x, y, z
-
-
-def _place(view: View) -> str:
-    x, y, z = view.position_enu_m
-    return f"({x:.2f}, {y:.2f}, {z:.2f}) m"
