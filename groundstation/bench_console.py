@@ -15,6 +15,7 @@ import os
 import pty
 import re
 import select
+import signal
 import struct
 import subprocess
 import sys
@@ -350,6 +351,7 @@ def main(argv: list[str]) -> int:
         raise ConfigError(f"--vehicles {options.vehicles}: give numbers with commas, for instance 10,100.") from None
     if not sizes or min(sizes) < 1 or max(sizes) > 250 or not options.seconds > 0.0:
         raise ConfigError("A fleet has 1 to 250 vehicles here, and is watched for more than 0 s.")
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))  # and end what was started
     results = [measure(size, options.seconds, options.minutes) for size in sizes]
     if options.json:
         print(json.dumps([asdict(one) for one in results], indent=2))
