@@ -29,6 +29,7 @@ class Row:
     fleet: FleetConfig
     drain: Drain | None
     age_s: float
+    is_stale: bool
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,13 +7,10 @@ vehicles and not to rows: a row that moves takes them along.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable
 from typing import ClassVar
 
-from rich.cells import cell_len
 from rich.segment import Segment
-from rich.style import Style
 from textual import events
 from textual.binding import Binding, BindingType
 from textual.geometry import Size
@@ -23,16 +20,16 @@ from textual.strip import Strip
 from groundstation.fleet import FleetState, VehicleView
 from groundstation.tui import look
 from groundstation.tui.history import History
-from groundstation.tui.look import BAD, CALM, FAINT, TEXT, WARN, clean, number
-from groundstation.tui.widgets.fleet_columns import COLUMNS, READ_WIDTH, SORTS, Column, Row, choose_columns, reason
+from groundstation.tui.look import FAINT, WARN, clean
+from groundstation.tui.widgets.fleet_choice import is_wanted, sort_key
+from groundstation.tui.widgets.fleet_columns import SORTS, Row
+from groundstation.tui.widgets.fleet_rows import Layout, Marks, draw_row
 from groundstation.tui.widgets.lines import Lines
 from onboard.config import ConfigError, FleetConfig
 
 SORT_S = 1.0  # rows that change places ten times a second cannot be read
 ALL_MARKED_S = 5.0  # a selection of everybody is forgotten by itself
 BLINK_S, BLINK_PERIOD_S = 4.0, 0.6
-_SILENCE_WIDTH = 18
-_NO_SIGNS = str.maketrans("✖▲", "  ")
 
 
 class FleetTable(Lines, ScrollView, can_focus=True):
@@ -261,27 +258,18 @@ class FleetTable(Lines, ScrollView, can_focus=True):
             self.virtual_size = Size(self.size.width, height)
 
     def _is_wanted(self, view: VehicleView) -> bool:
-        return is_wanted(self._row(view), view, self.filter, self._places.get(view.name, 0))
+        return is_wanted(self._row(view), view.name, self._places.get(view.name, 0), self.filter)
 
     def _key(self, view: VehicleView) -> tuple[bool, float, str, int]:
-        """Whoever has no value stands last, in either direction."""
         place = self._places.get(view.name, 0)
-        turn = -1.0 if self.is_reversed else 1.0
-        if self.sort == "place":
-            return False, turn * place, "", place
-        if self.sort == "name":
-            name = "".join(chr(0x10FFFF - ord(char)) for char in view.name) if self.is_reversed else view.name
-            return False, 0.0, name, place
-        column = next(column for column in COLUMNS if column.title == self.sort)
-        row = self._row(view)
-        value = math.nan if row is None or column.sort is None else column.sort(row)
-        return math.isnan(value), 0.0 if math.isnan(value) else turn * value, "", place
+        return sort_key(self._row(view), view.name, place, self.sort, self.is_reversed)
 
     def _row(self, view: VehicleView) -> Row | None:
         if view.telemetry is None:
             return None
         drain = self.history.drains.get(view.name)
-        return Row(view, view.telemetry, self.fleet, drain, view.age_s(self._now_ns))
+        is_stale = not view.is_fresh(self._now_ns)
+        return Row(view, view.telemetry, self.fleet, drain, view.age_s(self._now_ns), is_stale)
 
     def _say(self) -> None:
         """The border tells what is written, filtered, sorted and marked."""
@@ -310,18 +298,17 @@ class FleetTable(Lines, ScrollView, can_focus=True):
 
     def draw(self, width: int, height: int) -> list[Strip]:
         """The heading stays on the first line; the rows scroll below it."""
-        names = [view.name for view in self._views]
-        digits = max(2, len(str(max(0, len(names) - 1))))
-        name_width = max(4, min(24 if width >= 150 else 16, max(map(cell_len, names), default=4)))
-        columns, left = choose_columns(width - digits - name_width - 4)
-        parts = [" " * (digits + 3) + look.fit("name", name_width)]
-        parts += [look.fit(column.title, column.width, right=column.right) for column in columns]
-        heading = " ".join(parts) + (" why" if left else "")
-        lines = [Strip([Segment(look.fit(heading, width), look.style(FAINT))], width)]
-        top = round(self.scroll_offset.y)
-        here = self.selected
+        layout = Layout.of([view.name for view in self._views], width)
+        lines = [Strip([Segment(look.fit(layout.heading(), width), look.style(FAINT))], width)]
+        top, here, now_s = round(self.scroll_offset.y), self.selected, self._now_s
         for view in self._rows[top : top + height - 1]:
-            segments = self._segments(view, view.name == here, digits, name_width, columns, left)
+            is_blinking = (
+                now_s < self._blink_until_s.get(view.name, -math.inf) and int(now_s * 2.0 / BLINK_PERIOD_S) % 2
+            )
+            marks = Marks(
+                view.name == here, view.name in self._marks, bool(is_blinking), self.has_focus, self._has_nodes
+            )
+            segments = draw_row(layout, view, self._row(view), self._places.get(view.name, 0), marks)
             lines.append(Strip(segments).adjust_cell_length(width))
         if not self._rows and height > 1:
             empty = f"nobody matches '{clean(self.filter, 40)}'; esc shows all" if self.filter else "no vehicles"
@@ -332,94 +319,6 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         """Other rows are seen."""
         super().watch_scroll_y(old_value, new_value)
         self.redraw()
-
-    def _segments(
-        self,
-        view: VehicleView,
-        is_here: bool,
-        digits: int,
-        name_width: int,
-        columns: tuple[Column, ...],
-        left: int,
-    ) -> list[Segment]:
-        place = self._places.get(view.name, 0)
-        is_marked = view.name in self._marks
-        tint = look.style(look.vehicle_colour(place), bold=True)
-        if self._now_s < self._blink_until_s.get(view.name, -math.inf) and int(self._now_s * 2.0 / BLINK_PERIOD_S) % 2:
-            tint += Style(reverse=True)
-        segments = [
-            Segment("▌" if is_here else " ", look.style(TEXT if self.has_focus else FAINT, bold=True)),
-            Segment("✓" if is_marked else " ", look.style(CALM, bold=True)),
-            Segment(f"{place:>{digits}} {look.fit_name(clean(view.name, 80), name_width)} ", tint),
-        ]
-        row = self._row(view)
-        if row is None:
-            gone = "" if not self._has_nodes or view.is_alive else " (not on the bus)"
-            return [*segments, Segment(f"… waiting: nothing heard from its agent yet{gone}", look.style(FAINT))]
-        is_stale, told = not view.is_fresh(self._now_ns), row.told
-        skip = 0
-        if is_stale:
-            silence = f"NO TELEM {number(row.age_s, 1, limit=99999)} s"
-            segments.append(Segment(look.fit(silence, _SILENCE_WIDTH) + " ", look.style(BAD, bold=True)))
-            skip = _SILENCE_WIDTH + 1
-        # What keeps a vehicle on the ground is worth more than numbers of a flight.
-        has_reason = bool(told.not_ready or told.state == "failed") and not told.is_airborne and not is_stale
-        used = 0
-        rest = sum(column.width + 1 for column in columns) + left
-        for column in columns:
-            begins, used = used, used + column.width + 1
-            room, rest = rest, rest - column.width - 1
-            if used <= skip:
-                continue
-            if begins < skip:  # begins below the silence: what is left of its width stays empty
-                segments.append(Segment(" " * (used - skip)))
-                continue
-            if has_reason and left < READ_WIDTH and column.cover >= (1 if len(columns) < 10 else 2):
-                text, colour = reason(row)
-                return [*segments, Segment(look.fit(text, room), look.style(colour))]
-            text, colour = column.cell(row)
-            if is_stale:  # a warning about the past is none, nor is its all clear
-                text = "?" if text == "ok" else text.translate(_NO_SIGNS)
-            text = look.fit(text, column.width, right=column.right)
-            segments.append(Segment(f"{text} ", look.style(colour, dim=is_stale)))
-        if left:
-            text, colour = self._silence(view, row) if is_stale else reason(row)
-            segments.append(Segment(look.fit(text, left), look.style(colour, dim=is_stale)))
-        return segments
-
-    def _silence(self, view: VehicleView, row: Row) -> tuple[str, str]:
-        where = "" if not self._has_nodes else ", its agent is there" if view.is_alive else ", its agent has gone"
-        return f"was {clean(row.told.state, 20)}{where}", FAINT
-
-
-def is_wanted(row: Row | None, view: VehicleView, wish: str, place: int) -> bool:
-    """Whether every word of the filter fits: part of the name, a range of places, a state, mode, or a condition.
-
-    ``silent``, ``waiting``, ``armed``, ``airborne``, ``unready`` and ``low`` are conditions; ``!`` turns a word round.
-    """
-    words = [view.name.lower()] if row is None else [view.name.lower(), *row.told.state.split(), row.told.mode.lower()]
-    if row is None:
-        words.append("waiting")
-    else:
-        told = row.told
-        holds = {
-            "silent": row.age_s > 1.0,
-            "armed": told.is_armed,
-            "airborne": told.is_airborne,
-            "unready": bool(told.not_ready) and not told.is_airborne,
-            "low": told.battery_frac * 100.0 <= row.fleet.fleet.battery_warning_pct,
-        }
-        words += [word for word, is_so in holds.items() if is_so]
-    return all(_fits(term, words, place) for term in wish.lower().split())
-
-
-def _fits(term: str, words: list[str], place: int) -> bool:
-    if term.startswith("!") and len(term) > 1:
-        return not _fits(term[1:], words, place)
-    span = re.fullmatch(r"([0-9]{1,6})-([0-9]{1,6})", term)
-    if span:
-        return int(span[1]) <= place <= int(span[2])
-    return term in words[0] or any(word.startswith(term) for word in words[1:])
 
 
 def _plain(text: str) -> str:

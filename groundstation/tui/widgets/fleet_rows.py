@@ -1,0 +1,113 @@
+"""How a row of the fleet table is drawn: its columns, or what stands in their place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from rich.cells import cell_len
+from rich.segment import Segment
+from rich.style import Style
+
+from groundstation.fleet import VehicleView
+from groundstation.tui import look
+from groundstation.tui.look import BAD, CALM, FAINT, TEXT, clean, number
+from groundstation.tui.widgets.fleet_columns import READ_WIDTH, Cell, Column, Row, choose_columns, reason
+
+_SILENCE_WIDTH = 18
+_NO_SIGNS = str.maketrans("✖▲", "  ")
+_WIDE, _LONG_NAME, _SHORT_NAME = 150, 24, 16
+_FEW_COLUMNS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What has room in a row: digits of the number, cells of the name, columns, cells left for the reason."""
+
+    digits: int
+    name_width: int
+    columns: tuple[Column, ...]
+    left: int
+
+    @classmethod
+    def of(cls, names: Iterable[str], width: int) -> Layout:
+        """The layout for these vehicles in a table of this width."""
+        cells = [cell_len(name) for name in names]
+        digits = max(2, len(str(max(0, len(cells) - 1))))
+        name_width = max(4, min(_LONG_NAME if width >= _WIDE else _SHORT_NAME, max(cells, default=4)))
+        return cls(digits, name_width, *choose_columns(width - digits - name_width - 4))
+
+    def heading(self) -> str:
+        """The titles above the columns."""
+        parts = [" " * (self.digits + 3) + look.fit("name", self.name_width)]
+        parts += [look.fit(column.title, column.width, right=column.right) for column in self.columns]
+        return " ".join(parts) + (" why" if self.left else "")
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """What is to be seen on a row besides its values; ``has_nodes``: the bus tells who is on it."""
+
+    is_here: bool
+    is_marked: bool
+    is_blinking: bool
+    has_focus: bool
+    has_nodes: bool
+
+
+def draw_row(layout: Layout, view: VehicleView, row: Row | None, place: int, marks: Marks) -> list[Segment]:
+    """One row; ``row`` is None where nothing was ever heard."""
+    tint = look.style(look.vehicle_colour(place), bold=True)
+    name = look.fit_name(clean(view.name, 80), layout.name_width)
+    segments = [
+        Segment("▌" if marks.is_here else " ", look.style(TEXT if marks.has_focus else FAINT, bold=True)),
+        Segment("✓" if marks.is_marked else " ", look.style(CALM, bold=True)),
+        Segment(f"{place:>{layout.digits}} {name} ", tint + Style(reverse=True) if marks.is_blinking else tint),
+    ]
+    if row is None:
+        gone = "" if not marks.has_nodes or view.is_alive else " (not on the bus)"
+        return [*segments, Segment(f"… waiting: nothing heard from its agent yet{gone}", look.style(FAINT))]
+    return segments + (_silent(layout, row, marks.has_nodes) if row.is_stale else _fresh(layout, row))
+
+
+def _fresh(layout: Layout, row: Row) -> list[Segment]:
+    """Values of now. On the ground the reason not to fly is worth more than numbers of a flight."""
+    segments: list[Segment] = []
+    told, left = row.told, layout.left
+    has_reason = bool(told.not_ready or told.state == "failed") and not told.is_airborne and left < READ_WIDTH
+    for index, column in enumerate(layout.columns):
+        if has_reason and column.cover >= (1 if len(layout.columns) < _FEW_COLUMNS else 2):
+            left += sum(other.width + 1 for other in layout.columns[index:])
+            break
+        segments.append(_cell(column.cell(row), column))
+    if left:
+        text, colour = reason(row)
+        segments.append(Segment(look.fit(text, left), look.style(colour)))
+    return segments
+
+
+def _silent(layout: Layout, row: Row, has_nodes: bool) -> list[Segment]:
+    """The silence takes the places of the first columns; of the others what was last heard, faint.
+
+    A warning about the past is none, nor is its all clear: both go.
+    """
+    silence = look.fit(f"NO TELEM {number(row.age_s, 1, limit=99_999)} s", _SILENCE_WIDTH)
+    segments = [Segment(f"{silence} ", look.style(BAD, bold=True))]
+    end = 0
+    for column in layout.columns:
+        begin, end = end, end + column.width + 1
+        if begin > _SILENCE_WIDTH:
+            text, colour = column.cell(row)
+            segments.append(_cell(("?" if text == "ok" else text.translate(_NO_SIGNS), colour), column, dim=True))
+        elif end > _SILENCE_WIDTH + 1:  # begins below the silence: what is left of its width stays empty
+            segments.append(Segment(" " * (end - _SILENCE_WIDTH - 1)))
+    if layout.left:
+        where = "" if not has_nodes else ", its agent is there" if row.view.is_alive else ", its agent has gone"
+        text = look.fit(f"was {clean(row.told.state, 20)}{where}", layout.left)
+        segments.append(Segment(text, look.style(FAINT, dim=True)))
+    return segments
+
+
+def _cell(cell: Cell, column: Column, *, dim: bool = False) -> Segment:
+    text, colour = cell
+    return Segment(f"{look.fit(text, column.width, right=column.right)} ", look.style(colour, dim=dim))
