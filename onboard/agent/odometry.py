@@ -1,7 +1,7 @@
 """Which mocap poses PX4's estimator is told, so that PX4's own hold and land work indoors. Pure.
 
-Only what the agent itself believes is passed on, at 50 Hz at most: PX4 follows whatever it is told. When believed poses
-stop, nothing is sent, and PX4's estimator says by itself that it has lost its position. When they come back, its
+Only what the agent itself believes is passed on, once a tick at most: PX4 follows whatever it is told. When believed
+poses stop, nothing is sent, and PX4's estimator says by itself that it has lost its position. When they come back, its
 estimate has drifted farther than its gate lets a sample in: the reset counter tells it to begin anew there. In the air
 that is done only near to where PX4 itself thinks it is: a body that was taken for another one would make it fly there.
 """
@@ -15,7 +15,7 @@ from onboard.agent.events import SendOdometry
 from onboard.bus.schema import MocapPose, Vec3
 from onboard.link.autopilot import Landed, Snapshot
 
-_EVERY_NS = 18_000_000  # every sample of a mocap at 50 Hz
+_EVERY_NS = 14_000_000  # once a tick of 20 ms, early ones included
 _GAP_NS = 300_000_000  # PX4 stops fusing after a second; a few decimetres of drift come sooner
 _STEP_M, _STEP_M_S = 0.2, 6.0  # no movement of a vehicle goes farther than this between two samples
 _STD_M = 0.01

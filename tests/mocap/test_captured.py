@@ -84,7 +84,7 @@ class _Listener:
     def __exit__(self, *_: object) -> None:
         self.source.stop()
 
-    def wait(self, condition, *, seconds: float = 20.0) -> None:
+    def wait(self, condition, *, seconds: float = 45.0) -> None:
         end = time.monotonic() + seconds
         while not condition():
             assert time.monotonic() < end, f"waited {seconds} s in vain; problem: {self.source.problem!r}"
