@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 import struct
+from collections.abc import Callable
 
 import pytest
 from pymavlink.dialects.v20 import common
@@ -217,6 +218,31 @@ def test_vision_moves_the_local_frame_when_satellites_are_off() -> None:
     local = emu.estimator.local(0)
     assert math.dist(local.position_ned_m, (3.0, -4.0, -0.1)) < 0.4
     assert abs(emu.estimator.yaw_error_rad[0]) < 1e-3
+
+
+def test_another_reset_counter_in_odometry_is_followed_at_once_in_height_too() -> None:
+    emu = emulator()
+    client = Client(emu)
+    client.send("PARAM_SET", param_id=b"EKF2_GPS_CTRL", param_value=0.0, param_type=6, target_system=1)
+
+    def send(height_m: float, resets: int) -> Callable[[], None]:
+        def once() -> None:
+            if emu.world.vehicles.steps % 5 == 0:
+                pose = {"x": 0.0, "y": 0.0, "z": -height_m, "q": [1.0, 0.0, 0.0, 0.0], "frame_id": 1}
+                client.send("ODOMETRY", **pose, reset_counter=resets)
+
+        return once
+
+    def height_m() -> float:
+        return -emu.estimator.local(0).position_ned_m[2]
+
+    run_for(emu, 4.0, send(0.0, 0))
+    run_for(emu, 0.5, send(0.9, 0))
+    assert height_m() < 0.2  # without a word it is refused for five seconds
+    run_for(emu, 0.1, send(0.9, 1))
+    assert abs(height_m() - 0.9) < 0.1
+    run_for(emu, 0.5, send(0.9, 1))
+    assert abs(height_m() - 0.9) < 0.1
 
 
 def test_with_vision_only_hold_can_be_armed_in_once_an_origin_is_given() -> None:
