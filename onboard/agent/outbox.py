@@ -28,6 +28,8 @@ class Outbox:
         """Call ``function(*args)`` soon; False when too much waits already."""
         if not self._room.acquire(blocking=False):
             self.dropped += 1
+            if self.dropped == 1:
+                log.warning("too much waits to be sent on the bus: what comes now is dropped")
             return False
         self._worker.submit(function, *args).add_done_callback(self._done)
         return True

@@ -43,7 +43,7 @@ PERIOD_NS = 20_000_000
 _MAX_EVENTS = 2000
 _STATISTICS_TICKS = 25
 _FAILED_TICKS_TO_LAND = 25
-_PARAM_REPEAT_S = 5.0
+_PARAM_REPEAT_S, _PARAM_AGAIN_NS = 5.0, 15_000_000_000
 _TIDY_TICKS = 500  # on the ground
 # A setpoint that comes later than this after its tick began was held up on the way: PX4 is not to have it.
 _SETPOINT_NS = 60_000_000
@@ -285,14 +285,23 @@ class Agent:
         log.info("PX4 answers at %s", self.vehicle.autopilot)
         while True:
             self._link.request_rates()
-            if self.vehicle.mocap_required:
+            asked_ns = time.monotonic_ns()
+            while self._link.snapshot().heartbeat_ns < asked_ns:  # noqa: ASYNC110 - MAVSDK's threads set no Event
+                await asyncio.sleep(0.1)
+            is_armed = self._link.snapshot().is_armed
+            if is_armed:  # by an earlier life of this agent, or a pilot: nothing is changed under way
+                log.warning("PX4 is armed already: its origin and its parameters are left as they are")
+            if self.vehicle.mocap_required and not is_armed:
                 self._link.set_global_origin()
-            if self._apply_params:
+            if self._apply_params and not is_armed:
                 await loop.run_in_executor(self._blocking, self._link.apply_params, required)
             problems: tuple[str, ...] | None = None
+            read_ns = 0
             boot_ms = self._link.snapshot().px4_boot_ms
             while True:
-                if problems is None or (problems and self._core.flight.situation is Situation.GROUND):
+                is_due = problems or time.monotonic_ns() - read_ns > _PARAM_AGAIN_NS  # somebody may have set another
+                if problems is None or (is_due and self._core.flight.situation is Situation.GROUND):
+                    read_ns = time.monotonic_ns()
                     actual = await loop.run_in_executor(self._blocking, self._link.read_params, required)
                     problems = differences(required, actual)
                     self._notices.append(ev.ParamsRead(problems))

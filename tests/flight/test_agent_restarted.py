@@ -45,7 +45,7 @@ async def test_a_restarted_agent_takes_a_held_vehicle_over_where_it_is_and_lands
         await asyncio.sleep(0.8)  # PX4 has begun to land
         assert vehicle.direct is not None
         put_on_hold(vehicle.direct, vehicle.system_id)
-        command = ["onboard", "--fleet", str(stage.path), "--vehicle", "mav0"]
+        command = ["onboard", "--fleet", str(stage.path), "--vehicle", "mav0", "--apply-params"]
         stage.processes.start("mav0-again", command)
         assert await client.wait_for(lambda _: told("failed", "HOLD"), 60.0)
         await asyncio.sleep(3.0)
@@ -66,3 +66,5 @@ async def test_a_restarted_agent_takes_a_held_vehicle_over_where_it_is_and_lands
             farthest_m = max(farthest_m, math.dist(now.position_enu_m, before.position_enu_m))
         assert farthest_m < 0.3
         assert await stage.fleet.land_all()
+        log = (tmp_path / "mav0-again.log").read_text()
+        assert "its parameters are left as they are" in log
