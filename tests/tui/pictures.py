@@ -122,8 +122,8 @@ class Terminal:
         subprocess.run(["tmux", "-L", self._socket, "-f", "/dev/null", *words], check=True)
 
 
-def fly_demo(width: int, height: int, stem: str, *, limit_s: float = 240.0, **environ: str) -> None:
-    """Fly the demo; keep the moment at which the law holds back most, and the end."""
+def fly_demo(width: int, height: int, stem: str, *, has_verdict: bool, limit_s: float = 240.0, **environ: str) -> None:
+    """Fly the demo; keep the moment at which the law holds back most, and the end where it is asked for."""
     with tempfile.TemporaryDirectory() as folder:
         command = f"exec {sys.executable} -m groundstation demo --record {folder}/flight"
         with Terminal(width, height, command, **environ) as terminal:
@@ -133,7 +133,8 @@ def fly_demo(width: int, height: int, stem: str, *, limit_s: float = 240.0, **en
                 shown = terminal.screen()
                 if "mission passed" in shown or "mission failed" in shown:
                     time.sleep(1.0)
-                    paint(from_ansi(terminal.screen()), FIGURES / f"{stem}_verdict.png")
+                    if has_verdict:
+                        paint(from_ansi(terminal.screen()), FIGURES / f"{stem}_verdict.png")
                     break
                 held_back = shown.count("▮") + shown.count("|||")
                 if held_back > most and "flying" in shown:
@@ -157,7 +158,7 @@ def main() -> int:
     kind = "_light" if options.light else "_ascii" if options.ascii else ""
     for size in options.sizes.split(","):
         width, height = map(int, size.split("x"))
-        fly_demo(width, height, f"console_{size}{kind}", **environ)
+        fly_demo(width, height, f"console_{size}{kind}", has_verdict=f"{size}{kind}" == "120x40", **environ)
     return 0
 
 
