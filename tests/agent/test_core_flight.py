@@ -201,3 +201,101 @@ def test_identify_plays_a_tune_and_changes_nothing_else(in_air: bool) -> None:
     assert rig.outcomes()[reply.order_id] == "done"
     assert (rig.core.flight.state, rig.core.flight.step, rig.core.flight.order) == before
     assert any("does not confirm" in event.sentence for event in rig.events)
+
+
+def test_a_move_that_never_arrives_times_out_says_how_far_it_was_and_holds() -> None:
+    rig = Rig()
+    rig.fly()
+    order = rig.order("move", position_enu_m=(2.0, 0.0, 1.0))
+    rig.core.flight._limit_s = 3.0
+    move = rig._move
+
+    def stuck() -> None:
+        move()
+        rig.position[0], rig.velocity[0] = 0.0, 0.0
+
+    rig._move = stuck  # type: ignore[method-assign]
+    rig.run(3.2)
+    assert rig.outcomes()[order.order_id] == "timed out"
+    (sentence,) = [event.sentence for event in rig.events if event.order_id == order.order_id]
+    assert "1.99 m" in sentence or "2.0" in sentence
+    assert "to go" in sentence
+    assert rig.core.flight.state == "holding"
+
+
+def test_every_move_and_landing_has_a_time_limit_that_grows_with_its_way() -> None:
+    rig = Rig()
+    rig.fly()
+    limits = []
+    for fields in ({"position_enu_m": (0.5, 0.0, 1.0)}, {"position_enu_m": (3.5, 0.0, 1.0)}, {"duration_s": 60.0}):
+        rig.order("move", **{"position_enu_m": (1.0, 0.0, 1.0), **fields})
+        limits.append(rig.core.flight._limit_s)
+    assert 30.0 < limits[0] < limits[1] < limits[2]
+    assert limits[2] >= 180.0
+    rig.order("land")
+    assert 20.0 < rig.core.flight._limit_s < 40.0
+
+
+def test_a_landing_that_does_not_come_down_is_handed_to_px4() -> None:
+    rig = Rig()
+    rig.fly()
+    order = rig.order("land")
+    rig.core.flight._limit_s = 2.0
+    move = rig._move
+
+    def hanging() -> None:
+        move()
+        rig.position[2], rig.velocity[2] = 1.0, 0.0
+
+    rig._move = hanging  # type: ignore[method-assign]
+    rig.run(2.5)
+    assert rig.count(ev.Px4Land) >= 1
+    assert rig.outcomes()[order.order_id] == "timed out"
+    rig._move = move  # type: ignore[method-assign]
+    rig.until("landed")
+
+
+def test_a_failsafes_disarming_is_asked_for_until_px4_says_that_it_is_disarmed() -> None:
+    rig = Rig()
+    rig.until("ready")
+    rig.order("arm")
+    rig.until("armed")
+    since_ns = rig.now_ns
+    rig.core.handle(ev.ShutdownAsked(), rig.now_ns)
+    take = rig.take
+    rig.take = lambda commands: take(
+        [c for c in commands if not isinstance(c, ev.Disarm) or rig.now_ns - since_ns > 3e9]
+    )  # type: ignore[method-assign]
+    rig.run(6.0)
+    assert not rig.is_armed
+    asked = [when for when, command in rig.sent if isinstance(command, ev.Disarm)]
+    assert asked
+    assert not any(when > asked[-1] + 2 * 10**9 for when in asked)
+
+
+def test_a_kill_switch_in_flight_ends_the_flight_and_is_never_undone() -> None:
+    rig = Rig()
+    rig.fly()
+    rig.is_armed = False
+    rig.run(1.2)
+    told_ns = rig.now_ns
+    rig.run(3.0)
+    assert rig.count(ev.Arm, told_ns) == rig.count(ev.SendAttitude, told_ns) == 0
+    assert "disarmed in flight" in rig.core.flight.reason
+    assert rig.core.flight.state in ("failed", "landed")
+
+
+def test_a_pilot_who_takes_the_vehicle_from_px4s_landing_is_not_fought() -> None:
+    rig = Rig()
+    rig.fly()
+    rig.has_mocap = False
+    rig.run(1.0)
+    assert rig.mode == "LAND"
+    rig.run(1.1)  # a heartbeat has told it
+    rig.position[2] = max(rig.position[2], 0.8)
+    rig.mode = "POSCTL"
+    rig.run(1.1)
+    told_ns = rig.now_ns
+    rig.run(2.5)
+    assert rig.count(ev.Px4Land, told_ns) == 0
+    assert "POSCTL" in rig.core.flight.reason
