@@ -30,9 +30,9 @@ def is_at_rest(view: View, vehicle: Vehicle) -> bool:
 
 
 def stop_point(view: View, vehicle: Vehicle, fleet: FleetConfig) -> Vec3:
-    """Where it comes to rest as soon as its acceleration allows, inside the fence."""
+    """Where it comes to rest as soon as its lag and its acceleration allow, inside the fence."""
     p, v = np.asarray(view.position_enu_m), np.asarray(view.velocity_enu_m_s)
-    way = p + v * (float(np.linalg.norm(v)) / vehicle.max_acceleration_m_s2)
+    way = p + v * (vehicle.lag_s + float(np.linalg.norm(v)) / vehicle.max_acceleration_m_s2)
     fence = fleet.fleet.geofence_m
     low, high = np.array([fence.x[0], fence.y[0], fence.z[0]]), np.array([fence.x[1], fence.y[1], fence.z[1]])
     x, y, z = np.clip(way, low + _INSIDE_M, high - _INSIDE_M).tolist()

@@ -185,7 +185,7 @@ class Flight(Telling):
         self.state, self.reason = "landing", reason
         x, y, _ = stop_point(view, self.vehicle, self.fleet)
         height_m = max(0.0, view.position_enu_m[2] - self.ground_z_m)
-        braking_s = math.hypot(*view.velocity_enu_m_s) / self.vehicle.max_acceleration_m_s2  # not sideways at the floor
+        braking_s = 2.0 * math.hypot(*view.velocity_enu_m_s) / self.vehicle.max_acceleration_m_s2
         duration_s = max(1.0, height_m / _SINK_SPEED_M_S) + braking_s
         self._set_goal((x, y, self.ground_z_m - _UNDER_GROUND_M), duration_s)
         self._enter(Step.DESCENT, view)

@@ -7,6 +7,7 @@ from onboard.agent.events import Command, LoopTimed, Publish
 from onboard.agent.flight import Flight
 from onboard.agent.guard import Guard
 from onboard.agent.interest import is_slow
+from onboard.agent.lives import Lives
 from onboard.agent.neighbours import NeighbourTable
 from onboard.agent.own_state import OwnState
 from onboard.agent.steps import View
@@ -36,10 +37,11 @@ class Report:
         flight: Flight,
         guard: Guard,
         roles: Roles,
+        lives: Lives,
     ) -> None:
         self._vehicle, self._boot_id, self._config_hash, self._law = vehicle, boot_id, config_hash, law
         self._own, self._neighbours, self._flight, self._guard = own, neighbours, flight, guard
-        self._roles = roles
+        self._roles, self._lives = roles, lives
         self._samples: list[TickSample] = []
         self._sequence = 0
         self._shown = (flight.state, flight.step)
@@ -68,7 +70,7 @@ class Report:
             stamp_ns=now_ns,
             is_valid=view.has_position,
             is_airborne=is_airborne,
-            is_cooperative=view.has_position and flight.is_under_law and self._guard.is_obeyed,
+            is_cooperative=view.has_position and flight.gives_way(view) and self._guard.is_obeyed,
         )
         out.append(Publish(Topic.STATE, state))
         if is_slow(self._sequence):
@@ -118,5 +120,6 @@ class Report:
                 action=action,
                 roles=self._roles,
                 avoids=avoids,
+                doubles=self._lives.doubled(now_ns),
             )
             out.insert(0, Publish(Topic.TELEMETRY, telemetry))

@@ -6,6 +6,7 @@ import pytest
 
 from sitl.faults import Fault
 from sitl.lockstep.bus import BusSettings
+from tests.lockstep.suite import fleet_of, mission_of
 
 
 def _truth(flight, name):
@@ -139,3 +140,12 @@ def test_a_fault_comes_at_the_tick_it_was_asked_for(lockstep, paper):
     flight.at(0.248, lambda: seen.append(flight.time_s))
     flight.run(1.0)
     assert seen == pytest.approx([0.248, 0.5], abs=1e-6)
+
+
+def test_nobody_counts_on_a_vehicle_to_go_aside_that_is_about_to_touch_down(lockstep):
+    # it was at 0.70 m: friction ended the way aside that the other one relied on
+    flight = lockstep(fleet_of(3), seed=263)
+    flight.at(8.76, lambda: flight.inject(Fault("battery_cell", "mav0", flight.time_s, parameters={"drop_pct": 80.0})))
+    flight.fly(mission_of(3))
+    assert "battery-low" in _codes(flight, "mav0")
+    assert flight.min_separation_m > 0.85
