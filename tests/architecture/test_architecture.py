@@ -1,6 +1,9 @@
 """The house as documented is the house as built; public fields say their quantity, frame and unit."""
 
+import ast
 import re
+import sys
+import tomllib
 from dataclasses import fields
 from pathlib import Path
 
@@ -61,3 +64,33 @@ def test_a_module_stays_below_its_size() -> None:
         for path in (ROOT / package).rglob("*.py"):
             lines = len(path.read_text(encoding="utf-8").splitlines())
             assert lines <= 460, f"{path.relative_to(ROOT)} has {lines} lines: two ideas in one file?"
+
+
+def imported_libraries(package: str) -> set[str]:
+    """Names of the libraries, neither Python's own nor ours, that a package's modules import anywhere."""
+    found = set()
+    for path in (ROOT / package).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                found.add(str(node.module).split(".")[0])
+    return (
+        found - set(sys.stdlib_module_names) - {*import_graph.PACKAGES, "tests", "pytest"}
+    )  # pytest: sitl.lockstep.testing is a plugin
+
+
+def test_what_is_imported_is_installed_by_the_readme_s_one_command() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    wanted = [
+        *project["dependencies"],
+        *(line for name in ("ground", "sim", "plots") for line in extras[name]),
+    ]
+    declared = {re.split(r"[<>=\[; ]", line)[0].replace("-", "_") for line in wanted}
+    imported = {
+        {"zenoh": "eclipse_zenoh"}.get(name, name)
+        for room in import_graph.PACKAGES
+        for name in imported_libraries(room)
+    }
+    assert imported - declared == set(), "imported, but no extra of pyproject.toml installs it"
