@@ -210,3 +210,13 @@ def test_a_clock_message_of_twenty_nodes_is_small_and_comes_back_the_same() -> N
     data = encode(message)
     assert decode(data, ClockMessage) == message
     assert len(data) < 1000
+
+
+def test_only_other_hosts_are_told_with_how_well_they_are_known_and_forgotten_when_they_are_gone() -> None:
+    world = _World(80 * _S, 0.0, lambda: 0.002, lambda: 0.004)
+    world.b.hear(ClockMessage(node="c", host=_B, sequence=1, sent_ns=5, heard=()), 5)  # of its own host
+    world.run(0.1)
+    assert world.b.bounds_s(world.b_ns(world.now_ns)) == {"a": float("inf")}  # heard, and not yet heard of
+    world.run(3.0)
+    assert world.a.bounds_s(world.now_ns)["b"] == pytest.approx(0.003, abs=0.002)
+    assert world.a.bounds_s(world.now_ns + 120 * _S) == {}
