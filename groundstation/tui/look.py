@@ -11,7 +11,7 @@ import unicodedata
 from collections.abc import Sequence
 from functools import lru_cache
 
-from rich.cells import cell_len, set_cell_size
+from rich.cells import cell_len, get_character_cell_size, set_cell_size
 from rich.style import Style
 
 GROUND = "#0f141a"
@@ -99,7 +99,17 @@ def clean(text: object, limit: int = 400) -> str:
 def _cleaned(line: str) -> str:
     if line.isascii() and line.isprintable():
         return line
-    return "".join(" " if char in "\n\r\t" else char for char in line if char in "\n\r\t" or _is_printable(char))
+    spaced = (" " if char in "\n\r\t" or unicodedata.category(char) == "Zs" else char for char in line)
+    text = "".join(char for char in spaced if _is_printable(char))
+    if cell_len(text) != sum(map(get_character_cell_size, text)):
+        # Flags and joined signs: terminals disagree about their width, so each part stands for itself.
+        text = "".join("?" if _joins(char) else char for char in text if get_character_cell_size(char))
+    return text
+
+
+def _joins(char: str) -> bool:
+    """Whether signs melt into one with it: regional indicators and shades of skin."""
+    return "\U0001f1e6" <= char <= "\U0001f1ff" or "\U0001f3fb" <= char <= "\U0001f3ff"
 
 
 def number(value: object, digits: int = 1, *, sign: bool = False, unit: str = "", limit: float = 99_999.0) -> str:
@@ -137,7 +147,7 @@ def spark(values: Sequence[float], width: int, top: float) -> str:
     """The last ``width`` values as little columns, ``top`` filling a cell; what is no number is a gap."""
     shown = [float(value) for value in values[-width:]] if width > 0 else []
     steps = "▁▂▃▄▅▆▇█"
-    marks = (steps[min(7, max(0, int(8 * value / top)))] if math.isfinite(value) else " " for value in shown)
+    marks = (steps[int(8 * min(0.999, max(0.0, value / top)))] if math.isfinite(value) else " " for value in shown)
     return "".join(marks).rjust(width)
 
 

@@ -1,0 +1,51 @@
+"""Whatever text comes, it takes the cells that it was given and no others."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.cells import cell_len
+
+from groundstation.tui import look
+from groundstation.tui.canvas import Canvas
+from groundstation.tui.dress import to_ascii
+
+SOME = settings(max_examples=150, deadline=None)
+TEXT = st.text(max_size=60) | st.text(alphabet="ab無人é́❤️👨‍👩דрa\u200b\u200d\ufe0f🇩🇪", max_size=50)
+
+
+@SOME
+@given(TEXT, st.integers(0, 50), st.booleans())
+def test_text_is_fitted_into_exactly_its_width(text: str, width: int, right: bool) -> None:
+    clean = look.clean(text)
+    assert clean.isprintable() or not clean
+    assert cell_len(look.fit(clean, width, right=right)) == width
+    assert cell_len(look.fit_name(clean, width)) == width
+
+
+@SOME
+@given(TEXT)
+def test_ascii_takes_the_cells_of_what_it_stands_for(text: str) -> None:
+    clean = look.clean(text)
+    plain = to_ascii(clean)
+    assert plain.isascii()
+    assert cell_len(plain) == cell_len(clean)
+
+
+@SOME
+@given(st.lists(st.tuples(st.integers(-9, 29), st.integers(-2, 6), TEXT), max_size=6), st.integers(1, 24))
+def test_a_picture_is_as_wide_as_it_is_whatever_is_written_on_it(texts: list[tuple[int, int, str]], width: int) -> None:
+    canvas = Canvas(width, 4)
+    canvas.circles(np.array([[3.0, 3.0], [1e9, -1e9], [np.nan, 0.0]]), 5.0, look.CALM)
+    canvas.lines(np.array([[0.0, 0.0], [np.nan, 1.0]]), np.array([[90.0, 9.0], [3.0, np.inf]]), look.BAD)
+    for column, row, text in texts:
+        canvas.text(column, row, look.clean(text), look.TEXT)
+    assert [strip.cell_length for strip in canvas.strips()] == [width] * 4
+    assert [cell_len(strip.text) for strip in canvas.strips()] == [width] * 4
+
+
+@SOME
+@given(st.lists(st.floats(), max_size=40), st.integers(0, 30), st.floats(0.1, 1e6))
+def test_sparks_take_any_number(values: list[float], width: int, top: float) -> None:
+    assert cell_len(look.spark(values, width, top)) == width
