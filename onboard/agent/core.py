@@ -51,7 +51,7 @@ from onboard.control import pipeline
 from onboard.control.pipeline import Phase, PipelineMemory
 from onboard.link.autopilot import Landed, Snapshot, Vec3
 from onboard.link.params import required_params
-from onboard.safety.failsafe import Situation
+from onboard.safety.failsafe import Action, Situation
 from onboard.safety.wire import is_sendable
 from onboard.types import AttitudeSetpoint, Goal, Neighbours, State, Tick
 
@@ -376,7 +376,10 @@ class AgentCore:
         now_ns = self._last_ns
         if flight.must_be_offboard and self._sent_ns and now_ns - self._sent_ns > self._loss_ns:
             # PX4 has begun to land meanwhile: setpoints that come back now would take the vehicle from it
-            flight.begin_px4_land(self._view, f"No setpoint has left for {self._loss_ns * 1e-9:.1f} s: PX4 lands.")
+            sentence = f"No setpoint has left for {self._loss_ns * 1e-9:.1f} s: PX4 lands."
+            flight.say(self._view, "critical", "setpoints-interrupted", sentence)
+            flight.begin_px4_land(self._view, sentence)
+            self.guard.action = max(self.guard.action, Action.PX4_LAND)
             return out + self._drain()
         # last check: finite, bounded, from a fresh position and attitude; else the wire stays silent
         is_fresh = self.own.age_s < POSITION_LOST_S + 0.2 and now_ns - self._snapshot.last_packet_ns < _HEARD_NS

@@ -67,6 +67,8 @@ def test_no_gap_between_setpoints_is_longer_than_px4_waits(gap_ms: int) -> None:
     sent = [0, *setpoints(rig, begin_ns)]
     gaps_ns = [later - earlier for earlier, later in itertools.pairwise(sent)]
     assert max(gaps_ns) <= LOSS_NS + DT_NS
+    if rig.core.flight.state not in ("flying", "holding"):
+        assert any(event.severity == "critical" for event in rig.events), "the record must tell why"
 
 
 def test_a_stall_that_px4_did_not_notice_ends_in_a_hold() -> None:
