@@ -12,20 +12,20 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
 
 from groundstation import fleet as fleet_state
 from groundstation import orders as orders_
 from groundstation.direct import DirectKind, DirectResult, send_direct
 from groundstation.fleet import DIRECT_DISARMED, FleetState
+from groundstation.ground_bus import Bus
 from groundstation.handle import OrderHandle, Phase, VehicleResult
 from groundstation.operator import Control
 from groundstation.orders import Intent, Plan
-from groundstation.ticks import BusTicks, Follows
+from groundstation.ticks import BusTicks
 from onboard.bus.clock_node import ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Event, FaultOrder, Message, Order, OrderReply, Truth
-from onboard.bus.session import BusSession, OnAlive, OnMessage
+from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config import FleetConfig, Vehicle
 
@@ -40,36 +40,6 @@ Direct = Callable[..., DirectResult]
 
 class FaultRefused(RuntimeError):
     """A fault was not injected: a sentence that says why."""
-
-
-class Bus(Follows, Protocol):
-    """What the client needs of :class:`onboard.bus.session.BusSession`."""
-
-    @property
-    def node(self) -> str: ...
-    def start(self) -> None: ...
-    def stop(self) -> None: ...
-    def subscribe(self, topic: Topic, name: str, on_message: OnMessage) -> None: ...
-    def watch_alive(self, on_alive: OnAlive) -> None: ...
-    def claim(self, token: str) -> None: ...
-    def release(self, token: str) -> None: ...
-    def order(
-        self,
-        vehicle: str,
-        order: Order,
-        *,
-        timeout_s: float,
-        on_reply: Callable[[OrderReply | Malformed], None],
-        on_end: Callable[[], None],
-    ) -> None: ...
-    def fault(
-        self,
-        order: FaultOrder,
-        *,
-        timeout_s: float,
-        on_reply: Callable[[OrderReply | Malformed], None],
-        on_end: Callable[[], None],
-    ) -> None: ...
 
 
 class FleetClient:

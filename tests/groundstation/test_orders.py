@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
 import pytest
 
 from groundstation.fleet import FleetState, fold, initial
-from groundstation.orders import Intent, OrderError, Plan, parse, plan
+from groundstation.orders import Intent, OrderError, Plan, parse, plan, slots_of
 from onboard.config import FleetConfig
 
 ALL = ("mav0", "mav1", "mav2")
@@ -160,3 +161,57 @@ def test_a_formation_without_position_stays_where_the_vehicles_are(fleet: FleetC
     done = planned(parse("formation triangle", fleet), fleet, state)
     assert done.orders["mav0"].position_enu_m == pytest.approx((0.5, 0.42, 1.0))
     assert not planned(parse("formation triangle", fleet), fleet, initial(fleet)).orders
+
+
+@pytest.mark.parametrize(
+    ("text", "intent"),
+    [
+        ("formation triangle 1.6", Intent("formation", ALL, formation="triangle", spacing_m=1.6)),
+        (
+            "formation triangle 1.8 0 1.2 1.0 in 8",
+            Intent(
+                "formation", ALL, position_enu_m=(0.0, 1.2, 1.0), formation="triangle", spacing_m=1.8, duration_s=8.0
+            ),
+        ),
+        ("formation triangle 0-1 2.0", Intent("formation", ("mav0", "mav1"), formation="triangle", spacing_m=2.0)),
+        ("formation triangle 1", Intent("formation", ("mav1",), formation="triangle")),
+        ("identify mav2", Intent("identify", ("mav2",))),
+    ],
+)
+def test_a_formation_may_be_stretched_and_vehicles_identified(fleet: FleetConfig, text: str, intent: Intent) -> None:
+    assert parse(text, fleet) == intent
+    assert parse(str(intent), fleet) == intent
+
+
+@pytest.mark.parametrize("text", ["identify", "formation triangle nan", "formation triangle 1.6 0"])
+def test_nobody_and_no_number_are_no_orders(fleet: FleetConfig, text: str) -> None:
+    with pytest.raises(OrderError, match=r"Write|finite|not a vehicle"):
+        parse(text, fleet)
+
+
+@pytest.mark.parametrize("text", ["formation triangle -1.6 0 0 1", "formation triangle 0.0 0 0 1"])
+def test_a_spacing_that_is_none_is_refused(fleet: FleetConfig, text: str) -> None:
+    planned = plan(parse(text, fleet), fleet, None, formation="triangle", author="x", now_ns=0)
+    assert not planned.orders
+    assert all("no distance" in reason for reason in planned.refusals.values())
+
+
+def test_the_spacing_is_that_of_the_nearest_slots_and_lasts_for_the_next_move(fleet: FleetConfig) -> None:
+    stretched = slots_of(fleet, "triangle", 2.0)
+    spacing_m = min(math.dist(stretched[a][:2], stretched[b][:2]) for a, b in itertools.combinations(stretched, 2))
+    assert spacing_m == pytest.approx(2.0)
+    assert slots_of(fleet, "triangle") == fleet.formations["triangle"]
+    first = plan(parse("formation triangle 2.0 0 0 1", fleet), fleet, None, formation=None, author="x", now_ns=0)
+    assert (first.formation, first.spacing_m) == ("triangle", 2.0)
+    then = plan(
+        parse("move all 0 0.5 1", fleet), fleet, None,
+        formation=first.formation, spacing_m=first.spacing_m, author="x", now_ns=0,
+    )  # fmt: skip
+    shift = [then.orders[n].position_enu_m[1] - first.orders[n].position_enu_m[1] for n in ALL]  # type: ignore[index]
+    assert shift == pytest.approx([0.5] * 3)
+    assert then.spacing_m == 2.0
+
+
+def test_orders_carry_the_node_by_which_the_operator_is_known(fleet: FleetConfig) -> None:
+    planned = plan(parse("land all", fleet), fleet, None, formation=None, author="x", now_ns=0, node="ground-1")
+    assert {order.node for order in planned.orders.values()} == {"ground-1"}
