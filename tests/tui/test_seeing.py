@@ -161,6 +161,20 @@ async def test_a_wrong_range_marks_nobody_and_says_why(text: str) -> None:
         assert app.is_running
 
 
+@pytest.mark.parametrize("begin", ["slash", "m", "7"])
+async def test_what_is_written_into_the_table_is_no_order_and_no_command(begin: str) -> None:
+    client = SteadyClient(crowd(8))
+    fly(client, 0.0)
+    app = ConsoleApp(client.fleet, client)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.press(begin, *"qw:?Aatz*sSmJKn,.", "tab", "up", "backspace", "f2", "enter")
+        await pilot.pause()
+        assert client.ordered == []
+        assert app.is_running
+        assert len(app.screen_stack) == 1
+        assert table_of(app).marked == ()
+
+
 async def test_vehicles_that_vanish_and_come_back_leave_no_mark_and_no_ghost() -> None:
     client = SteadyClient(crowd(4))
     fly(client, 0.0)
