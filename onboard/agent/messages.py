@@ -132,6 +132,7 @@ def telemetry(
     config_hash: str,
     conditions: tuple[str, ...],
     roles: Roles,
+    doubles: tuple[str, ...],
     avoids: str,
     action: str,
 ) -> Telemetry:
@@ -184,4 +185,5 @@ def telemetry(
         operator=roles.operator,
         roles=roles.others,
         avoids=avoids,
+        doubles=doubles,
     )

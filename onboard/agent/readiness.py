@@ -29,6 +29,7 @@ from onboard.safety.go_no_go import Facts
 
 RECORDER = "recorder"  # first word of the bus node of whoever records
 _REPORT_EVERY_NS = 1_000_000_000
+_JUDGE_EVERY_NS = 90_000_000  # every fifth tick: to judge takes 0.1 ms
 _RATE_OVER_NS = _AT_REST_NS = 1_000_000_000
 _TWIN_FOR_NS = 3_000_000_000
 _TILT_TIME_S = 0.5
@@ -77,7 +78,7 @@ class Readiness:
         self._attitude_hz: float | None = None
         self._fleet_refusals: tuple[Refusal, ...] | None = None
         self._place_refusals: tuple[Refusal, ...] = ()
-        self._sequence = self._reported_ns = 0
+        self._sequence = self._reported_ns = self._judged_ns = 0
 
     def hear(self, event: EventIn) -> None:
         """Whatever the core hears."""
@@ -116,6 +117,9 @@ class Readiness:
             self._fastest = speed_m_s, view.now_ns
         self._compare_tilts(view.snapshot, dt_s)
         self._has_flown |= self._flight.state == "landed"
+        if 0 <= view.now_ns - self._judged_ns < _JUDGE_EVERY_NS:
+            return self.not_ready
+        self._judged_ns = view.now_ns
         self._facts = replace(self._gather(view, is_airborne, hover_frac), conditions=frozenset(conditions))
         self.not_ready = preflight.reasons(self._facts, self._fleet, self._vehicle)
         return self.not_ready

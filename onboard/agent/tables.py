@@ -118,7 +118,7 @@ class Tables:
         """Let all tables know the ages at this time."""
         ages_s = np.maximum(now_ns - self._stamp_ns, 0) * 1e-9
         ages_s[~self._flags[:, 0]] = np.inf
-        has_silent: list[bool] = (ages_s > self._silent_after_s).any(axis=1).tolist()
+        has_silent = np.asarray((ages_s > self._silent_after_s).any(axis=1)).tolist()
         for table, row, has_one in zip(self.tables, ages_s, has_silent, strict=True):
             table._age(row, now_ns, has_one)
 

@@ -54,6 +54,7 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     """Everything that a person looks at, 5-10 Hz.
 
     conditions: what is wrong now, in the words of the failsafe table; action: what is done about it, in words.
+    doubles: vehicles that two agents speak for, as this one hears it.
     operator: the token of who may give orders, as this vehicle sees it; roles: the other such tokens (see operator.py).
     avoids: the neighbour for whose sake the law holds back most now; "" when it does not.
     """
@@ -102,6 +103,7 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     loop_lateness_p99_ms: float = 0.0
     missed_ticks: int = 0
     avoids: str = ""
+    doubles: tuple[str, ...] = ()
     mocap_delay_s: float = 0.0  # mean time from a pose's measurement to its arrival
 
 
