@@ -200,6 +200,10 @@ class OrderingApp(DressedApp):
             self._not_sent(str(order), str(error))
             return
         self._handle = handle
+        if handle.intent.verb == "kill" and handle.plan.orders:  # it has left, whatever becomes of it
+            self._event_log.add("✖", KILL, f"KILL {','.join(handle.plan.orders)}")
+            self._killed.update(handle.plan.orders)
+            self.show_notices()
         self._event_log.add("→", CALM, self.short(str(handle.intent)))
         self._result_line.show_order(handle, self.short(str(handle.intent)))
         handle.add_listener(lambda result: self._take_result(handle, result))
@@ -267,9 +271,6 @@ class OrderingApp(DressedApp):
         armed, self._kill = self._kill, None
         if is_armed and armed is not None and armed[:2] == (key, names):
             self._drop_question()
-            self._event_log.add("✖", KILL, f"KILL {','.join(names)}")
-            self._killed.update(names)
-            self.show_notices()
             return True
         self._kill = (key, names, self.client.now_ns() * 1e-9)
         if key == _ENTER:

@@ -16,7 +16,9 @@ from textual.pilot import Pilot
 from groundstation import fleet as fleet_state
 from groundstation.forecast import Forecast, Leg
 from groundstation.forecaster import Forecaster, ForecastFailed
+from groundstation.handle import OrderHandle
 from groundstation.operator import SILENCE_S
+from groundstation.orders import Intent, OrderError
 from groundstation.tui.app import ConsoleApp
 from groundstation.tui.screens.dialogs import QuitScreen
 from groundstation.tui.screens.preview import PreviewScreen
@@ -335,6 +337,32 @@ async def test_a_killed_vehicle_stays_latched_until_it_is_reset(rig: Rig) -> Non
         await pilot.press(*"reset mav0", "enter")
         assert rig.line(NoticeLines) == ""
         await rig.preview(pilot, *"takeoff all 1.0", "enter")
+
+
+async def test_a_kill_that_did_not_leave_is_not_latched(fleet: FleetConfig) -> None:
+    class Silent:
+        """A client that lets no order through, as a read-only console has."""
+
+        def __init__(self, client: FakeClient) -> None:
+            self.client = client
+
+        @property
+        def state(self) -> fleet_state.FleetState:
+            return self.client.state
+
+        def now_ns(self) -> int:
+            return self.client.now_ns()
+
+        async def submit(self, order: Intent | str) -> OrderHandle:
+            raise OrderError("This console only watches.")
+
+    app = ConsoleApp(fleet, Silent(StillClient(fleet)))
+    async with app.run_test(size=(120, 30)) as pilot:
+        await pilot.press("f12", "f12", "ctrl+l", "f3", "w", "colon", *"move all 0 0 1", "enter")
+        assert app.query_one(NoticeLines).sentences == []
+        said = app.query_one(EventLog).sentences
+        assert sum("This console only watches." in one for one in said) == 5
+        assert app.query_one(NoticeLines).sentences == []
 
 
 async def test_a_written_kill_needs_enter_twice_within_a_second(rig: Rig) -> None:
