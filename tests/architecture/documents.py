@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from groundstation import alerts
+from groundstation import alarm_table
 from onboard.link import params
 from onboard.safety import preflight
 from onboard.safety.failsafe import table_text
@@ -17,7 +17,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "imports": ("architecture.md", mermaid),
     "failsafe": ("failsafe.md", table_text),
-    "alarms": ("alarms.md", alerts.table_text),
+    "alarms": ("alarms.md", alarm_table.table_text),
     "preflight": ("preflight.md", preflight.page),
     "parameters": ("deployment.md", params.page),
 }

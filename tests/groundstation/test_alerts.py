@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from groundstation import fleet as fleet_state
-from groundstation.alerts import LINGER_S, MAX_OVER, TABLE, Alarms, Ground, Severity, conditions, lasting
+from groundstation.alarm_table import TABLE, Ground, Severity
+from groundstation.alerts import LINGER_S, MAX_OVER, Alarms, conditions, lasting
 from groundstation.fleet import FleetState
 from onboard.bus.schema import Event, Truth
 from onboard.config import FleetConfig, load_fleet

@@ -7,7 +7,8 @@ from rich.segment import Segment
 from textual.strip import Strip
 from textual.widget import Widget
 
-from groundstation.alerts import Alarms, Severity
+from groundstation.alarm_table import Severity
+from groundstation.alerts import Alarms
 from groundstation.tui import look
 from groundstation.tui.look import BAD, CALM, FAINT, GOOD, KILL, TEXT, WARN, clean
 
