@@ -46,7 +46,7 @@ class Px4:
         return {name for name in names if getattr(self.watch, name)}
 
 
-@pytest.mark.parametrize("clock", [0.96, 1.0, 1.2])
+@pytest.mark.parametrize("clock", [0.85, 0.96, 1.0, 1.2])
 def test_a_px4_whose_clock_drifts_is_well(clock: float) -> None:
     px4 = Px4()
     px4.run(60.0, clock=clock)
