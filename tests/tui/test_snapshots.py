@@ -63,7 +63,7 @@ def console(fleet: FleetConfig) -> tuple[SteadyClient, ConsoleApp]:
     return client, ConsoleApp(fleet, client, title="first flight", has_preview=False)
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", SIZES[:2])
 def test_before_anybody_answers(snap_compare: Compare, fleet: FleetConfig, size: tuple[int, int]) -> None:
     _, app = console(fleet)
     assert snap_compare(app, terminal_size=size)
