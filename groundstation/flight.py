@@ -227,10 +227,7 @@ class Flight:
             dead = self._processes.dead()
             if dead:
                 names = [one.name for one in dead]
-                reason = " ".join(
-                    f"{one.name} ended by itself (status {one.process.returncode}), see {one.log}: {one.last_line}"
-                    for one in dead
-                )
+                reason = ". ".join(one.ending for one in dead)
                 if self._client is not None:
                     self._client.publish_event("critical", "process_ended", reason)
                 run.abort(reason, can_land=EMULATOR not in names)

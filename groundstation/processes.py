@@ -42,9 +42,22 @@ class Started:
         return "\n".join(lines[-LOG_TAIL_LINES:])
 
     @property
-    def last_line(self) -> str:
-        """The last line of its log."""
-        return self.tail.rpartition("\n")[2]
+    def ending(self) -> str:
+        """How it ended: by a signal from elsewhere, or by itself and with what complaint."""
+        status = self.process.returncode
+        if status is not None and status < 0:  # the last line of its log was written in good health: no reason
+            return f"{self.name} was ended by signal {-status} ({_signal_name(-status)}), see {self.log}"
+        last_line = self.tail.rpartition("\n")[2]
+        complaint = f": {last_line}" if last_line else ""
+        return f"{self.name} ended by itself (status {status}), see {self.log}{complaint}"
+
+
+def _signal_name(number: int) -> str:
+    """SIGKILL for 9; signals without a name of their own are real-time signals."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return "a real-time signal"
 
 
 class Processes:
@@ -94,9 +107,7 @@ class Processes:
     def check(self) -> None:
         """ProcessError when one of them ended."""
         for one in self.dead():
-            raise ProcessError(
-                f"{one.name} ended by itself with status {one.process.returncode}. The end of {one.log}:\n{one.tail}"
-            )
+            raise ProcessError(f"{one.ending}\nThe end of its log:\n{one.tail}")
 
     async def wait_for_line(self, name: str, text: str, timeout_s: float) -> None:
         """Wait until a process has written a line that begins with ``text``; ProcessError when it does not."""

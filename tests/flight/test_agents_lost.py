@@ -107,7 +107,7 @@ def test_who_loses_its_agent_in_flight_lands_while_the_others_stay_away(tmp_path
         os.kill(agent_pid(tmp_path), signal.SIGKILL)
         output, _ = process.communicate(timeout=120)
     assert process.returncode == 1, output
-    assert f"{LOST} ended by itself" in output
+    assert f"{LOST} was ended by signal 9 (SIGKILL)" in output
     assert_everybody_is_down_and_nobody_was_hit(tmp_path)
 
 

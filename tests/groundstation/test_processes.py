@@ -146,3 +146,24 @@ def test_a_port_whose_last_connection_lingers_is_free_and_one_that_listens_is_no
             served.close()  # the side that closes first keeps the port in TIME_WAIT
             assert client.recv(1) == b""
     assert is_free(port, socket.SOCK_STREAM)
+
+
+@pytest.mark.parametrize(
+    ("text", "ending"),
+    [
+        ("import os, signal\nprint('in good health', flush=True)\nos.kill(os.getpid(), signal.SIGKILL)\n", "KILLED"),
+        ("raise SystemExit('No such port.')\n", "p ended by itself (status 1), see {log}: No such port."),
+    ],
+)
+def test_who_was_killed_is_not_said_to_have_ended_by_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, ending: str
+) -> None:
+    processes = Processes(tmp_path)
+    processes.start("p", [module(tmp_path, text, monkeypatch)])
+    deadline = time.monotonic() + 20.0
+    while not (dead := processes.dead()):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    log = tmp_path / "p.log"
+    expected = "p was ended by signal 9 (SIGKILL), see {log}" if ending == "KILLED" else ending
+    assert dead[0].ending == expected.format(log=log)
