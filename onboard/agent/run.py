@@ -285,9 +285,15 @@ class Agent:
         log.info("PX4 answers at %s", self.vehicle.autopilot)
         while True:
             self._link.request_rates()
-            if self.vehicle.mocap_required:
+            asked_ns = time.monotonic_ns()
+            while self._link.snapshot().heartbeat_ns < asked_ns:  # noqa: ASYNC110 - MAVSDK's threads set no Event
+                await asyncio.sleep(0.1)
+            is_armed = self._link.snapshot().is_armed
+            if is_armed:  # by an earlier life of this agent, or a pilot: nothing is changed under way
+                log.warning("PX4 is armed already: its origin and its parameters are left as they are")
+            if self.vehicle.mocap_required and not is_armed:
                 self._link.set_global_origin()
-            if self._apply_params:
+            if self._apply_params and not is_armed:
                 await loop.run_in_executor(self._blocking, self._link.apply_params, required)
             problems: tuple[str, ...] | None = None
             read_ns = 0
