@@ -94,6 +94,7 @@ class OrderingApp(DressedApp):
         self._ordering = client if isinstance(client, OrderingClient) else None
         self._forecaster = Forecaster() if has_preview and self._ordering is not None else None
         self._kill: tuple[str, tuple[str, ...], float] | None = None
+        self._is_warm = False
         self._killed: set[str] = set()
         self._handle: OrderHandle | None = None
         self._result_line = ResultLine("result")
@@ -162,8 +163,9 @@ class OrderingApp(DressedApp):
 
     def warm_up(self) -> None:
         """Have the forecast's process ready before it is needed."""
-        if self._forecaster is not None:
-            self.run_worker(self._forecaster.start(), group="warm", exclusive=True)
+        if self._forecaster is not None and not self._is_warm:
+            self._is_warm = True  # once: a start that is cut short by the next key would leave a process behind
+            self.run_worker(self._forecaster.start(), group="warm")
 
     async def order(self, order: Intent | str, *, is_written: bool = False) -> None:
         """An operator's order: a question first where something could go wrong, at once where it makes things safer."""
