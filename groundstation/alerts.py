@@ -226,7 +226,7 @@ def _of_vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> Iterator[
         yield _alarm(_G.COLLIDED, name, is_flying=True)
     if told is None:
         return
-    is_flying = told.is_airborne
+    is_flying = view.is_airborne
     if not view.is_fresh(now_ns):
         yield dataclasses.replace(_alarm(_G.SILENT, name, is_flying=is_flying), since_ns=view.received_ns)
         return

@@ -59,6 +59,7 @@ class VehicleView:
     last_event: Event | None = None
     preflight: PreflightReport | None = None
     preflight_received_ns: int = _NEVER
+    direct_disarmed_ns: int = _NEVER  # when PX4 itself told the ground, past a silent agent, that it is disarmed
 
     def has_preflight(self, now_ns: int) -> bool:
         """Whether the last go/no-go report may be shown as the present; a flying vehicle sends none."""
@@ -85,9 +86,14 @@ class VehicleView:
         return _along(message.position_enu_m, message.velocity_enu_m_s, ahead_s)
 
     @property
+    def is_disarmed_by_px4(self) -> bool:
+        """Whether PX4 has told so on the direct way, after the last word of the agent."""
+        return self.direct_disarmed_ns > self.received_ns
+
+    @property
     def is_airborne(self) -> bool:
-        """By the last telemetry."""
-        return self.telemetry is not None and self.telemetry.is_airborne
+        """By the last telemetry, unless PX4 has since told on the direct way that it is disarmed."""
+        return self.telemetry is not None and self.telemetry.is_airborne and not self.is_disarmed_by_px4
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +152,10 @@ def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
         events = (*state.events[-(MAX_EVENTS - 1) :], LoggedEvent(now_ns, message))
         state = replace(state, events=events)
         view = state.vehicles.get(message.vehicle)
-        return state if view is None else _with(state, replace(view, last_event=message))
+        if view is None:
+            return state
+        told_ns = now_ns if message.code == DIRECT_DISARMED else view.direct_disarmed_ns
+        return _with(state, replace(view, last_event=message, direct_disarmed_ns=told_ns))
     return state
 
 

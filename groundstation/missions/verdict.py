@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from groundstation.fleet import DIRECT_DISARMED, FleetState, Separation
+from groundstation.fleet import FleetState, Separation
 from groundstation.missions.files import Expect
 from groundstation.recording.report import PERIOD_NOMINAL_MS, FlightReport
 from onboard.config import FleetConfig
@@ -119,10 +119,7 @@ def is_landed(state: FleetState, name: str) -> bool:
         return False
     if not view.telemetry.is_airborne and not view.telemetry.is_armed:
         return True
-    return any(
-        logged.event.code == DIRECT_DISARMED and logged.event.vehicle == name and logged.received_ns > view.received_ns
-        for logged in state.events
-    )
+    return view.is_disarmed_by_px4
 
 
 def smallest(state: FleetState) -> Separation | None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from groundstation.fleet import MAX_EVENTS, fold, fold_alive, fold_malformed, initial
+from groundstation.fleet import DIRECT_DISARMED, MAX_EVENTS, fold, fold_alive, fold_malformed, initial
 from onboard.bus.schema import Event, PreflightReport, Truth
 from onboard.config import FleetConfig
 
@@ -121,3 +121,15 @@ def test_the_newest_preflight_report_is_kept_and_says_go_only_while_nothing_refu
     view = fold(state, report(3, True), SECOND).vehicles["mav0"]
     assert view.preflight is not None
     assert view.preflight.is_go
+
+
+def test_px4_s_own_word_on_the_direct_way_counts_until_the_agent_speaks_again(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
+    state = fold(initial(fleet), make_telemetry("mav1", sequence=1, is_airborne=True, is_armed=True), 0)
+    assert state.airborne_names == ("mav1",)
+    told = Event(stamp_ns=0, severity="warning", code=DIRECT_DISARMED, sentence="", vehicle="mav1")
+    state = fold(state, told, 5 * SECOND)
+    assert state.airborne_names == ()
+    state = fold(state, make_telemetry("mav1", sequence=2, is_airborne=True, is_armed=True), 6 * SECOND)
+    assert state.airborne_names == ("mav1",)

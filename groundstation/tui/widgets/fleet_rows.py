@@ -103,7 +103,8 @@ def _silent(layout: Layout, row: Row, has_nodes: bool) -> list[Segment]:
             segments.append(Segment(" " * (end - _SILENCE_WIDTH - 1)))
     if layout.left:
         where = "" if not has_nodes else ", its agent is there" if row.view.is_alive else ", its agent has gone"
-        text = look.fit(f"was {clean(row.told.state, 20)}{where}", layout.left)
+        is_down = row.view.is_disarmed_by_px4
+        text = look.fit(f"{'PX4 says disarmed' if is_down else f'was {clean(row.told.state, 20)}'}{where}", layout.left)
         segments.append(Segment(text, look.style(FAINT, dim=True)))
     return segments
 
