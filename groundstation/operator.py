@@ -92,8 +92,10 @@ class Control:
             return
         if self._since_ns == 0:
             self._since_ns = now_ns
-        holders = [token for one in told if (token := parse_token(one.operator)) is not None]
-        others = {token for one in told for name in one.roles if (token := parse_token(name)) is not None}
+        # all vehicles say the same nearly always: each name is read once
+        holders = [token for name in {one.operator for one in told} if (token := parse_token(name)) is not None]
+        names = {name for roles in {one.roles for one in told} for name in roles}
+        others = {token for name in names if (token := parse_token(name)) is not None}
         own = self._own.get("operator")
         rivals = [token for token in holders if token != own]
         self.holder = own if own is not None and own in holders else min(rivals, key=_rank, default=None)
