@@ -139,8 +139,7 @@ async def test_everything_about_one_vehicle_is_on_its_page_at_every_size(
                       "asked", "flown", "mav2", "had a thought"):  # fmt: skip
             assert words in text, words
         await pilot.press("escape")
-        await pilot.pause(0.1)
-        assert client.ticks.followed is None
+        await until(pilot, lambda: client.ticks.followed is None)
 
 
 async def test_why_it_cannot_fly_is_told_with_what_to_do(fleet: FleetConfig) -> None:
@@ -190,8 +189,7 @@ async def test_the_page_goes_to_the_next_vehicle_and_keys_mean_the_one_that_is_s
         await pilot.pause(0.15)
         assert "KILL mav1?" in lines(app.screen, StatusBar)
         await pilot.press("f12")
-        await pilot.pause(0.1)
-        assert client.ordered[-1] == "kill mav1"
+        await until(pilot, lambda: client.ordered[-1] == "kill mav1")
         await pilot.press("ctrl+l")
         assert client.ordered[-1].startswith("land mav0,mav1,mav2")
 

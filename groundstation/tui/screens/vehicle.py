@@ -128,6 +128,10 @@ class VehiclePage(Lines, ScrollView, can_focus=True):
         self.border_subtitle = f"{more}[ ] other vehicle · esc back".replace("[ ]", r"\[ ]")
         return rows[top : top + height]
 
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """The page has the whole screen already: escape belongs to the screen, which goes back."""
+        return action not in ("alone", "together")
+
     def action_look(self, step: int, is_page: bool) -> None:
         """Scroll by lines or by pages."""
         self.scroll_relative(y=step * (max(1, self.size.height - 2) if is_page else 1), animate=False, force=True)
