@@ -22,6 +22,7 @@ from onboard.safety.answer_watch import AnswerWatch
 from onboard.safety.autopilot_watch import AutopilotWatch
 from onboard.safety.battery import BatteryWatch
 from onboard.safety.failsafe import Condition, Situation
+from onboard.safety.geofence import Fence
 from onboard.types import GRAVITY_M_S2, LawStatus
 
 POSITION_STALE_S, POSITION_LOST_S = 0.2, 0.5
@@ -86,14 +87,16 @@ class Watch:
     _count: int = 0
     _offboard_since_ns: int = 0
     _has_landing_mode: bool = False
-    _fence: tuple[tuple[float, float, float], ...] = field(init=False)
+    _fence: Fence = field(init=False)
 
     def __post_init__(self) -> None:
         self.answer = AnswerWatch(self.vehicle.lag_s, float(AllocationParams(0.0).max_thrust_frac))
         self.others = NeighbourWatch(self.fleet, self.vehicle, self.neighbours, self.flight, self.details)
         fence = self.fleet.fleet.geofence_m
         brake = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(math.radians(self.vehicle.max_tilt_deg))
-        self._fence = ((*fence.x, brake), (*fence.y, brake), (-math.inf, fence.z[1], 0.5 * GRAVITY_M_S2))
+        (west, east), (south, north), (floor, top) = fence.x, fence.y, fence.z
+        brakes = (brake, brake, 0.5 * GRAVITY_M_S2)
+        self._fence = Fence((west, south, floor), (east, north, top), brakes, self.vehicle.lag_s)
 
     def lasting(self, condition: Condition, is_seen: bool, now_ns: int) -> tuple[int, float]:
         """How many ticks in a row and for how many seconds a condition has been seen; (0, 0) when it is not."""
@@ -219,16 +222,7 @@ class Watch:
         c = Condition
         is_near = is_over = is_above = False
         if view.has_position:
-            reaction_s = self.vehicle.lag_s
-            room = zip(self._fence, view.position_enu_m, view.velocity_enu_m_s, strict=True)
-            for axis, ((low, high, brake), p, v) in enumerate(room):
-                if axis == 2:
-                    is_above = p > high
-                elif not low <= p <= high:
-                    is_over = True
-                left = high - p if v > 0.0 else p - low
-                is_near |= left > 0.0 and abs(v) * (reaction_s + abs(v) / (2.0 * brake)) > left
-            is_over |= view.position_enu_m[2] < self.fleet.fleet.geofence_m.z[0] - 0.5
+            is_near, is_over, is_above = self._fence.where(view.position_enu_m, view.velocity_enu_m_s)
         if is_near:
             found.add(c.FENCE_NEAR)
         if is_over:
