@@ -194,8 +194,9 @@ def read_toml(path: str | os.PathLike[str], what: str) -> tuple[dict[str, Any], 
             text = file.read()
         return tomllib.loads(text), text
     except FileNotFoundError:
+        kind = "missions" if what.startswith("mission") else "fleets"
         raise ConfigError(
-            f"{name}: there is no such {what}. Give the path of an existing one, such as configs/fleets/paper.toml."
+            f"{name}: there is no such {what}. Give the path of an existing one, such as configs/{kind}/paper.toml."
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(

@@ -236,3 +236,8 @@ async def test_a_python_mission_uses_the_same_orders(fleet: FleetConfig, client:
     verdict = await MissionRun(load_mission(path, fleet), client).run()
     assert verdict.exit_status == 0, verdict.sentences
     assert ("mav1", (0.0, -0.5, 1.2)) in [(name, order.position_enu_m) for name, order in bus.orders]
+
+
+def test_who_names_a_mission_that_is_not_there_is_shown_a_mission(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"such as configs/missions/paper\.toml"):
+        load_mission(tmp_path / "absent.toml")

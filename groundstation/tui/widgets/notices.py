@@ -33,7 +33,7 @@ def notices(killed: tuple[str, ...], control: Control | None) -> list[Notice]:
         )
     elif not control.is_operator and control.refusal("move") is not None:
         who = f"{control.holder.author} operates" if control.holder is not None else "nobody operates"
-        found.append((f"· You watch: {who}. Land, hold and kill work; to order, write: take control", CALM))
+        found.append((f"· You watch: {who}. To order, write: take control. Land, hold and kill work", CALM))
     return found
 
 

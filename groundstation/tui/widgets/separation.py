@@ -19,6 +19,7 @@ from onboard.config import FleetConfig
 
 WINDOW_S = 120.0
 SOON_S = 3.0
+_FORESIGHT_S = 10.0  # nobody goes on as now for longer
 _MARGIN = 5  # cells for the scale at the left
 _LEAST_CHART = 3
 _PERIOD_TOP_MS, _AGE_TOP_MS = 40.0, 200.0  # what fills a spark: two periods, and news that is too old
@@ -78,7 +79,7 @@ class SeparationView(Lines, can_focus=True):
         """When they will be closest, and how close, if both go on as they do."""
         if not pair.is_flying:
             return []
-        if not math.isfinite(pair.approach_s) or pair.approach_s > 99.0:
+        if not math.isfinite(pair.approach_s) or pair.approach_s > _FORESIGHT_S:
             return [Segment("  parting" if math.isinf(pair.approach_s) else "  steady", look.style(FAINT))]
         is_soon = pair.approach_s < SOON_S and pair.approach_m < self.fleet.fleet.safety_distance_m
         text = f"  {'▲ ' if is_soon else ''}{number(pair.approach_m, 2)} m in {number(pair.approach_s, 1)} s"
