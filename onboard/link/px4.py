@@ -30,6 +30,7 @@ from onboard.link.ports import PortClaim
 from onboard.types import AttitudeSetpoint
 
 _COMPONENT_ID = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
+_ONE_AT_A_TIME = threading.Lock()  # two links that start at once in one process crash MAVSDK 4.1 now and then
 _AUTOPILOT_COMPONENT_ID = 1
 _TYPE_MASK_ATTITUDE_AND_THRUST = 7
 _FRAME_LOCAL_NED, _FRAME_LOCAL_FRD_VELOCITY = 1, 12
@@ -83,11 +84,12 @@ class Px4Link:
         if self._mavsdk is not None:
             return
         self._claim.take()
-        mavsdk_logging.log_subscribe(_silent)
         configuration = Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER)
         configuration.system_id, configuration.component_id = self.system_id, _COMPONENT_ID
-        mavsdk = Mavsdk(configuration)
-        result = mavsdk.add_any_connection(self.endpoint)
+        with _ONE_AT_A_TIME:
+            mavsdk_logging.log_subscribe(_silent)
+            mavsdk = Mavsdk(configuration)
+            result = mavsdk.add_any_connection(self.endpoint)
         if int(result) != 0:
             mavsdk.destroy()
             self._claim.release()
