@@ -17,6 +17,7 @@ from onboard.config import ConfigError, FleetConfig
 READY_STATES = ("ready", "landed", "armed", "flying", "holding")
 ARRIVED_M = 0.15
 LAND_AGAIN_S = 6.0
+TOLD_WITHIN_S = 0.3
 Results = dict[str, VehicleResult]
 Who = str | Sequence[str]
 
@@ -209,13 +210,27 @@ class Fleet:
         return results
 
     async def land_all(self, timeout_s: float = 40.0) -> bool:
-        """Land whoever is not down yet, whatever happened; True when all are landed and disarmed."""
+        """Land whoever is not down yet, whatever happened; True when all are landed and disarmed.
+
+        Who is landing already goes on with that: an operator's order is not replaced by one that asks the same.
+        """
         up = tuple(name for name in self.names if _may_fly(self.state, name))
         end_ns = self.client.now_ns() + int(timeout_s * 1e9)
+        taken = [
+            name for name, phase in (self.steps[-1].vehicles if self.steps else {}).items() if phase == "superseded"
+        ]
+        if taken:  # somebody else has ordered something: the next telemetry tells whether it was to land
+            await self.client.wait_for(lambda _: all(map(self._is_landing, taken)), TOLD_WITHIN_S)
         left = up
         while left and self.client.now_ns() < end_ns:
-            self.say(f"Landing {', '.join(left)}.")
-            handle = await self.client.submit(Intent("land", left))
+            asked = tuple(name for name in left if not self._is_landing(name))
+            if not asked:
+                if await self.client.wait_for(_all_landed(up), LAND_AGAIN_S):
+                    return True
+                left = tuple(name for name in left if not is_landed(self.state, name))
+                continue
+            self.say(f"Landing {', '.join(asked)}.")
+            handle = await self.client.submit(Intent("land", asked))
             await handle.wait((end_ns - self.client.now_ns()) * 1e-9)
             # An order can end before the vehicle is down: when a failsafe has taken over, PX4 lands by itself.
             # Whom PX4 itself reports disarmed, on the second way, has no agent left to tell it.
@@ -228,6 +243,11 @@ class Fleet:
                     self.say(f"  {name} {result.phase}: {result.sentence}")
             left = tuple(name for name in left if not is_landed(self.state, name))
         return not left
+
+    def _is_landing(self, name: str) -> bool:
+        view = self.state.vehicles[name]
+        told = view.telemetry
+        return told is not None and view.is_fresh(self.client.now_ns()) and told.state == "landing"
 
     def _closest_words(self) -> str:
         near = smallest(self.state)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import json
 import zlib
@@ -166,3 +167,15 @@ def test_wrong_input_is_refused_before_anything_starts(tmp_path, capsys):
     assert cli.main(["demo", "--lockstep", "--bus-loss", "1.5", "--record", str(tmp_path / "x")]) == 2
     assert "between 0 and 1" in capsys.readouterr().err
     assert cli.main(["fly", str(tmp_path / "none.toml"), "--lockstep"]) == 2
+
+
+def test_an_operator_who_lands_all_during_a_mission_sees_that_order_done_and_not_replaced(lockstep, hop):
+    flight = lockstep(hop.fleet, seed=1)
+    handles = []
+
+    async def land_all() -> None:
+        handles.append(await flight.client.submit("land all"))
+
+    flight.at(10.0, lambda: asyncio.ensure_future(land_all()))
+    assert flight.fly(hop).exit_status == 1  # the mission did not come to its end
+    assert {result.phase for result in handles[0].results.values()} == {"done"}
