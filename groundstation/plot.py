@@ -28,17 +28,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         paths, is_whole = plot(options.folder, options.out)
     except ConfigError as error:
-        print(error, file=sys.stderr)
+        print(f"covey: {error}", file=sys.stderr)
         return 2
     except OSError as error:
-        print(f"The figures cannot be written: {error}. Give another place with --out.", file=sys.stderr)
+        print(f"covey: the figures cannot be written: {error}. Give another place with --out.", file=sys.stderr)
         return 2
     for path in paths:
         print(path)
     if not is_whole:
         print(
-            f"{options.folder}: the record breaks off before its end, for instance because the recording process was "
-            "killed. The figures show what it has.",
+            f"covey: {options.folder}: the record breaks off before its end, for instance because the recording "
+            "process was killed. The figures show what it has.",
             file=sys.stderr,
         )
         return 2

@@ -21,6 +21,7 @@ EXIT_OK, EXIT_NOT_RUNNING, EXIT_WRONG_INPUT = 0, 1, 2
 WATCHDOG_S, RESTART_S, MEMORY_MIB = 2, 2, 400
 _MARK = "# Written by covey agent install"
 _SYSTEM_FOLDER = Path("/etc/systemd/system")
+_SYSTEMD_RUNS = Path("/run/systemd/system")  # there when systemd booted this computer: sd_booted(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,11 +177,24 @@ def status(service: Service) -> int:
 
 
 def logs(service: Service, *, follows: bool, lines: int) -> int:
-    """Show what it wrote; the exit status of journalctl."""
+    """Show what it wrote; the exit status of journalctl, which finds nothing wrong with an empty journal."""
     if shutil.which("journalctl") is None:
         return _fail("This computer has no journal (journalctl is not found): look where the agent's output goes.")
     manager = ["--user"] if service.is_user else []
-    command = ["journalctl", *manager, "--unit", service.unit, "--lines", str(lines), "--no-pager"]
+    command = ["journalctl", *manager, "--unit", service.unit, "--no-pager", "--lines"]
+    probe = subprocess.run([*command, "1", "--quiet", "--output=cat"], capture_output=True, text=True, check=False)
+    if probe.returncode == 0 and not probe.stdout.strip():
+        if not _SYSTEMD_RUNS.is_dir():
+            return _fail(
+                f"systemd does not run on this computer, and the journal has nothing of {service.unit}: look where the "
+                "output of covey agent goes."
+            )
+        if not follows:
+            return _fail(
+                f"The journal has nothing of {service.unit}: see covey agent status, or use sudo if the journal is "
+                "not yours to read."
+            )
+    command.append(str(lines))
     return subprocess.run([*command, *(["--follow"] if follows else [])], check=False).returncode
 
 

@@ -198,7 +198,7 @@ def test_the_log_is_the_journals_and_without_systemd_the_words_are_clear(
 ) -> None:
     programs(tmp_path, monkeypatch, journalctl='echo "journal of $*"')
     assert main(["logs", *OPTIONS, "--lines", "7"]) == 0
-    assert "journal of --user --unit covey-agent-paper-mav1.service --lines 7" in capfd.readouterr().out
+    assert "journal of --user --unit covey-agent-paper-mav1.service --no-pager --lines 7" in capfd.readouterr().out
     monkeypatch.setenv("PATH", str(tmp_path / "nothing"))
     assert main(["logs", *OPTIONS]) == 2
     assert main(["status", *OPTIONS]) == 2
@@ -207,6 +207,19 @@ def test_the_log_is_the_journals_and_without_systemd_the_words_are_clear(
     said = capfd.readouterr().err
     assert said.count("This computer has no") == 3
     assert main(["status", "--fleet", PAPER, "--vehicle", "nobody"]) == 2
+
+
+@pytest.mark.parametrize("runs", [True, False])
+def test_an_empty_journal_is_said_in_words_and_never_a_success(
+    capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runs: bool
+) -> None:
+    programs(tmp_path, monkeypatch, journalctl='echo "No journal files were found." >&2')
+    monkeypatch.setattr(service, "_SYSTEMD_RUNS", tmp_path if runs else tmp_path / "nothing")
+    assert main(["logs", *OPTIONS]) == 2
+    said = capfd.readouterr().err
+    assert "has nothing of covey-agent-paper-mav1.service" in said
+    assert ("systemd does not run on this computer" in said) is not runs
+    assert "No journal files" not in said
 
 
 def programs(folder: Path, monkeypatch: pytest.MonkeyPatch, **scripts: str) -> None:

@@ -150,7 +150,9 @@ def test_without_truth_the_estimates_are_drawn(tmp_path: Path) -> None:
 
 def test_a_missing_record_is_a_sentence_and_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(tmp_path / "nowhere")]) == 2
-    assert "Give the folder of a recorded flight." in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert told.startswith("covey: ")
+    assert "Give the folder of a recorded flight." in told
 
 
 @pytest.mark.parametrize("content", [b"", b"not an mcap file at all", b"\x89MCAP0\r\n"])
