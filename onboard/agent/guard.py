@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from onboard.agent.flight import Flight
 from onboard.agent.neighbours import NeighbourTable
 from onboard.agent.own_state import OwnState
@@ -23,6 +25,17 @@ _NAMED = {
 }
 
 
+_PAUSE_NS = 3_000_000_000  # what comes and goes within it is told once
+
+
+class _Told(NamedTuple):
+    """What was said of a condition, the strongest action with it, and when it held last."""
+
+    detail: str
+    action: Action
+    held_ns: int
+
+
 class Guard:
     """Watches one vehicle and obeys the failsafe table.
 
@@ -38,7 +51,7 @@ class Guard:
         self.conditions: set[Condition] = set()
         self.action = Action.GO_ON
         self.must_be_level = False
-        self._told: dict[Condition, str] = {}
+        self._told: dict[Condition, _Told] = {}
 
     def tick(self, view: View, doing: Doing) -> None:
         """Find what holds now, decide, and let the flight do it."""
@@ -72,20 +85,22 @@ class Guard:
         return tuple(condition.value for condition in in_order(self.conditions)), WORDS[self.action]
 
     def _say_what_is_new(self, view: View, situation: Situation) -> None:
+        """Each condition once while it lasts, with pauses; again when it asks for more or concerns somebody else."""
         told, details = self._told, self.watch.details
         if not self.conditions - _QUIET and not told:
             return
         for condition in in_order(self.conditions - _QUIET):
-            detail = details.get(condition, "") if condition in _NAMED else ""
-            if told.get(condition) == detail:
+            detail, action = details.get(condition, "") if condition in _NAMED else "", TABLE[situation, condition]
+            known = told.get(condition)
+            told[condition] = _Told(detail, action if known is None else max(action, known.action), view.now_ns)
+            if known is not None and known.detail == detail and action <= known.action:
                 continue
-            told[condition] = detail
-            action = TABLE[situation, condition]
             severity: Severity = "critical" if action >= Action.LEVEL else "warning"
             code = condition.name.lower().replace("_", "-")
             self._flight.say(view, severity, code, self._sentence(condition, action))
         for condition in told.keys() - self.conditions:
-            del told[condition]
+            if view.now_ns - told[condition].held_ns > _PAUSE_NS:
+                del told[condition]
 
     def _obey(self, view: View, action: Action, condition: Condition) -> None:
         flight, sentence = self._flight, self._sentence(condition, action)
