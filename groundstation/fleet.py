@@ -91,6 +91,11 @@ class VehicleView:
         return self.direct_disarmed_ns > self.received_ns
 
     @property
+    def is_armed(self) -> bool:
+        """By the last telemetry, unless PX4 has since told on the direct way that it is not."""
+        return self.telemetry is not None and self.telemetry.is_armed and not self.is_disarmed_by_px4
+
+    @property
     def is_airborne(self) -> bool:
         """By the last telemetry, unless PX4 has since told on the direct way that it is disarmed."""
         return self.telemetry is not None and self.telemetry.is_airborne and not self.is_disarmed_by_px4

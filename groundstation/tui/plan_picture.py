@@ -147,7 +147,7 @@ def _draw_trails(canvas: Canvas, window: Window, history: History, views: Sequen
 def _draw_aims(canvas: Canvas, window: Window, view: VehicleView, spot: Spot | None, colour: str) -> None:
     """✛ where it goes, × where its trajectory is now, a dashed line between."""
     told = view.telemetry
-    if told is None or not told.is_airborne or not all(abs(axis) < FAR_M for axis in told.goal_position_enu_m):
+    if told is None or not view.is_airborne or not all(abs(axis) < FAR_M for axis in told.goal_position_enu_m):
         return
     goal, setpoint = told.goal_position_enu_m, told.setpoint_position_enu_m
     if spot is not None and math.dist(goal[:2], spot[:2]) > _NEAR_M:

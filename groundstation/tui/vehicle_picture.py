@@ -64,8 +64,9 @@ def heading(subject: Subject) -> Text:
     sign, colour = look.STATE_SIGNS.get(told.state, ("?", WARN))
     if not view.is_fresh(subject.now_ns):
         silence = number(view.age_s(subject.now_ns), 1, limit=1e6)
-        return [name, (f"  NO TELEM {silence} s", BAD), (f"  last heard: {clean(told.state, 20)}", FAINT)]
-    armed = ("  ARMED", WARN) if told.is_armed else ("  disarmed", FAINT)
+        last = "PX4 says disarmed" if view.is_disarmed_by_px4 else f"last heard: {clean(told.state, 20)}"
+        return [name, (f"  NO TELEM {silence} s", BAD), (f"  {last}", FAINT)]
+    armed = ("  ARMED", WARN) if view.is_armed else ("  disarmed", FAINT)
     return [name, (f"  {sign} {clean(told.state, 20)}", colour), armed, (f"  {clean(told.mode, 16) or '-'}", TEXT)]
 
 
@@ -121,11 +122,12 @@ def _state(subject: Subject, width: int) -> list[Text | Strip]:
     tint = FAINT if is_old else TEXT
     if told.is_position_valid:
         x, y, z = (number(axis, 2, sign=True) for axis in told.position_enu_m)
-        found.append([(" at         ", FAINT), (f"{x} {y} {z} m", tint), (f"   yaw {number(told.yaw_deg, 0)}°", tint)])
+        at = " was at     " if is_old else " at         "
+        found.append([(at, FAINT), (f"{x} {y} {z} m", tint), (f"   yaw {number(told.yaw_deg, 0)}°", tint)])
     else:
         found.append([(" at         ", FAINT), ("no valid position", WARN)])
     goal = " ".join(number(axis, 2, sign=True) for axis in told.goal_position_enu_m)
-    found.append([(" goes to    ", FAINT), (f"{goal} m" if told.is_airborne else "·", tint)])
+    found.append([(" goes to    ", FAINT), (f"{goal} m" if subject.view.is_airborne else "·", tint)])
     speed = math.sqrt(sum(axis * axis for axis in told.velocity_enu_m_s))
     found.append([(" speed      ", FAINT), (f"{number(speed, 2)} m/s", tint)])
     battery = f"{number(told.battery_frac * 100.0, 0, limit=999)} %  {number(told.battery_voltage_v, 1, limit=999)} V"

@@ -15,15 +15,17 @@ from rich.color import Color
 from textual.pilot import Pilot
 
 from groundstation.cli import main
-from groundstation.fleet import VehicleView
+from groundstation.fleet import DIRECT_DISARMED, VehicleView, fold
 from groundstation.tui import look
 from groundstation.tui.app import ConsoleApp
 from groundstation.tui.dress import DressedApp, is_ascii_wanted, is_light_wanted, to_ascii
 from groundstation.tui.history import History, closest_pairs
+from groundstation.tui.screens.vehicle import VehiclePage
 from groundstation.tui.widgets.fleet_columns import COLUMNS, choose_columns
 from groundstation.tui.widgets.fleet_table import FleetTable
 from groundstation.tui.widgets.plan_view import PlanView
 from groundstation.tui.widgets.separation import SeparationView
+from onboard.bus.schema import Event
 from onboard.config import FleetConfig
 from tests.tui.fake import telemetry
 from tests.tui.scenes import SteadyClient, crowd, fly, ground_and_sky, without
@@ -368,6 +370,38 @@ async def test_the_plan_tells_silence_nearness_and_avoidance_by_signs(fleet: Fle
         client.clock_ns += 200_000_000
         await see(app, pilot)
         assert "↖" in "\n".join(lines(app, PlanView))
+
+
+@pytest.mark.parametrize("size", [(80, 24), (160, 40)])
+async def test_what_px4_says_past_a_silent_agent_stands_in_place_of_what_was_heard_in_the_air(
+    fleet: FleetConfig, size: tuple[int, int]
+) -> None:
+    client = SteadyClient(fleet)
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=size) as pilot:
+        client.hear("mav0", state="flying", position_enu_m=(0.4, -0.3, 1.23), is_armed=True)
+        client.clock_ns += int(3e9)
+        await see(app, pilot)
+        assert "NO TELEM 3.0 s" in lines(app, FleetTable)[1]
+        told = Event(vehicle="mav0", stamp_ns=1, severity="warning", code=DIRECT_DISARMED, sentence="It is disarmed.")
+        client.state = fold(client.state, told, client.now_ns())
+        await see(app, pilot)
+        row = lines(app, FleetTable)[1]
+        assert "NO TELEM 3.0 s" in row
+        assert "PX4 says disarmed, last heard at +0.40 -0.30" in row
+        assert "ARMED" not in row
+        assert "1.23" not in row
+        await pilot.press("enter")
+        await pilot.pause()
+        page = app.screen.query_one(VehiclePage)
+        assert "PX4 says disarmed" in str(page.border_title)
+        assert "ARMED" not in "".join(page.render_line(y).text for y in range(page.size.height))
+        await pilot.press("escape", "slash", *"armed", "enter")
+        await see(app, pilot)
+        assert "nobody matches" in lines(app, FleetTable)[1]
+        client.hear("mav0", state="flying", is_armed=True)
+        await see(app, pilot)
+        assert "flying" in lines(app, FleetTable)[1], "the agent is back, and knows better"
 
 
 async def test_an_obstacle_stands_in_the_plan_with_its_name() -> None:

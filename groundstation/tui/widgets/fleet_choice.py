@@ -20,8 +20,8 @@ def is_wanted(row: Row | None, name: str, place: int, wish: str) -> bool:
         told = row.told
         holds = {
             "silent": row.is_stale,
-            "armed": told.is_armed,
-            "airborne": told.is_airborne,
+            "armed": row.view.is_armed,
+            "airborne": row.view.is_airborne,
             "unready": bool(told.not_ready) and not told.is_airborne,
             "low": told.battery_frac * 100.0 <= row.fleet.fleet.battery_warning_pct,
         }

@@ -55,7 +55,7 @@ def _mode(row: Row) -> Cell:
 
 
 def _armed(row: Row) -> Cell:
-    return ("ARMED", WARN) if row.told.is_armed else ("·", FAINT)
+    return ("ARMED", WARN) if row.view.is_armed else ("·", FAINT)
 
 
 def _position(row: Row) -> Cell:

@@ -89,10 +89,17 @@ def _fresh(layout: Layout, row: Row) -> list[Segment]:
 def _silent(layout: Layout, row: Row, has_nodes: bool) -> list[Segment]:
     """The silence takes the places of the first columns; of the others what was last heard, faint.
 
-    A warning about the past is none, nor is its all clear: both go.
+    A warning about the past is none, nor is its all clear: both go. Once PX4 itself says that it is disarmed, what was
+    heard in the air holds no more, except about where to look for it.
     """
     silence = look.fit(f"NO TELEM {number(row.age_s, 1, limit=99_999)} s", _SILENCE_WIDTH)
     segments = [Segment(f"{silence} ", look.style(BAD, bold=True))]
+    where = "" if not has_nodes else ", its agent is there" if row.view.is_alive else ", its agent has gone"
+    if row.view.is_disarmed_by_px4:
+        east_m, north_m, _ = row.told.position_enu_m
+        spot = f"{number(east_m, 2, sign=True, limit=9999)} {number(north_m, 2, sign=True, limit=9999)}"
+        place = f", last heard at {spot}" if row.told.is_position_valid else ""
+        return [*segments, Segment(f"PX4 says disarmed{place}{where}", look.style(TEXT))]
     end = 0
     for column in layout.columns:
         begin, end = end, end + column.width + 1
@@ -102,9 +109,7 @@ def _silent(layout: Layout, row: Row, has_nodes: bool) -> list[Segment]:
         elif end > _SILENCE_WIDTH + 1:  # begins below the silence: what is left of its width stays empty
             segments.append(Segment(" " * (end - _SILENCE_WIDTH - 1)))
     if layout.left:
-        where = "" if not has_nodes else ", its agent is there" if row.view.is_alive else ", its agent has gone"
-        is_down = row.view.is_disarmed_by_px4
-        text = look.fit(f"{'PX4 says disarmed' if is_down else f'was {clean(row.told.state, 20)}'}{where}", layout.left)
+        text = look.fit(f"was {clean(row.told.state, 20)}{where}", layout.left)
         segments.append(Segment(text, look.style(FAINT, dim=True)))
     return segments
 
