@@ -32,6 +32,11 @@ class Token:
     def __str__(self) -> str:
         return f"{self.role}.{self.term}.{_word(self.node)}.{_word(self.author)}"
 
+    @property
+    def who(self) -> str:
+        """Its author and node: two grounds of one user are told apart by the latter."""
+        return f"{self.author} ({self.node})"
+
     def beats(self, other: Token) -> bool:
         """Whether this one operates where two claimed at once: the later term, then the lower name."""
         return (-self.term, self.node) < (-other.term, other.node)

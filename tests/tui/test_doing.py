@@ -487,9 +487,10 @@ async def test_who_watches_may_only_make_things_safer(rig: Rig) -> None:
         rig.client.tokens.roles.see("operator.1.ground-9.alice", True)
         rig.hover()
         await pilot.pause(0.15)
-        assert "You watch: alice operates" in rig.line(NoticeLines)
+        assert "You watch" in rig.line(NoticeLines)
+        assert "alice (ground-9) operates" in rig.line(NoticeLines), "both may be of one user"
         await pilot.press("colon", *"move all 0 1 1", "enter")
-        assert "alice operates this fleet" in rig.said
+        assert "alice (ground-9) operates this fleet" in rig.said
         assert not isinstance(rig.app.screen, PreviewScreen)
         await pilot.press("escape", "ctrl+l", "ctrl+o", "f12", "f12")
         assert rig.client.ordered == ["land mav0,mav1,mav2", "hold mav0,mav1,mav2", "kill mav0"]
@@ -530,7 +531,7 @@ async def test_the_operator_gives_control_or_keeps_it(rig: Rig, key: str, stays:
         rig.client.tokens.roles.see("asks.1.ground-9.bob", True)
         rig.hover()
         await pilot.pause(0.15)
-        assert "bob asks for control" in rig.line(NoticeLines)
+        assert "bob (ground-9) asks for control" in rig.line(NoticeLines)
         await pilot.press(key)
         assert rig.client.control.is_operator is stays
 
