@@ -94,6 +94,7 @@ class ConsoleApp(LeavingApp):
         with Horizontal(id="line"):
             yield Static(" : ", id="prompt", markup=False)
             yield self._order_line
+            yield Static("esc leaves ", id="leave", markup=False)
         yield self._status_bar
 
     def on_mount(self) -> None:

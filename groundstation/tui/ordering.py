@@ -96,6 +96,7 @@ class OrderingApp(DressedApp):
         self._kill: tuple[str, tuple[str, ...], float] | None = None
         self._is_warm = False
         self._killed: set[str] = set()
+        self._written = ""  # the order that is being taken from the order line
         self._handle: OrderHandle | None = None
         self._result_line = ResultLine("result")
         self._order_line = OrderLine(fleet)
@@ -138,7 +139,9 @@ class OrderingApp(DressedApp):
     # -- written orders ----------------------------------------------------------------------------------------------
 
     async def on_order_line_given(self, message: OrderLine.Given) -> None:
-        """An order was written."""
+        """An order was written: the line is left, and comes back with it when it was refused."""
+        self._order_line.action_leave()
+        self._written = message.text
         words = message.text.split()
         if words[:2] in (["take", "control"], ["give", "control"], ["keep", "control"]) and len(words) <= 3:
             self._talk_about_control(words)
@@ -146,6 +149,7 @@ class OrderingApp(DressedApp):
             self._reset(" ".join(words[1:]))
         else:
             await self.order(message.text, is_written=True)
+        self._written = ""
 
     def on_order_line_choices(self, message: OrderLine.Choices) -> None:
         """Tab found several ways to go on."""
@@ -179,7 +183,7 @@ class OrderingApp(DressedApp):
             who, them = ",".join(latched), "it" if len(latched) == 1 else "them"
             self._not_sent(str(intent), f"{who} was killed. Look at {them}, then write: reset {who}")
         elif intent.verb == "kill" and is_written and not self._is_kill_confirmed(_ENTER, intent.vehicles):
-            self._order_line.write(str(intent))
+            self._order_line.take_back(str(intent))
         elif intent.verb in PREVIEWED and self._forecaster is not None and self._ordering is not None:
             refusal = self._ordering.control.refusal(intent.verb)
             if refusal is not None:
@@ -214,6 +218,8 @@ class OrderingApp(DressedApp):
                 self._log_result(result)
 
     def _not_sent(self, order: str, why: str) -> None:
+        if self._written:
+            self._order_line.take_back(self._written)
         self._result_line.show_sentence(why)
         self._event_log.write(f"Not sent: {look.clean(self.short(order), 60)}. {why}", severity="warning")
 

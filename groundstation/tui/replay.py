@@ -87,7 +87,8 @@ class ReplayApp(ConsoleApp):
         self.replay = replay
         self._at_s = at_s
         self._bar = ReplayBar(replay)
-        self._order_line.placeholder = "a recorded flight: there is nobody to order"
+        line = self._order_line
+        line.placeholder = line.resting = line.writing = "a recorded flight: there is nobody to order"
         self._played_s = time.monotonic()
         replay.add_listener(self._history.add, self._forget)
 

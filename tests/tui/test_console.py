@@ -87,7 +87,7 @@ async def test_an_order_shows_each_vehicles_answer_as_it_comes(fleet: FleetConfi
         assert "mav0 ▸ accepted" in line
         assert "mav1 ✖ refused" in line
         assert "mav1: its battery is empty" in app.screen.query_one(EventLog).sentences
-        await pilot.press("up")
+        await pilot.press("colon", "up")
         assert app.screen.query_one(OrderLine).value == "takeoff all 1.0"
 
 

@@ -88,6 +88,11 @@ class Rig:
         return "\n".join(widget.render_line(y).text for y in range(widget.size.height))
 
     @property
+    def screen_text(self) -> str:
+        """What the terminal shows."""
+        return "\n".join(strip.text for strip in self.app.screen._compositor.render_strips())
+
+    @property
     def said(self) -> str:
         return "\n".join(self.app.screen_stack[0].query_one(EventLog).sentences)
 
@@ -301,6 +306,8 @@ async def test_keys_mean_the_marked_vehicles_else_the_one_under_the_cursor(rig: 
         assert rig.client.ordered == ["land mav1", "hold mav0,mav2", "identify mav0,mav2"]
         await pilot.press("f4")
         assert rig.app._order_line.value == "move mav0,mav2 "
+        await pilot.press("1")
+        assert rig.app._order_line.value == "move mav0,mav2 1"
 
 
 async def test_the_row_of_a_vehicle_that_shows_itself_blinks_when_it_says_so(rig: Rig) -> None:
@@ -334,9 +341,9 @@ async def test_a_killed_vehicle_stays_latched_until_it_is_reset(rig: Rig) -> Non
         await pilot.press("colon", *"takeoff all 1.0", "enter")
         assert "mav0 was killed" in rig.said
         assert rig.client.ordered == ["kill mav0"]
-        await pilot.press(*"reset mav0", "enter")
+        await pilot.press("escape", "colon", *"reset mav0", "enter")
         assert rig.line(NoticeLines) == ""
-        await rig.preview(pilot, *"takeoff all 1.0", "enter")
+        await rig.preview(pilot, "colon", *"takeoff all 1.0", "enter")
 
 
 async def test_a_kill_that_did_not_leave_is_not_latched(fleet: FleetConfig) -> None:
@@ -405,6 +412,7 @@ async def test_pasted_lines_become_one_that_only_enter_sends(rig: Rig) -> None:
         assert rig.client.ordered == []
         await pilot.press("enter")
         assert rig.client.ordered == []
+        await pilot.press("ctrl+u")
         rig.app._order_line.post_message(events.Paste("land mav1\r\n"))
         await pilot.pause(0.05)
         assert rig.client.ordered == []
@@ -412,12 +420,56 @@ async def test_pasted_lines_become_one_that_only_enter_sends(rig: Rig) -> None:
         assert rig.client.ordered == ["land mav1"]
 
 
+async def test_who_has_given_an_order_has_left_the_order_line(rig: Rig) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        line, table = rig.app._order_line, rig.app._fleet_table
+        assert "press :" in rig.screen_text
+        assert "esc leaves" not in rig.screen_text
+        await pilot.press("colon")
+        assert "now write" in rig.screen_text
+        assert "esc leaves" in rig.screen_text
+        await pilot.press(*"land mav1", "enter")
+        await pilot.pause()
+        assert rig.client.ordered == ["land mav1"]
+        assert (rig.app.focused, line.value) == (table, "")
+        assert "press :" in rig.screen_text
+        assert "esc leaves" not in rig.screen_text
+        await pilot.press("down", "f12", "f12")  # in a hurry: keys are keys again
+        assert rig.client.ordered[1:] == ["kill mav1"]
+        await rig.preview(pilot, "colon", *"move mav0 0 1.5 1", "enter")
+        await pilot.press("escape")
+        assert (rig.app.focused, line.value) == (table, "")
+
+
+@pytest.mark.parametrize(
+    "order", ["lnad all", "takeoff nobody", "take control now", "reset nobody", "move all nan 0 1"]
+)
+async def test_a_refused_order_stays_to_be_corrected_below_the_sentence_that_says_why(rig: Rig, order: str) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        await pilot.press("colon", *order, "enter")
+        await pilot.pause()
+        line = rig.app._order_line
+        assert (rig.app.focused, line.value, rig.client.ordered) == (line, order, [])
+        assert "esc leaves" in rig.screen_text
+        why = rig.line(ResultLine).strip()
+        assert why[:40] in rig.said
+        await pilot.press("x", "backspace")
+        assert line.value == order
+        await pilot.press("ctrl+u", *"hold all", "enter")
+        assert rig.client.ordered == ["hold mav0,mav1,mav2"]
+        assert (rig.app.focused, line.value) == (rig.app._fleet_table, "")
+        await pilot.press("colon", *"hodl", "enter", "escape")
+        assert (rig.app.focused, line.value) == (rig.app._fleet_table, "")
+
+
 async def test_earlier_orders_come_back_also_in_the_next_run(fleet: FleetConfig, state_home: Path) -> None:
     for _ in range(2):
         rig = Rig(fleet)
         async with rig.app.run_test(size=(80, 24)) as pilot:
             rig.hover()
-            await pilot.press("colon", *"land mav2", "enter", *"hold mav1", "enter", *"lan")
+            await pilot.press("colon", *"land mav2", "enter", "colon", *"hold mav1", "enter", "colon", *"lan")
             await pilot.press("up", "up")
             assert rig.app._order_line.value == "land mav2"
             await pilot.press("down", "down")
@@ -436,7 +488,7 @@ async def test_a_state_folder_that_cannot_be_written_costs_the_memory_only(
     monkeypatch.setenv("XDG_STATE_HOME", "/proc/nowhere")
     rig = Rig(fleet)
     async with rig.app.run_test(size=(80, 24)) as pilot:
-        await pilot.press("colon", *"land mav1", "enter", "up")
+        await pilot.press("colon", *"land mav1", "enter", "colon", "up")
         assert rig.app._order_line.value == "land mav1"
 
 
@@ -474,7 +526,7 @@ async def test_a_fleet_of_none_is_a_sentence(fleet: FleetConfig) -> None:
     rig = Rig(msgspec.structs.replace(fleet, vehicles=vehicles))
     async with rig.app.run_test(size=(80, 24)) as pilot:
         await pilot.press("ctrl+l", "f7", "f3", "f4", "escape", "w", "f12", "f12", "colon", *"land all", "enter")
-        await pilot.press(*"takeoff", "enter")
+        await pilot.press("colon", *"takeoff", "enter")
         assert rig.client.ordered == []
         assert "nobody to order" in rig.said
 
@@ -506,11 +558,11 @@ async def test_control_is_asked_for_and_taken_by_force_after_silence(rig: Rig) -
         await pilot.pause(0.15)
         await pilot.press("colon", *"take control force", "enter")
         assert "Ask alice first" in rig.said
-        await pilot.press(*"take control", "enter")
+        await pilot.press("colon", *"take control", "enter")
         assert "asking alice for control" in rig.line(NoticeLines)
         rig.client.skew_ns += int((SILENCE_S + 1.0) * 1e9)
         rig.hover()
-        await pilot.press(*"take control force", "enter")
+        await pilot.press("colon", *"take control force", "enter")
         rig.hover()
         await pilot.pause(0.15)
         assert rig.client.control.is_operator

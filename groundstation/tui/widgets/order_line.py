@@ -92,7 +92,10 @@ class _OrderSuggester(Suggester):
 
 
 class OrderLine(Input):
-    """An Input with history. Enter posts :class:`Given`; escape leaves without an order."""
+    """An Input with history. Enter posts :class:`Given`; escape leaves without an order.
+
+    ``resting`` and ``writing`` stand in an empty line that keys do not, or do, go to.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "history(-1)", "earlier order", show=False),
@@ -116,11 +119,14 @@ class OrderLine(Input):
             self.words = words
 
     def __init__(self, fleet: FleetConfig) -> None:
+        self.resting = "press :  and write an order, e.g. takeoff all 1.0"
+        self.writing = "now write: every key goes here, enter gives the order"
         super().__init__(
-            placeholder="press :  and write an order, e.g. takeoff all 1.0",
+            placeholder=self.resting,
             suggester=_OrderSuggester(fleet),
             id="order",
             compact=True,
+            select_on_focus=False,  # what stands there is to be gone on with, not to be typed over
             max_length=MAX_LENGTH,
         )
         self._fleet = fleet
@@ -130,23 +136,41 @@ class OrderLine(Input):
 
     def on_focus(self) -> None:
         """Earlier runs are fetched when they may be wanted."""
+        self._show_writing(True)
         if self._history is None:
-            self._history = History(history_file())
-            self._at = len(self._history.lines)
+            self._fetch()
+
+    def _show_writing(self, is_so: bool) -> None:
+        self.placeholder = self.writing if is_so else self.resting
+        if self.parent is not None:
+            self.parent.set_class(is_so, "writing")
+
+    def _fetch(self) -> None:
+        self._history = History(history_file())
+        self._at = len(self._history.lines)
+
+    def on_blur(self) -> None:
+        """Keys go elsewhere."""
+        self._show_writing(False)
 
     def write(self, text: str) -> None:
         """Begin a line, for the operator to go on with."""
-        self.focus()
+        self.screen.set_focus(self)  # at once: the next key is meant for it
         self.value = text
         self.cursor_position = len(text)
 
+    def take_back(self, text: str) -> None:
+        """What was given needs another look: the line as it was, below the sentence that says why."""
+        with self.prevent(self.Changed):
+            self.write(text)
+
     async def action_submit(self) -> None:
-        """Give the order and clear the line."""
+        """Give the order and clear the line: a second Enter gives it no second time. Who takes it leaves the line."""
         text = self.value.strip().removeprefix(":").strip()  # ":" opens the line; typed once more it means nothing
         self.value = self._draft = ""
         if text:
             if self._history is None:
-                self.on_focus()
+                self._fetch()
             assert self._history is not None
             self._history.add(text)
             self._at = len(self._history.lines)
@@ -176,7 +200,7 @@ class OrderLine(Input):
     def action_leave(self) -> None:
         """Back to the fleet; what was written is dropped."""
         self.value = self._draft = ""
-        self.screen.query_one("#fleet").focus()
+        self.screen.set_focus(self.screen.query_one("#fleet"))
 
     def _on_paste(self, event: events.Paste) -> None:
         """Pasted line breaks become spaces: one line, and only Enter sends it."""
