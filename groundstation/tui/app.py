@@ -18,7 +18,7 @@ from groundstation.tui import look
 from groundstation.tui.history import History
 from groundstation.tui.leaving import LeavingApp, Mission
 from groundstation.tui.ordering import ConsoleClient
-from groundstation.tui.panels import rooms
+from groundstation.tui.panels import LOW, NARROW, rooms
 from groundstation.tui.screens.alarms import AlarmsScreen
 from groundstation.tui.screens.dialogs import HelpScreen
 from groundstation.tui.screens.live import LiveScreen
@@ -120,6 +120,8 @@ class ConsoleApp(LeavingApp):
         screen = self.screen_stack[0]
         if alone is None:
             alone = next((name.removeprefix("only-") for name in screen.classes if name.startswith("only-")), "")
+        screen.set_class(height < LOW, "low")
+        screen.set_class(width < NARROW, "narrow")
         count = len(self.client.state.vehicles)
         self._fleet_table.styles.height, self._plan.styles.width = rooms(
             width, height, count, self.fleet.fleet.geofence_m, alone

@@ -11,28 +11,30 @@ from groundstation.alarm_table import Severity
 from groundstation.alerts import Alarms
 from groundstation.tui import look
 from groundstation.tui.look import BAD, CALM, FAINT, GOOD, KILL, TEXT, WARN, clean
+from groundstation.tui.panels import NARROW
 
 KEYS = "ctrl+l LAND ALL   ctrl+o HOLD ALL   : order   ? help   q quit"
 SHORT_KEYS = "^l LAND ALL  ? help"
+SHORTEST_KEYS = "^l LAND ALL"
 SEVERITY = {Severity.CRITICAL: ("✖", BAD), Severity.WARNING: ("▲", WARN), Severity.NOTE: ("…", CALM)}
 
 
 class Bar(Widget):
-    """One line of segments."""
+    """One line of segments, or two."""
 
     def __init__(self, name: str) -> None:
         super().__init__(id=name)
-        self._segments: list[Segment] = []
+        self._lines: tuple[list[Segment], ...] = ()
 
-    def put(self, segments: list[Segment]) -> None:
+    def put(self, *lines: list[Segment]) -> None:
         """Show these; nothing is drawn when nothing changed."""
-        if segments != self._segments:
-            self._segments = segments
+        if lines != self._lines:
+            self._lines = lines
             self.refresh()
 
     def render_line(self, y: int) -> Strip:
         """The line."""
-        line = Strip(self._segments if y == 0 else []).adjust_cell_length(self.size.width)
+        line = Strip(self._lines[y] if y < len(self._lines) else []).adjust_cell_length(self.size.width)
         return line.apply_style(self.rich_style)
 
 
@@ -71,14 +73,14 @@ class StatusBar(Bar):
         is_pressing = worst is not None and not worst.is_acknowledged
         more = f" (+{len(lines) - 1}: A)" if len(lines) > 1 else ""
         text = f" {sign} {clean(worst.text(now_ns)) if worst else 'all well'}"
+        has_two = self.size.height > 1  # a narrow terminal: the keys below the alarm
         keys = KEYS if cell_len(text) + cell_len(more) + len(KEYS) + 2 <= width else SHORT_KEYS
-        room = width - len(keys) - 2
+        if width < len(SHORT_KEYS) + 2 or (width < NARROW and not has_two):
+            keys = SHORTEST_KEYS
+        room = max(0, width - (0 if has_two else len(keys) + 2))
         # how many more there are must stay in sight when the sentence is cut
         text = look.fit(text, min(cell_len(text), max(0, room - cell_len(more)))) + more
         is_bold = is_pressing and worst is not None and worst.alarm.severity > Severity.NOTE
-        self.put(
-            [
-                Segment(look.fit(text, room), look.style(colour if is_pressing or not worst else FAINT, bold=is_bold)),
-                Segment(f" {keys} ", look.style(FAINT)),
-            ]
-        )
+        alarm = Segment(look.fit(text, room), look.style(colour if is_pressing or not worst else FAINT, bold=is_bold))
+        hint = Segment(f" {keys} ", look.style(FAINT))
+        self.put(*([alarm], [hint]) if has_two else ([alarm, hint],))

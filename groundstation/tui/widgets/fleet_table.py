@@ -299,7 +299,10 @@ class FleetTable(Lines, ScrollView, can_focus=True):
     def draw(self, width: int, height: int) -> list[Strip]:
         """The heading stays on the first line; the rows scroll below it."""
         layout = Layout.of([view.name for view in self._views], width)
-        lines = [Strip([Segment(look.fit(layout.heading(), width), look.style(FAINT))], width)]
+        # on a low terminal there is no border to show what is written or marked
+        is_bare = self.size == self.outer_size and (self._typing or self._marks)
+        heading = " ".join(reversed(self._titles)) if is_bare else layout.heading()
+        lines = [Strip([Segment(look.fit(heading, width), look.style(FAINT))], width)]
         top, here, now_s = round(self.scroll_offset.y), self.selected, self._now_s
         for view in self._rows[top : top + height - 1]:
             is_blinking = (

@@ -31,7 +31,7 @@ class ResultLine(Widget):
     """One line for the order, and up to three for vehicles that did not do it."""
 
     def __init__(self, name: str) -> None:
-        super().__init__(id=name)
+        super().__init__(id=name, classes="empty")
         self._rows: list[list[Segment]] = []
 
     def show_order(self, handle: OrderHandle, text: str) -> None:
@@ -78,5 +78,6 @@ class ResultLine(Widget):
     def _put(self, rows: list[list[Segment]]) -> None:
         if rows != self._rows:
             self._rows = rows
+            self.set_class(not rows, "empty")
             self.styles.height = max(1, len(rows))
             self.refresh()
