@@ -18,7 +18,7 @@ lint:
 	.venv/bin/lint-imports --no-cache
 
 test: lint
-	.venv/bin/pytest -m "not long"
+	.venv/bin/pytest -m "not long" -n 2 --dist loadgroup
 
 test-long:
 	@.ci/setup dev

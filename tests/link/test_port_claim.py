@@ -20,6 +20,7 @@ DEVICE = f"/dev/covey-test-{os.getpid()}"
         (f"serial://{DEVICE}:921600", f"serial://{DEVICE}:57600"),
         (f"serial://{DEVICE}:921600", f"serial://{DEVICE}"),
     ],
+    ids=["addresses", "remote", "serial", "serial without a rate"],
 )
 def test_who_comes_second_is_refused_in_words_until_the_first_lets_go(first: str, second: str) -> None:
     holder, newcomer = PortClaim(first), PortClaim(second)

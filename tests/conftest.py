@@ -1,0 +1,36 @@
+"""Which tests run beside each other: files stay whole, and whatever needs real time runs one after the other.
+
+Real processes that fly in real time and the tests that compute share two cores: one worker flies, the other computes.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+_HERE = Path(__file__).parent
+# folders and files whose tests wait for real processes, real time or a terminal
+_REAL_TIME = (
+    "agent/test_process.py",
+    "agent/test_service.py",
+    "bus",
+    "clients",
+    "flight",
+    "groundstation/test_processes.py",
+    "groundstation/test_px4_params.py",
+    "link",
+    "mocap/test_relay.py",
+    "silence",
+    "sitl/test_sitl_server.py",
+    "sitl/test_mavsdk_client.py",
+    "tui/test_terminal.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give each test the group that it is run with."""
+    for item in items:
+        place = item.path.relative_to(_HERE).as_posix()
+        is_real_time = any(place == name or place.startswith(f"{name}/") for name in _REAL_TIME)
+        item.add_marker(pytest.mark.xdist_group("real time" if is_real_time else place))
