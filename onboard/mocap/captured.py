@@ -163,9 +163,11 @@ class CapturedMocap:
     def _take_frames(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stdout is not None
         pipe, pending = process.stdout.fileno(), bytearray()
+        waiting = select.poll()  # select.select knows no descriptors above 1023
+        waiting.register(pipe, select.POLLIN)
         heard_s, patience_s = time.monotonic(), _CONNECT_S
         while not self._stopped.is_set():
-            if not select.select([pipe], [], [], 0.1)[0]:
+            if not waiting.poll(100):
                 if time.monotonic() - heard_s > patience_s:
                     since = "anything" if patience_s == _CONNECT_S else "more"
                     self._say(
