@@ -28,6 +28,7 @@ _REAL_TIME = (
 )
 
 
+@pytest.hookimpl(tryfirst=True)  # before the groups are read
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Give each test the group that it is run with."""
     for item in items:
