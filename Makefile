@@ -1,5 +1,5 @@
 # make demo       three drones fly the paper's experiment in this terminal
-# make test       lint, types, import contracts, tests (about 9 minutes)
+# make test       lint, types, import contracts, tests (about 10 minutes)
 # make test-long  what takes longer
 SHELL := bash
 export PYTHON ?=
