@@ -6,9 +6,10 @@ One tick: estimate, conditions, failsafe, state machine, pipeline, the last chec
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from onboard.agent import messages, orders, takeover
 from onboard.agent.events import (
@@ -62,8 +63,7 @@ _HEARD_NS = 80_000_000
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Pass:
+class Pass(Struct, frozen=True):
     """One pass of the pipeline that is due: its arguments, without a batch axis; the others as of ``now_ns``."""
 
     memory: PipelineMemory

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
+
+from msgspec import Struct
 
 from onboard.link.autopilot import Landed, Snapshot, Vec3
 
@@ -24,8 +25,7 @@ class Step(Enum):
     TAKEOVER = "taking over from PX4's hold"
 
 
-@dataclass(frozen=True, slots=True)
-class View:
+class View(Struct, frozen=True):
     """What the flight needs to know at one tick; position and velocity in fleet ENU."""
 
     now_ns: int

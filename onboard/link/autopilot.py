@@ -5,9 +5,10 @@ Nothing that is asked here counts as done because the call returned: what came o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
+
+from msgspec import Struct
 
 from onboard.types import AttitudeSetpoint
 
@@ -29,8 +30,7 @@ class LinkError(RuntimeError):
     """The link cannot be opened: a sentence that says where and what to do."""
 
 
-@dataclass(frozen=True, slots=True)
-class Snapshot:
+class Snapshot(Struct, frozen=True):
     """The newest value of everything, with the monotonic time [ns] at which it arrived; 0 = never.
 
     quaternion_enu_flu_wxyz: PX4's own attitude, so its heading may differ from the fleet's. position_local_ned_m and

@@ -12,7 +12,6 @@ import math
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -22,6 +21,7 @@ from mavsdk import logging as mavsdk_logging
 from mavsdk.mavsdk import Configuration, Mavsdk
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 from mavsdk.plugins.param import Param, ParamError
+from msgspec.structs import replace
 
 from onboard.frames import ned_from_enu, quaternion_enu_flu_from_ned_frd, quaternion_ned_frd_from_enu_flu
 from onboard.link import modes

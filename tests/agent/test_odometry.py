@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from onboard.agent.odometry import OdometryFeed
 from onboard.bus.schema import MocapPose
