@@ -9,11 +9,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import msgspec
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from onboard.bus.schema import Event, Message, PreflightReport, Telemetry, Truth, Vec3
 from onboard.bus.topics import TOPICS, Topic
@@ -27,8 +28,7 @@ TRUTH_STALE_NS = int(TOPICS[Topic.TRUTH].stale_after_s * 1e9)
 _NEVER = -(1 << 62)
 
 
-@dataclass(frozen=True, slots=True)
-class Separation:
+class Separation(Struct, frozen=True):
     """Horizontal distance between the centres of two vehicles; ``is_truth`` when ground truth says so."""
 
     first: str
@@ -38,16 +38,14 @@ class Separation:
     is_truth: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class LoggedEvent:
+class LoggedEvent(Struct, frozen=True):
     """An event and when the ground heard it (its own monotonic clock)."""
 
     received_ns: int
     event: Event
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleView:
+class VehicleView(Struct, frozen=True):
     """What is known of one vehicle. ``telemetry`` is the last one heard, however old: ask :meth:`is_fresh`."""
 
     name: str
@@ -101,8 +99,7 @@ class VehicleView:
         return self.telemetry is not None and self.telemetry.is_airborne and not self.is_disarmed_by_px4
 
 
-@dataclass(frozen=True, slots=True)
-class FleetState:
+class FleetState(Struct, frozen=True):
     """Everything the ground knows. ``vehicles`` keeps the order of the fleet file.
 
     smallest: smallest separation so far while one of the two flew, by telemetry; smallest_truth: the same by ground
@@ -236,8 +233,11 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
     state = replace(state, vehicles=MappingProxyType(vehicles))
     known = [view.truth for view in vehicles.values() if view.truth is not None and view.has_truth(now_ns)]
     # All samples come from one clock; the older ones are carried on to the newest one's stamp.
-    newest_ns = max(truth.stamp_ns for truth in known)
-    spots = np.array([_along(t.position_enu_m, t.velocity_enu_m_s, (newest_ns - t.stamp_ns) * 1e-9)[:2] for t in known])
+    newest_ns = max([truth.stamp_ns for truth in known])
+    spots = np.array([t.position_enu_m for t in known])[:, :2]
+    if any(truth.stamp_ns != newest_ns for truth in known):
+        ahead_s = np.array([(newest_ns - truth.stamp_ns) * 1e-9 for truth in known])
+        spots = spots + ahead_s[:, None] * np.array([t.velocity_enu_m_s for t in known])[:, :2]
     is_up = np.array([not truth.is_on_ground for truth in known])
     rows = np.array([place for place, truth in enumerate(known) if truth.vehicle in told])
     offset = spots[rows, None] - spots[None]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 import os
 from types import MappingProxyType
 
+import msgspec
 import numpy as np
 import pytest
 from rich.cells import cell_len
@@ -187,7 +187,7 @@ async def test_vehicles_that_vanish_and_come_back_leave_no_mark_and_no_ghost() -
         assert table_of(app).marked == ("v001",)
         assert table_of(app).selected == "v001"
         some = {name: view for name, view in whole.vehicles.items() if name != "v001"}
-        client.state = dataclasses.replace(whole, vehicles=MappingProxyType(some))
+        client.state = msgspec.structs.replace(whole, vehicles=MappingProxyType(some))
         await see(app, pilot)
         assert table_of(app).marked == ()
         assert table_of(app).selected != "v001"
@@ -209,8 +209,8 @@ async def test_long_and_foreign_names_keep_the_columns_and_stay_apart(size: tupl
         "無人機三號",
         "דרון",
     ]
-    client.state = dataclasses.replace(client.state, vehicles=MappingProxyType({
-        name: dataclasses.replace(view, name=name)
+    client.state = msgspec.structs.replace(client.state, vehicles=MappingProxyType({
+        name: msgspec.structs.replace(view, name=name)
         for name, view in zip(names, client.state.vehicles.values(), strict=True)
     }))  # fmt: skip
     app = ConsoleApp(client.fleet, client)
