@@ -145,13 +145,14 @@ class AgentCore:
 
     def handle(self, event: EventIn, now_ns: int) -> list[Command]:
         """Take one event; only orders and poses answer at once."""
+        if isinstance(event, AutopilotHeard):  # once a tick, and nobody else wants to know
+            if _is_plausible(event.snapshot):
+                self._snapshot = event.snapshot
+            else:
+                self._malformed += 1  # who tells nonsense counts as silent
+            return []
         self.readiness.hear(event)
         match event:
-            case AutopilotHeard(snapshot):
-                if _is_plausible(snapshot):
-                    self._snapshot = snapshot
-                else:
-                    self._malformed += 1  # who tells nonsense counts as silent
             case PoseArrived(pose, received_ns):
                 if pose.body != self.vehicle.body:
                     self.neighbours.see(pose, received_ns)
@@ -289,7 +290,7 @@ class AgentCore:
         self._memory, self.last_tick = memory, tick
         self._hover_frac = float(tick.hover_thrust_frac)
         self._is_last_finite = bool(tick.is_finite) and is_sendable(tick.attitude, self.vehicle.max_tilt_deg)
-        if self.flight.phase is Phase.FLYING:
+        if self.flight.phase is Phase.FLYING and self._response.is_due():
             attitude = self.own.attitude(self._snapshot)
             for code, sentence in self._response.follow(memory.observer, attitude, self._hover_frac):
                 self.flight.say(self._view, "warning", code, sentence)
@@ -329,14 +330,8 @@ class AgentCore:
     def _look(self, now_ns: int, state: State | None) -> View:
         if state is None:
             return View(now_ns, self._view.position_enu_m, _ZERO, False, self._snapshot)
-        is_fresh = self.own.age_s < POSITION_LOST_S
-        return View(
-            now_ns,
-            messages.vec3(state.position_enu_m),
-            messages.vec3(state.velocity_enu_m_s),
-            is_fresh,
-            self._snapshot,
-        )
+        own = self.own
+        return View(now_ns, own.position_enu_m, own.velocity_enu_m_s, own.age_s < POSITION_LOST_S, self._snapshot)
 
     def _watch_over(self, now_ns: int) -> None:
         heard_ns, flight = self.neighbours.last_heard_ns, self.flight

@@ -7,13 +7,14 @@ OFFBOARD, landed or disarmed before PX4 says so. Commands and events collect in 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from onboard.agent.arrival import is_at_rest, is_there, place, stop_point
 from onboard.agent.events import Arm, Command, Disarm, Kill, PlayTune, Px4Land, SetOffboard
-from onboard.agent.steps import Step, View
+from onboard.agent.steps import Step, View, phase_of, situation_of
 from onboard.agent.telling import Telling
 from onboard.bus.schema import AgentState, Order, OrderOutcome
 from onboard.control.pipeline import Phase
@@ -62,32 +63,20 @@ class Flight(Telling):
     _steady_ns: int = 0
     _last_ask_ns: int = 0
     _takeoff_height_m: float | None = None
+    _wanted: tuple[Vec3, float, int] | None = None
+    _goal: Goal = field(init=False)
 
     # -- what it is --------------------------------------------------------------------------------------------------
 
     @property
     def situation(self) -> Situation:
         """For the failsafe table."""
-        if self.state == "failed":
-            return Situation.SILENT
-        if self.state == "armed" or self.step in (Step.OFFBOARD, Step.ARMING):
-            return Situation.ARMED
-        if self.step is Step.LIFTOFF:
-            return Situation.LIFTOFF
-        if self.state in ("taking off", "flying", "holding"):
-            return Situation.FLYING
-        if self.state == "landing":
-            return Situation.PX4_LANDING if self.step is Step.PX4 else Situation.LANDING
-        return Situation.GROUND
+        return situation_of(self.state, self.step)
 
     @property
     def phase(self) -> Phase:
         """For the pipeline."""
-        if self.step is Step.LIFTOFF:
-            return Phase.LIFTOFF
-        if self.step is Step.DESCENT:
-            return Phase.LANDING
-        return Phase.FLYING if self.situation is Situation.FLYING else Phase.GROUND
+        return phase_of(self.state, self.step)
 
     @property
     def is_under_law(self) -> bool:
@@ -116,12 +105,17 @@ class Flight(Telling):
         return (view.now_ns - self._since_ns) * 1e-9 > self._limit_s
 
     def goal(self) -> Goal:
-        """For guidance."""
-        return Goal(
-            np.asarray(self.goal_position_enu_m, dtype=np.float64),
-            np.asarray(self._goal_duration_s),
-            np.asarray(self._goal_sequence, dtype=np.int64),
-        )
+        """For guidance; the same value as long as nothing has changed."""
+        wanted = self.goal_position_enu_m, self._goal_duration_s, self._goal_sequence
+        if wanted != self._wanted:
+            self._wanted = wanted
+            position_enu_m, duration_s, sequence = wanted
+            self._goal = Goal(
+                np.asarray(position_enu_m, dtype=np.float64),
+                np.asarray(duration_s),
+                np.asarray(sequence, dtype=np.int64),
+            )
+        return self._goal
 
     # -- orders and failsafes begin something ------------------------------------------------------------------------
 
@@ -241,19 +235,7 @@ class Flight(Telling):
 
     def advance(self, view: View) -> None:
         """Move on by what telemetry and estimate say now."""
-        handler = {
-            Step.OFFBOARD: self._await_offboard,
-            Step.ARMING: self._await_arming,
-            Step.LIFTOFF: self._lift_off,
-            Step.CLIMB: self._climb,
-            Step.LEG: self._fly_leg,
-            Step.DESCENT: self._descend,
-            Step.CONTACT: self._await_landed,
-            Step.PX4: self._await_px4_landing,
-            Step.TAKEOVER: self._take_over,
-            Step.ARRIVED: self._come_to_rest,
-        }.get(self.step, self._idle)
-        handler(view)
+        _HANDLERS[self.step](self, view)
 
     def _idle(self, view: View) -> None:
         armed = view.snapshot.is_armed
@@ -456,3 +438,18 @@ class Flight(Telling):
         if not is_there(view, self.goal_position_enu_m, self.vehicle):
             self._steady_ns = view.now_ns
         return (view.now_ns - self._steady_ns) * 1e-9 > _ARRIVED_S
+
+
+_HANDLERS: dict[Step, Callable[[Flight, View], None]] = {
+    Step.IDLE: Flight._idle,
+    Step.OFFBOARD: Flight._await_offboard,
+    Step.ARMING: Flight._await_arming,
+    Step.LIFTOFF: Flight._lift_off,
+    Step.CLIMB: Flight._climb,
+    Step.LEG: Flight._fly_leg,
+    Step.ARRIVED: Flight._come_to_rest,
+    Step.DESCENT: Flight._descend,
+    Step.CONTACT: Flight._await_landed,
+    Step.PX4: Flight._await_px4_landing,
+    Step.TAKEOVER: Flight._take_over,
+}

@@ -59,7 +59,7 @@ class Guard:
         self.conditions = self.watch.conditions(view, doing)
         situation = flight.situation
         asked, condition = decide(situation, self.conditions)
-        self.must_be_level = needs_level(situation, self.conditions)
+        self.must_be_level = bool(self.conditions) and needs_level(situation, self.conditions)
         if situation is Situation.GROUND:
             self.action = asked
             self._told.clear()
@@ -87,9 +87,10 @@ class Guard:
     def _say_what_is_new(self, view: View, situation: Situation) -> None:
         """Each condition once while it lasts, with pauses; again when it asks for more or concerns somebody else."""
         told, details = self._told, self.watch.details
-        if not self.conditions - _QUIET and not told:
+        spoken = self.conditions - _QUIET if self.conditions else self.conditions
+        if not spoken and not told:
             return
-        for condition in in_order(self.conditions - _QUIET):
+        for condition in in_order(spoken):
             detail, action = details.get(condition, "") if condition in _NAMED else "", TABLE[situation, condition]
             known = told.get(condition)
             told[condition] = _Told(detail, action if known is None else max(action, known.action), view.now_ns)

@@ -6,8 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import cast
 
-import numpy as np
-
 from onboard.agent.events import LoopTimed
 from onboard.agent.flight import Flight
 from onboard.agent.steps import View
@@ -76,7 +74,7 @@ def tick_sample(
     active_neighbour: str,
     distances_m: dict[str, float],
     ages_s: dict[str, float],
-    attitude_enu_flu: Array,
+    attitude_enu_flu_wxyz: Vec4,
     attitude_age_s: float,
 ) -> TickSample:
     """Every intermediate value of one pass, for the record; ``told`` is what the neighbours were told of it."""
@@ -105,7 +103,7 @@ def tick_sample(
         neighbour_ages_s=ages_s,
         setpoint_quaternion_enu_flu_wxyz=vec4(tick.attitude.quaternion_wxyz),
         setpoint_thrust_frac=float(tick.attitude.thrust_frac),
-        attitude_quaternion_enu_flu_wxyz=vec4(np.asarray(attitude_enu_flu)),
+        attitude_quaternion_enu_flu_wxyz=attitude_enu_flu_wxyz,
         hover_thrust_frac=float(tick.hover_thrust_frac),
         attitude_age_s=attitude_age_s,
     )

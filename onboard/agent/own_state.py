@@ -27,6 +27,7 @@ _MAX_QUEUE = 8
 _FUTURE_NS = 5_000_000
 _REJECTED_TO_RESTART = 10
 _PX4_POSITION_STD_M = 0.05
+_ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
@@ -163,6 +164,16 @@ class OwnState:
     def age_s(self) -> float:
         """Age of the newest sample that was used, as of the last update; inf before the first."""
         return math.inf if self._memory is None else self._memory.last_age_s
+
+    @property
+    def position_enu_m(self) -> Vec3:
+        """Of :attr:`state`, in floats; of no use before the first sample."""
+        return _ZERO if self._memory is None else self._memory.position_enu_m
+
+    @property
+    def velocity_enu_m_s(self) -> Vec3:
+        """Of :attr:`state`, in floats; of no use before the first sample."""
+        return _ZERO if self._memory is None else self._memory.velocity_enu_m_s
 
     @property
     def state(self) -> State | None:

@@ -86,7 +86,7 @@ class Report:
                 active_neighbour=avoids,
                 distances_m=distances_m,
                 ages_s=self._neighbours.near_ages_s(now_ns),
-                attitude_enu_flu=self._own.attitude(view.snapshot),
+                attitude_enu_flu_wxyz=self._own.attitude_wxyz(view.snapshot),
                 attitude_age_s=(now_ns - view.snapshot.attitude_ns) * 1e-9 if view.snapshot.attitude_ns else 0.0,
             )
         )

@@ -10,7 +10,7 @@ from onboard.control import response_watch
 from onboard.control.disturbance import ObserverMemory
 from onboard.types import Array
 
-_LOOK_EVERY_TICKS = 50
+_SAMPLE_TICKS, _LOOK_SAMPLES = 5, 10
 
 
 class ResponseWatch:
@@ -19,16 +19,21 @@ class ResponseWatch:
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
         self._memory = response_watch.initial()
-        self._ticks = 0
+        self._ticks = self._samples = 0
         self._told: set[str] = set()
 
-    def follow(self, model: ObserverMemory, attitude_wxyz: Array, hover_frac: float) -> Iterator[tuple[str, str]]:
-        """One tick in free flight; code and sentence of what differs and has not been said yet."""
-        self._memory = response_watch.update(
-            self._memory, model.response_enu_m_s2, model.response_rate_enu_m_s3, attitude_wxyz, PERIOD_S
-        )
+    def is_due(self) -> bool:
+        """Ask at every tick in free flight: whether this one is to be followed."""
         self._ticks += 1
-        if self._ticks % _LOOK_EVERY_TICKS:
+        return self._ticks % _SAMPLE_TICKS == 0
+
+    def follow(self, model: ObserverMemory, attitude_wxyz: Array, hover_frac: float) -> Iterator[tuple[str, str]]:
+        """One sample in free flight; code and sentence of what differs and has not been said yet."""
+        self._memory = response_watch.update(
+            self._memory, model.response_enu_m_s2, model.response_rate_enu_m_s3, attitude_wxyz, _SAMPLE_TICKS * PERIOD_S
+        )
+        self._samples += 1
+        if self._samples % _LOOK_SAMPLES:
             return
         vehicle = self._vehicle
         found = response_watch.differences(self._memory, vehicle.lag_s, hover_frac, vehicle.hover_thrust_frac)

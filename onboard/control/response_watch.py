@@ -2,8 +2,8 @@
 
 The disturbance observer already flies a model of the own commands through the configured lag. Against it the attitude
 flown is a regression: measured = gain (response - late rate) + lean, per axis, with ``late`` the time by which the
-vehicle is slower than configured. Recursive least squares that forget over half a minute; costs one product per tick.
-``identify.py`` does the same afterwards, thoroughly.
+vehicle is slower than configured. Recursive least squares that forget over half a minute; ten samples
+a second are enough. ``identify.py`` does the same afterwards, thoroughly.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _LEAST_S = 8.0
 _ATTITUDE_AGE_S = 0.012  # PX4's attitude at 50-100 Hz over a link, when it is used
 _HOVER_SHARE = 0.12
 _SURE_S = 0.008  # standard deviation of the lag's error from which on it is believed
-_CORRELATED_TICKS = 25.0  # residuals that say the same
+_CORRELATED_S = 0.5  # for so long residuals say the same
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,8 @@ def late_s(memory: ResponseMemory) -> tuple[float, float]:
         return 0.0, math.inf
     count = memory.normal[2, 2] + memory.normal[3, 3]
     variance = max(memory.energy - float(theta @ memory.right), 1e-9) / count
-    std = math.sqrt(_CORRELATED_TICKS * variance * inverse[1, 1]) / gain
+    alike = max(1.0, _CORRELATED_S * memory.normal[2, 2] / memory.time_s)  # samples that say the same
+    std = math.sqrt(alike * variance * inverse[1, 1]) / gain
     return float(lag / gain) - _ATTITUDE_AGE_S, std
 
 

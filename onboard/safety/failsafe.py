@@ -12,12 +12,14 @@ LEVEL is a hold without eyes: while it lasts, setpoints are level; afterwards th
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from enum import Enum, IntEnum
 
 
 class Situation(Enum):
     """What the vehicle is doing, as far as failsafes care."""
+
+    __hash__ = object.__hash__  # Enum's own costs a call of Python for each look-up
 
     GROUND = "on the ground, disarmed"
     ARMED = "armed on the ground"
@@ -30,6 +32,8 @@ class Situation(Enum):
 
 class Condition(Enum):
     """What can be wrong, grouped by whom it concerns; of two that ask the same the first one speaks."""
+
+    __hash__ = object.__hash__
 
     # the own motion
     POSITION_STALE = "own position stale"
@@ -205,11 +209,13 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
 _PLACES = {condition: place for place, condition in enumerate(Condition)}
 
 
-def decide(situation: Situation, conditions: Iterable[Condition]) -> tuple[Action, Condition | None]:
+def decide(situation: Situation, conditions: Collection[Condition]) -> tuple[Action, Condition | None]:
     """The strongest action of all conditions that hold, and the condition that asks for it.
 
     Of equal actions the condition named first speaks. Without conditions: GO_ON and None.
     """
+    if not conditions:
+        return Action.GO_ON, None
     best: tuple[Action, Condition | None] = (Action.GO_ON, None)
     for condition in in_order(conditions):
         action = TABLE[situation, condition]
@@ -223,13 +229,15 @@ def needs_level(situation: Situation, conditions: Iterable[Condition]) -> bool:
     return any(TABLE[situation, condition] is Action.LEVEL for condition in conditions)
 
 
+_KEPT = {Action.REFUSE: Action.GO_ON, Action.LEVEL: Action.HOLD}
+
+
 def latched(before: Action, asked: Action) -> Action:
     """What is done after ``before`` when ``asked`` comes, without an order in between: never less.
 
     A level flight leaves a hold behind it, since its order has failed. A refusal is kept for nobody: it only forbids.
     """
-    kept = {Action.REFUSE: Action.GO_ON, Action.LEVEL: Action.HOLD}.get(before, before)
-    return max(kept, asked)
+    return max(_KEPT.get(before, before), asked)
 
 
 def in_order(conditions: Iterable[Condition]) -> list[Condition]:

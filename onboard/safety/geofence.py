@@ -38,13 +38,17 @@ class Fence:
         """Of a vehicle; one whose position is not finite is outside, since nobody knows that it is inside."""
         if not math.isfinite(sum(position_enu_m)):
             return Where(False, True, False)
-        is_near = is_outside = is_above = False
-        rows = zip(self.low_enu_m, self.high_enu_m, self.brake_m_s2, position_enu_m, velocity_enu_m_s, strict=True)
-        for axis, (low, high, brake, p, v) in enumerate(rows):
-            if axis < 2:
-                is_outside |= not low <= p <= high
-            else:
-                is_above, is_outside = p > high, is_outside or p < low - self.floor_tolerance_m
-            left_m = high - p if v > 0.0 else p - low if axis < 2 else math.inf
-            is_near |= left_m > 0.0 and abs(v) * (self.reaction_s + abs(v) / (2.0 * brake)) > left_m
+        (x, y, z), (west, south, floor), (east, north, top) = position_enu_m, self.low_enu_m, self.high_enu_m
+        is_above = z > top
+        is_outside = not (west <= x <= east and south <= y <= north) or z < floor - self.floor_tolerance_m
+        (u, v, w), (brake_x, brake_y, brake_z) = velocity_enu_m_s, self.brake_m_s2
+        is_near = (
+            self._is_near(east - x if u > 0.0 else x - west, abs(u), brake_x)
+            or self._is_near(north - y if v > 0.0 else y - south, abs(v), brake_y)
+            or (w > 0.0 and self._is_near(top - z, w, brake_z))
+        )
         return Where(is_near, is_outside, is_above)
+
+    def _is_near(self, left_m: float, speed_m_s: float, brake_m_s2: float) -> bool:
+        """Whether a wall that is so far ahead cannot be kept by braking."""
+        return 0.0 < left_m < speed_m_s * (self.reaction_s + speed_m_s / (2.0 * brake_m_s2))

@@ -14,11 +14,13 @@ from onboard.types import GRAVITY_M_S2
 DT_S = 0.02
 
 
-def flown(late_s: float, *, gain: float = 1.0, lean_deg: float = 0.0, seconds: float = 25.0) -> ResponseMemory:
+def flown(
+    late_s: float, *, gain: float = 1.0, lean_deg: float = 0.0, seconds: float = 25.0, dt_s: float = DT_S
+) -> ResponseMemory:
     """Memory after a flight in which the attitude comes ``late_s`` after the model of the commands."""
     rng, memory = np.random.default_rng(3), response_watch.initial()
-    for k in range(round(seconds / DT_S)):
-        t, late = k * DT_S, k * DT_S - late_s - 0.012
+    for k in range(round(seconds / dt_s)):
+        t, late = k * dt_s, k * dt_s - late_s - 0.012
         angle = np.array([1.1, 2.3])
         model, rate = 1.2 * np.sin(angle * t), 1.2 * angle * np.cos(angle * t)
         tilt = gain * 1.2 * np.sin(angle * late) / GRAVITY_M_S2 + math.radians(lean_deg)
@@ -27,14 +29,17 @@ def flown(late_s: float, *, gain: float = 1.0, lean_deg: float = 0.0, seconds: f
         half = 0.5 * math.acos(up[2])
         axis = np.array([-up[1], up[0]]) / max(math.hypot(up[0], up[1]), 1e-12)
         quaternion = np.array([math.cos(half), *(math.sin(half) * axis), 0.0])
-        memory = response_watch.update(memory, model, rate, quaternion, DT_S)
+        memory = response_watch.update(memory, model, rate, quaternion, dt_s)
     return memory
 
 
 @pytest.mark.parametrize("late_s", [-0.05, 0.0, 0.06, 0.1])
 @pytest.mark.parametrize(("gain", "lean_deg"), [(1.0, 0.0), (0.9, 1.5)])
-def test_how_late_a_vehicle_answers_is_seen_through_gain_and_lean(late_s: float, gain: float, lean_deg: float) -> None:
-    found, std = response_watch.late_s(flown(late_s, gain=gain, lean_deg=lean_deg))
+@pytest.mark.parametrize("dt_s", [DT_S, 5 * DT_S])
+def test_how_late_a_vehicle_answers_is_seen_through_gain_and_lean(
+    late_s: float, gain: float, lean_deg: float, dt_s: float
+) -> None:
+    found, std = response_watch.late_s(flown(late_s, gain=gain, lean_deg=lean_deg, dt_s=dt_s))
     assert found == pytest.approx(late_s, abs=0.012)
     assert std < 0.008
 
