@@ -47,6 +47,7 @@ KINDS: dict[str, type[Message]] = {
     name: kind for name, kind in vars(schema_).items() if isinstance(kind, type) and issubclass(kind, Message)
 }
 _FIELDS: dict[type[Message], tuple[tuple[str, Any, bool], ...]] = {}
+_NAMED: dict[type[Message], type[msgspec.Struct]] = {}  # the same kinds, but encoded with their names
 
 
 def from_json(kind: type[Message], data: bytes) -> Message | None:
@@ -99,7 +100,11 @@ def _row(channel: str, message: Message, received_ns: int) -> Row:
     stamp_ns = getattr(message, "stamp_ns", received_ns)
     if not 0 <= stamp_ns <= MAX_STAMP_NS:
         stamp_ns = received_ns
-    return Row(channel, type(message), stamp_ns, _encode(as_mapping(message)))
+    kind = type(message)
+    named = _NAMED.get(kind)
+    if named is None:
+        named = _NAMED[kind] = msgspec.defstruct(kind.__name__, kind.__struct_fields__, gc=False)
+    return Row(channel, kind, stamp_ns, _encode(named(*msgspec.structs.astuple(message))))
 
 
 def _flat(schema: dict[str, Any]) -> dict[str, Any]:

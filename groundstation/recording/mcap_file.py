@@ -13,7 +13,7 @@ from typing import IO
 
 import zstandard
 
-CHUNK_BYTES = 128 * 1024
+CHUNK_BYTES = 512 * 1024  # each has an index entry per channel: fewer of them for many vehicles
 _MAGIC = b"\x89MCAP0\r\n"
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX = range(1, 9)
 _STATISTICS, _SUMMARY_OFFSET, _DATA_END = 0x0B, 0x0E, 0x0F

@@ -122,7 +122,7 @@ class RecordFiles:
         self._stream = stream
         self._file = McapFile(stream, "covey")
         self._schemas: dict[type[Message], int] = {}
-        self._channels: dict[str, tuple[int, int]] = {}
+        self._channels: dict[str, list[int]] = {}  # id and next sequence number
         self._begin_ns = begin_ns
         head = f"# seconds since {begin}\n"
         self._texts: dict[str, TextIO] = {}
@@ -132,9 +132,10 @@ class RecordFiles:
 
     def write(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
         """Take one message of the bus."""
-        for row in rows(topic, name, message, received_ns):
-            channel, sequence = self._channel(row.channel, row.kind)
-            self._file.add_message(channel, row.stamp_ns, sequence, row.data)
+        for channel, kind, stamp_ns, data in rows(topic, name, message, received_ns):
+            place = self._channels.get(channel) or self._register(channel, kind)
+            self._file.add_message(place[0], stamp_ns, place[1], data)
+            place[1] += 1
         if isinstance(message, Event):
             self._line("events.txt", received_ns, event_line(message))
             if message.order_id:
@@ -166,16 +167,13 @@ class RecordFiles:
             with contextlib.suppress(OSError):  # what could be written was; the failure itself has been told
                 close()
 
-    def _channel(self, name: str, kind: type[Message]) -> tuple[int, int]:
-        found = self._channels.get(name)
-        if found is None:
-            schema = self._schemas.get(kind)
-            if schema is None:
-                schema = self._schemas[kind] = self._file.register_schema(
-                    f"covey.{kind.__name__}", "jsonschema", json_schema(kind)
-                )
-            found = (self._file.register_channel(name, "json", schema), 0)
-        self._channels[name] = (found[0], found[1] + 1)
+    def _register(self, name: str, kind: type[Message]) -> list[int]:
+        schema = self._schemas.get(kind)
+        if schema is None:
+            schema = self._schemas[kind] = self._file.register_schema(
+                f"covey.{kind.__name__}", "jsonschema", json_schema(kind)
+            )
+        found = self._channels[name] = [self._file.register_channel(name, "json", schema), 0]
         return found
 
     def _line(self, name: str, received_ns: int, text: str) -> None:

@@ -38,7 +38,7 @@ def test_the_summary_counts_and_the_index_finds_a_time_and_a_channel() -> None:
     assert summary is not None
     assert summary.statistics is not None
     assert summary.statistics.message_count == 2000
-    assert summary.statistics.chunk_count == len(summary.chunk_indexes) >= 2000 * 700 // (CHUNK_BYTES + 1000)
+    assert summary.statistics.chunk_count == len(summary.chunk_indexes) >= 2000 * 700 // (CHUNK_BYTES + 1000) > 1
     assert sorted(summary.statistics.channel_message_counts.values()) == [666, 667, 667]
     assert {channel.topic for channel in summary.channels.values()} == {"test/a", "test/b", "test/c"}
     begin, end = 300_000_000, 310_000_000
