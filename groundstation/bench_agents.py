@@ -37,6 +37,7 @@ CPU_PCT, RSS_MIB = 15.0, 120.0
 NEAR_SPACING_M, FAR_SPACING_M = 1.5, 6.0  # up to 10 all follow each other; more of them only their nearest four
 _SETTLE_S = 4.0
 _STEP_M = 0.4
+_REST_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +130,7 @@ async def measure(count: int, seconds: float, folder: Path, *, is_realtime: bool
         after, wall_s = _usages(pids), time.monotonic() - begin_s
         late = {name: _late(stage, name) - late[name] for name in late}
         mover.cancel()
-        with contextlib.suppress(asyncio.CancelledError, OrderFailed):
+        with contextlib.suppress(asyncio.CancelledError):
             await mover
         await stage.fleet.land_all()
     cpu_pct = {name: 100.0 * (after[name].cpu_s - before[name].cpu_s) / wall_s for name in pids}
@@ -162,12 +163,13 @@ async def measure(count: int, seconds: float, folder: Path, *, is_realtime: bool
 
 
 async def _move(stage: Stage) -> None:
-    """Everybody to and fro."""
+    """Everybody to and fro; all arrive, or fail, before the next orders go out."""
     side = 1.0
     while True:
-        with contextlib.suppress(OrderFailed):
-            goals = {name: _beside(stage.config, name, side * _STEP_M) for name in stage.config.enabled_names}
-            await asyncio.gather(*(stage.fleet[name].move(goal, timeout_s=20.0) for name, goal in goals.items()))
+        goals = {name: _beside(stage.config, name, side * _STEP_M) for name in stage.config.enabled_names}
+        moves = (stage.fleet[name].move(goal, timeout_s=20.0) for name, goal in goals.items())
+        await asyncio.gather(*moves, return_exceptions=True)
+        await asyncio.sleep(_REST_S)
         side = -side
 
 

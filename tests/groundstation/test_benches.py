@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
 from groundstation import bench_agents, bench_soak, stage
 from groundstation.bench_agents import AgentCost, Result
 from groundstation.bench_soak import LateTick, Samples, Soak, Watcher, draw
+from groundstation.missions.api import OrderFailed
 from groundstation.proc import usage
 from onboard.config import fleet_from_mapping
 
@@ -37,6 +42,31 @@ def test_one_agent_that_is_not_as_asked_is_named(spoilt: AgentCost, words: str) 
     (sentence,) = result(AGENT, replace(spoilt, name="mav1")).problems()
     assert sentence.startswith("mav1")
     assert words in sentence
+
+
+def test_a_vehicle_whose_order_fails_at_once_does_not_let_the_bench_order_on_and_on() -> None:
+    given: list[str] = []
+
+    class Mover:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        async def move(self, *_: object, **__: object) -> None:
+            given.append(self.name)
+            if self.name == "mav0":
+                raise OrderFailed("mav0 does not")
+            await asyncio.sleep(0.05)
+
+    config = fleet_from_mapping(stage.fleet_data(2, 1.5))
+    there = SimpleNamespace(config=config, fleet={name: Mover(name) for name in config.enabled_names})
+
+    async def for_a_while() -> None:
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(0.3):
+                await bench_agents._move(cast(Any, there))
+
+    asyncio.run(for_a_while())
+    assert sorted(given) == ["mav0", "mav1"]
 
 
 def test_a_crowd_may_be_less_even() -> None:
