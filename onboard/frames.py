@@ -69,6 +69,12 @@ def quaternion_ned_frd_from_enu_flu(q_enu_flu: Array) -> Array:
     return quaternion_enu_flu_from_ned_frd(q_enu_flu)
 
 
+def changed_frame_wxyz(quaternion: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """The same permutation, in either direction, of four plain numbers: for one vehicle ten times as fast."""
+    w, x, y, z = quaternion
+    return _SQRT_HALF * (w + z), _SQRT_HALF * (x + y), _SQRT_HALF * (x - y), _SQRT_HALF * (w - z)
+
+
 def yaw_enu_from_ned_rad(yaw_ned_rad: Array | float) -> Array:
     """Counterclockwise-from-east heading from PX4's clockwise-from-north heading (...), wrapped; its own inverse."""
     return wrap_rad(0.5 * math.pi - np.asarray(yaw_ned_rad, dtype=np.float64))

@@ -40,6 +40,7 @@ from onboard.safety.failsafe import Situation
 
 EXIT_OK, EXIT_WRONG_INPUT, EXIT_INTERRUPTED = 0, 2, 130
 PERIOD_NS = 20_000_000
+_WATCHED_HZ = 10.0
 _MAX_EVENTS = 2000
 _STATISTICS_TICKS = 25
 _FAILED_TICKS_TO_LAND = 25
@@ -67,7 +68,9 @@ class Agent:
         self.fleet, self.name, self.vehicle = fleet, name, fleet.vehicles[name]
         self._apply_params, self._is_realtime = apply_params, is_realtime
         self._core = AgentCore(fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF, law=law)
-        self._link = Px4Link(self.vehicle.autopilot, self.vehicle.system_id)
+        # with a mocap PX4's own estimate is only watched
+        position_hz = _WATCHED_HZ if self.vehicle.mocap_required else 1e9 / PERIOD_NS
+        self._link = Px4Link(self.vehicle.autopilot, self.vehicle.system_id, position_hz=position_hz)
         others = [fleet.vehicles[other].agent for other in fleet.enabled_names if other != name]
         self._bus = BusSession(
             namespace=fleet.namespace,

@@ -17,11 +17,13 @@ import zenoh
 from onboard.bus.codec import Malformed, decode, encode
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
 from onboard.bus.topics import TOPICS, Delivery, Topic, key, topic_and_name
+from onboard.foreign import keep_thread_state
 
 LEASE_MS = 1000
-# One thread receives: callbacks wait for Python's lock anyway, and two that wake each other up for each message cost a
-# sixth of an agent's processor time. Read by zenoh when the first session opens.
-os.environ.setdefault("ZENOH_RUNTIME", "(rx: (worker_threads: 1))")
+# One thread for all of the network: by itself zenoh has one that is told of what has arrived and wakes up another that
+# reads it, five in all, and to be woken costs more than to read. Read by zenoh when the first session opens.
+_RUNTIMES = [f"{name}: (handover: net)" for name in ("rx", "tx", "acc", "app")] + ["net: (worker_threads: 1)"]
+os.environ.setdefault("ZENOH_RUNTIME", f"({', '.join(_RUNTIMES)})")
 RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
 
 OnMessage = Callable[[Topic, str, Message | Malformed], None]
@@ -295,4 +297,9 @@ def _reason(error: zenoh.ZError) -> str:
 
 def _callback(function: Callable[[Any], None]) -> Any:
     """A handler on zenoh's own network thread, without a Python thread for each subscriber."""
-    return zenoh.handlers.Callback(function, indirect=False)
+
+    def call(value: Any) -> None:
+        keep_thread_state()
+        function(value)
+
+    return zenoh.handlers.Callback(call, indirect=False)

@@ -15,7 +15,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import msgspec
-import numpy as np
 from mavsdk import ComponentType
 from mavsdk import logging as mavsdk_logging
 from mavsdk.mavsdk import Configuration, Mavsdk
@@ -23,7 +22,8 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, Mav
 from mavsdk.plugins.param import Param, ParamError
 from msgspec.structs import replace
 
-from onboard.frames import ned_from_enu, quaternion_enu_flu_from_ned_frd, quaternion_ned_frd_from_enu_flu
+from onboard.foreign import keep_thread_state
+from onboard.frames import changed_frame_wxyz
 from onboard.link import modes
 from onboard.link.autopilot import Landed, LinkError, Snapshot, Vec3, Vec4
 from onboard.link.ports import PortClaim
@@ -35,16 +35,19 @@ _AUTOPILOT_COMPONENT_ID = 1
 _TYPE_MASK_ATTITUDE_AND_THRUST = 7
 _FRAME_LOCAL_NED, _FRAME_LOCAL_FRD_VELOCITY = 1, 12
 _ESTIMATOR_TYPE_VISION = 2
-_RATES_HZ = {31: 50.0, 32: 50.0, 245: 10.0, 147: 2.0}  # ATTITUDE_QUATERNION, LOCAL_POSITION_NED, EXTENDED_SYS_STATE, ..
+_LOCAL_POSITION_NED = 32
+_RATES_HZ = {31: 50.0, 245: 10.0, 147: 2.0}  # ATTITUDE_QUATERNION, EXTENDED_SYS_STATE, BATTERY_STATUS
 # Nobody here listens to two thirds of what PX4 tells a companion by itself, and each message costs: GPS_RAW_INT,
 # ATTITUDE, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, VFR_HUD, targets, HIGHRES_IMU, DISTANCE_SENSOR, ALTITUDE, ODOMETRY
-_RATES_HZ |= dict.fromkeys((24, 30, 33, 36, 74, 83, 85, 87, 105, 132, 141, 331), 1.0)
+_UNHEARD = (24, 30, 33, 36, 74, 83, 85, 87, 105, 132, 141, 331)
+_STOP_US = -1.0
 _TUNE = "MFT180O4L8CEGO5CP4O4CEGO5C"  # up a chord, twice; at most 29 characters
 _GPS_GLOBAL_ORIGIN = 49
 # Any place will do indoors: only PX4's global frame hangs on it. Its altitude must be 0: PX4 takes heights of a mocap
 # for altitudes, and its local height would be wrong by the altitude of the origin.
 _ORIGIN = (47.397742, 8.545594, 0.0)
 _ORIGIN_TOLERANCE_M = 0.01
+_UNKNOWN = (None,) * 21  # goes out as NaN
 _json = msgspec.json.Encoder().encode  # ten times as fast as the standard library's, at 100 messages a second
 
 
@@ -59,17 +62,21 @@ class Px4Link:
     Args:
         endpoint: for instance ``udpin://127.0.0.1:14540``.
         system_id: MAVLink id that the fleet file gives this vehicle; another id on the endpoint is refused.
+        position_hz: how often PX4 is to tell its own position.
     """
 
-    def __init__(self, endpoint: str, system_id: int) -> None:
+    def __init__(self, endpoint: str, system_id: int, *, position_hz: float = 50.0) -> None:
         self.endpoint, self.system_id = endpoint, system_id
+        self._rates_hz = {**_RATES_HZ, _LOCAL_POSITION_NED: position_hz}
         self._claim = PortClaim(endpoint)
         self._mavsdk: Mavsdk | None = None
         self._system: Any = None
         self._direct: MavlinkDirect | None = None
         self._param: Param | None = None
+        self._told: dict[str, tuple[str, int]] = {}  # the newest of each kind that nobody has looked at: JSON, arrival
         self._lock = threading.Lock()
         self._slot = Snapshot()
+        self._covariance: tuple[float, list[float]] = (math.nan, [])
         self._start_ns = 0
         self.send_failures = 0
 
@@ -135,32 +142,43 @@ class Px4Link:
 
     def snapshot(self) -> Snapshot:
         """The newest values; safe from any thread."""
+        if self._told:
+            with self._lock:
+                self._slot = self._read(self._slot)
         return self._slot
 
     def _receive(self, message: MavlinkMessage, _: Any) -> None:
-        if message.system_id != self.system_id or message.component_id != _AUTOPILOT_COMPONENT_ID:
-            return
-        now_ns = time.monotonic_ns()
-        try:
-            fields = msgspec.json.decode(message.fields_json)
-            changes = _HANDLERS[message.message_name](fields, now_ns)
-        except (msgspec.DecodeError, KeyError, TypeError, ValueError):
-            return
-        with self._lock:
-            self._slot = replace(self._slot, last_packet_ns=now_ns, system_id=self.system_id, **changes)
+        """On MAVSDK's thread, which may wait for Python's lock: keep, and let who looks take it apart."""
+        keep_thread_state()
+        if message.system_id == self.system_id and message.component_id == _AUTOPILOT_COMPONENT_ID:
+            self._told[message.message_name] = message.fields_json, time.monotonic_ns()
+
+    def _read(self, known: Snapshot) -> Snapshot:
+        changes: dict[str, Any] = {}
+        newest_ns = 0
+        while self._told:
+            name, (text, arrived_ns) = self._told.popitem()
+            try:
+                changes |= _HANDLERS[name](msgspec.json.decode(text), arrived_ns)
+            except (msgspec.DecodeError, KeyError, TypeError, ValueError):
+                continue
+            newest_ns = max(newest_ns, arrived_ns)
+        if not newest_ns:
+            return known
+        return replace(known, last_packet_ns=newest_ns, system_id=self.system_id, **changes)
 
     # -- out ---------------------------------------------------------------------------------------------------------
 
     def send_attitude(self, setpoint: AttitudeSetpoint) -> None:
         """SET_ATTITUDE_TARGET with attitude and thrust, ENU/FLU in, NED/FRD on the wire."""
-        q = quaternion_ned_frd_from_enu_flu(np.asarray(setpoint.quaternion_wxyz, dtype=np.float64))
+        w, x, y, z = setpoint.quaternion_wxyz.tolist()
         self._send(
             "SET_ATTITUDE_TARGET",
             time_boot_ms=self._boot_ms(),
             target_system=self.system_id,
             target_component=_AUTOPILOT_COMPONENT_ID,
             type_mask=_TYPE_MASK_ATTITUDE_AND_THRUST,
-            q=q.tolist(),
+            q=changed_frame_wxyz((w, x, y, z)),
             body_roll_rate=0.0,
             body_pitch_rate=0.0,
             body_yaw_rate=0.0,
@@ -201,29 +219,29 @@ class Px4Link:
         self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float, reset_count: int = 0
     ) -> None:
         """ODOMETRY in the fleet's axes as NED; velocity is not known to a mocap and left out."""
-        position = ned_from_enu(np.asarray(position_enu_m, dtype=np.float64)).tolist()
-        attitude = np.asarray(quaternion_enu_flu_wxyz, dtype=np.float64)
-        # PX4 leaves out a heading whose quaternion is not a unit one to five digits
-        q = quaternion_ned_frd_from_enu_flu(attitude / np.linalg.norm(attitude)).tolist()
-        variance, angle_variance = std_m * std_m, 1e-4
-        diagonal = {0: variance, 6: variance, 11: variance, 15: angle_variance, 18: angle_variance, 20: angle_variance}
+        east, north, up = position_enu_m
+        w, x, y, z = quaternion_enu_flu_wxyz
+        norm = math.hypot(w, x, y, z)  # PX4 leaves out a heading whose quaternion is not a unit one to five digits
+        if std_m != self._covariance[0]:
+            places = {0: std_m**2, 6: std_m**2, 11: std_m**2, 15: 1e-4, 18: 1e-4, 20: 1e-4}
+            self._covariance = std_m, [places.get(place, 0.0) for place in range(21)]
         self._send(
             "ODOMETRY",
             time_usec=time.monotonic_ns() // 1000,
             frame_id=_FRAME_LOCAL_NED,
             child_frame_id=_FRAME_LOCAL_FRD_VELOCITY,
-            x=position[0],
-            y=position[1],
-            z=position[2],
-            q=q,
+            x=north,
+            y=east,
+            z=-up,
+            q=changed_frame_wxyz((w / norm, x / norm, y / norm, z / norm)),
             vx=None,
             vy=None,
             vz=None,
             rollspeed=None,
             pitchspeed=None,
             yawspeed=None,
-            pose_covariance=[diagonal.get(place, 0.0) for place in range(21)],
-            velocity_covariance=[None] * 21,
+            pose_covariance=self._covariance[1],
+            velocity_covariance=_UNKNOWN,
             reset_counter=reset_count,
             estimator_type=_ESTIMATOR_TYPE_VISION,
             quality=100,
@@ -248,7 +266,7 @@ class Px4Link:
         Args:
             gives_ours: a mocap gives the height, which needs an origin at altitude 0.
         """
-        known = self._slot.global_origin
+        known = self.snapshot().global_origin
         if known is None:
             self._command(modes.CMD_REQUEST_MESSAGE, float(_GPS_GLOBAL_ORIGIN))
         elif gives_ours and abs(known[2] - _ORIGIN[2]) > _ORIGIN_TOLERANCE_M:
@@ -256,8 +274,9 @@ class Px4Link:
 
     def request_rates(self) -> None:
         """SET_MESSAGE_INTERVAL for what the agent reads; PX4's defaults are too slow for close flight."""
-        for message_id, rate_hz in _RATES_HZ.items():
-            self._command(modes.CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)
+        wanted_us = {number: 1e6 / rate_hz for number, rate_hz in self._rates_hz.items()}
+        for number, interval_us in (wanted_us | dict.fromkeys(_UNHEARD, _STOP_US)).items():
+            self._command(modes.CMD_SET_MESSAGE_INTERVAL, float(number), interval_us)
 
     # -- parameters: blocking, for an executor -----------------------------------------------------------------------
 
@@ -327,11 +346,11 @@ class Px4Link:
 
 
 def _attitude(f: dict[str, Any], now_ns: int) -> dict[str, Any]:
-    q = quaternion_enu_flu_from_ned_frd(np.array([f["q1"], f["q2"], f["q3"], f["q4"]], dtype=np.float64))
-    if not np.isfinite(q).all():
+    q = changed_frame_wxyz((f["q1"], f["q2"], f["q3"], f["q4"]))
+    if not math.isfinite(sum(q)):
         return {}
     return {
-        "quaternion_enu_flu_wxyz": tuple(q.tolist()),
+        "quaternion_enu_flu_wxyz": q,
         "attitude_ns": now_ns,
         "px4_boot_ms": int(f["time_boot_ms"]),
     }

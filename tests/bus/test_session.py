@@ -1,6 +1,8 @@
 """Two nodes on real endpoints: samples, orders, liveliness, and fleets side by side."""
 
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -150,3 +152,49 @@ def test_a_taken_endpoint_is_refused_in_words(agent: BusSession, endpoint: str) 
 def test_a_closed_session_says_so() -> None:
     with pytest.raises(BusError, match="not open"):
         BusSession(namespace="covey/t", node="x").publish(Topic.EVENT, "x", EVENT)
+
+
+def test_a_thread_of_the_bus_keeps_what_python_knows_of_it_from_one_message_to_the_next(
+    agent: BusSession, ground: BusSession
+) -> None:
+    """Made anew for every message it would cost more than the message."""
+    known, counts = threading.local(), []
+
+    def receive(*_: object) -> None:
+        known.count = getattr(known, "count", 0) + 1
+        counts.append(known.count)
+
+    ground.subscribe(Topic.EVENT, "*", receive)
+
+    def published() -> bool:
+        agent.publish(Topic.EVENT, "mav0", EVENT)
+        return len(counts) >= 5
+
+    wait_for(published)
+    assert counts[:5] == [1, 2, 3, 4, 5]
+
+
+def test_a_process_whose_bus_has_called_it_back_ends_as_it_should() -> None:
+    program = f"""
+import time
+from onboard.bus.schema import Event
+from onboard.bus.session import BusSession
+from onboard.bus.topics import Topic
+endpoint, got = {free_endpoint()!r}, []
+with_ends = [BusSession(namespace="covey/t", node="a", listen=[endpoint]),
+             BusSession(namespace="covey/t", node="b", connect=[endpoint])]
+for session in with_ends:
+    session.start()
+with_ends[0].subscribe(Topic.EVENT, "*", lambda *sample: got.append(sample))
+event = Event(vehicle="a", stamp_ns=5, severity="info", code="armed", sentence="Armed.")
+for _ in range(500):
+    with_ends[1].publish(Topic.EVENT, "b", event)
+    time.sleep(0.01)
+    if len(got) > 5:
+        break
+for session in with_ends:
+    session.stop()
+print(len(got) > 5)
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=30.0, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "True\n", "")

@@ -102,3 +102,12 @@ def test_batch_equals_loop() -> None:
         for j in range(3):
             assert np.array_equal(frames.rotate(q, v)[i, j], frames.rotate(q[i, j], v[i, j]))
             assert np.array_equal(frames.quaternion_multiply(q, p)[i, j], frames.quaternion_multiply(q[i, j], p[i, j]))
+
+
+def test_plain_numbers_change_frames_as_arrays_do_and_back() -> None:
+    q = np.array([0.3, -0.5, 0.7, 0.41])
+    w, x, y, z = q.tolist()
+    there = frames.changed_frame_wxyz((w, x, y, z))
+    np.testing.assert_allclose(there, frames.quaternion_enu_flu_from_ned_frd(q), atol=1e-15)
+    np.testing.assert_allclose(there, frames.quaternion_ned_frd_from_enu_flu(q), atol=1e-15)
+    np.testing.assert_allclose(frames.changed_frame_wxyz(there), q, atol=1e-15)
