@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from onboard.control import kernel_motion
-from onboard.types import Array, BoolArray
+from onboard.types import Array, BoolArray, light
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +35,7 @@ class ObserverParams:
     history: int = 8
 
 
+@light
 @dataclass(frozen=True, slots=True)
 class ObserverMemory:
     """velocity and disturbance of the observer, response and its rate of the lag model (..., 3).

@@ -18,7 +18,7 @@ import numpy as np
 
 from onboard.control import compiled, kernel_motion
 from onboard.frames import body_up
-from onboard.types import GRAVITY_M_S2, Array, BoolArray, State
+from onboard.types import GRAVITY_M_S2, Array, BoolArray, State, light
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +41,7 @@ class EstimateParams:
     history: int = 20
 
 
+@light
 @dataclass(frozen=True, slots=True)
 class EstimateMemory:
     """position, velocity, bias, acceleration (model with bias and drag) (..., 3), valid now.

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from onboard.control import kernel_motion
-from onboard.types import Array, Goal, IntArray, TrajectorySetpoint
+from onboard.types import Array, Goal, IntArray, TrajectorySetpoint, light
 
 _NO_SEQUENCE = np.iinfo(np.int64).min
 _SPEED_FACTOR = 15.0 / 8.0
@@ -37,6 +37,7 @@ class GuidanceParams:
     lead_s: Array | float = 0.0
 
 
+@light
 @dataclass(frozen=True, slots=True)
 class GuidanceMemory:
     """The leg being flown: start -> via (at rest) -> goal, (..., 3) and (...).

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from onboard.types import GRAVITY_M_S2, Array, BoolArray
+from onboard.types import GRAVITY_M_S2, Array, BoolArray, light
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +33,7 @@ class HoverThrustParams:
     max_thrust_frac: Array | float = 0.97
 
 
+@light
 @dataclass(frozen=True, slots=True)
 class HoverThrustMemory:
     """hover_thrust_frac (...): the estimate. effective_thrust_frac (...): throttle behind the motor lag."""

@@ -20,9 +20,21 @@ from onboard.control.law_params import DIRECTION, ROTATION, LawNumbers
 from onboard.control.law_params import LawParams as LawParams
 from onboard.control.paper_law import saturate_thrust
 from onboard.control.projection import Rows, project
-from onboard.types import GRAVITY_M_S2, Array, BoolArray, IntArray, LawOutput, LawStatus, Neighbours, State, Thrust
+from onboard.types import (
+    GRAVITY_M_S2,
+    Array,
+    BoolArray,
+    IntArray,
+    LawOutput,
+    LawStatus,
+    Neighbours,
+    State,
+    Thrust,
+    light,
+)
 
 
+@light
 @dataclass(frozen=True, slots=True)
 class LawMemory:
     """Own past commands; relaxed_share (...): low-passed share of ticks whose hard rows had to be relaxed.

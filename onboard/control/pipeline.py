@@ -30,6 +30,7 @@ from onboard.types import (
     Thrust,
     Tick,
     TrajectorySetpoint,
+    light,
 )
 
 _INTENT_1_S = 1.0  # the velocity that a vehicle would like, per metre left to the goal
@@ -66,6 +67,7 @@ class PipelineParams:
     clock_time_s: float = 0.2
 
 
+@light
 @dataclass(frozen=True, slots=True)
 class PipelineMemory:
     """All memories; sent_enu_m_s2 (..., 3) is the last command after every limit, without gravity.

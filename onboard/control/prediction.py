@@ -15,11 +15,12 @@ import numpy as np
 from onboard.control import compiled, kernel_motion
 from onboard.control.kernels import MAX_COMMAND_AGE_S
 from onboard.control.kernels import MAX_MESSAGE_AGE_S as MAX_MESSAGE_AGE_S
-from onboard.types import Array, State
+from onboard.types import Array, State, light
 
 SLOTS = 40
 
 
+@light
 @dataclass(frozen=True, slots=True)
 class CommandHistory:
     """Own past commands, newest first: acceleration_enu_m_s2 (..., B, 3), held for duration_s (..., B)."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from onboard.control.bounds import LAG_ERROR_S
-from onboard.types import GRAVITY_M_S2, Array
+from onboard.types import GRAVITY_M_S2, Array, light
 
 _FORGET_S = 30.0
 _LEAST_S = 8.0
@@ -24,6 +24,7 @@ _SURE_S = 0.008  # standard deviation of the lag's error from which on it is bel
 _CORRELATED_S = 0.5  # for so long residuals say the same
 
 
+@light
 @dataclass(frozen=True, slots=True)
 class ResponseMemory:
     """Sums over the past: normal (4, 4), right (4,), energy of the measurement, time [s], all forgotten alike."""

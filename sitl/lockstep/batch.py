@@ -26,35 +26,37 @@ class Stacker:
 
     def __init__(self, example: Any) -> None:
         names: list[str] = []
-        self._build = _plan(example, "", names)
+        kinds: dict[str, Any] = {}
+        text = _constructor(example, "", names, kinds)
+        self._build: Callable[[Sequence[Any]], Any] = eval(f"lambda leaves: {text}", kinds)
         self._leaves: Callable[[Any], Any] = attrgetter(*names)
 
     def stack(self, values: Sequence[Any]) -> Any:
         """(N, ...) of N values (...)."""
         columns = zip(*map(self._leaves, values), strict=True)
-        return self._build(iter([np.array(column) for column in columns]))
+        return self._build([np.array(column) for column in columns])
 
     def row(self, stacked: Any, place: int) -> Any:
         """One value (...) of an (N, ...)."""
-        return self._build(iter([leaf[place] for leaf in self._leaves(stacked)]))
+        return self._build([leaf[place] for leaf in self._leaves(stacked)])
 
     def rows(self, stacked: Any) -> list[Any]:
         """N values (...) of one (N, ...)."""
-        build = self._build
-        return [build(iter(row)) for row in zip(*self._leaves(stacked), strict=True)]
+        return list(map(self._build, zip(*self._leaves(stacked), strict=True)))
 
 
-def _plan(example: Any, prefix: str, names: list[str]) -> Callable[[Any], Any]:
-    """Note the dotted names of all leaves in their order; returns what makes the value of leaves in that order."""
+def _constructor(example: Any, prefix: str, names: list[str], kinds: dict[str, Any]) -> str:
+    """The expression that makes a value of ``leaves``; notes the dotted names of the leaves in their order, and kinds.
+
+    One expression for the whole tree, because walking it for every agent at every tick takes as long as filling it.
+    """
     if not is_dataclass(example):
         names.append(prefix[:-1])
-        return next
-    kind: Any = type(example)
-    parts = [_plan(getattr(example, f.name), f"{prefix}{f.name}.", names) for f in fields(example)]
-    if all(part is next for part in parts):
-        count = len(parts)
-        return lambda leaves: kind(*[next(leaves) for _ in range(count)])
-    return lambda leaves: kind(*[part(leaves) for part in parts])
+        return f"leaves[{len(names) - 1}]"
+    kind = type(example)
+    kinds[kind.__name__] = kind
+    parts = [_constructor(getattr(example, f.name), f"{prefix}{f.name}.", names, kinds) for f in fields(example)]
+    return f"{kind.__name__}({', '.join(parts)})"
 
 
 @dataclass(frozen=True, slots=True)
