@@ -10,6 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 
+from msgspec import Struct
+
 from sitl.battery import BatteryStage
 from sitl.modes import Mode
 from sitl.parameters import Parameters
@@ -46,8 +48,7 @@ ACTION_MODE: dict[Action, Mode] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Facts:
+class Facts(Struct, frozen=True):
     """What the failsafes look at.
 
     Attributes:
@@ -103,8 +104,8 @@ class Condition:
 
 
 def _beyond_fence(facts: Facts, params: Parameters) -> bool:
-    limits = params["GF_MAX_HOR_DIST"], params["GF_MAX_VER_DIST"]
-    return any(limit > 0.0 and at > limit for at, limit in zip(facts.from_home_m, limits, strict=True))
+    (away_m, height_m), farthest_m, highest_m = facts.from_home_m, params["GF_MAX_HOR_DIST"], params["GF_MAX_VER_DIST"]
+    return 0.0 < farthest_m < away_m or 0.0 < highest_m < height_m
 
 
 CONDITIONS: tuple[Condition, ...] = (
@@ -206,6 +207,10 @@ class Failsafe:
     def step(self, now_s: float, facts: Facts, params: Parameters) -> bool:
         """Decide anew; True when something new has to be told."""
         before, present_before = self.action, self.present
+        if not self._latched and not any(condition.holds(facts, params) for condition in CONDITIONS):
+            self.action = self.delayed = Action.NONE
+            self.present, self._waiting_since_s = frozenset(), math.inf
+            return False
         urgent, patient = Action.NONE, Action.NONE
         present: list[str] = []
         for condition in CONDITIONS:

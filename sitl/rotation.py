@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 # ENU <- NED is half a turn about the horizontal diagonal; FRD <- FLU is half a turn about the nose.
 _Q_ENU_NED = np.array([0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0])
 _Q_FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
+_SWAPPED, _SWAP_SIGNS = [1, 0, 2], np.array([1.0, 1.0, -1.0])
 
 
 def multiply(a: Array, b: Array) -> Array:
@@ -34,6 +35,10 @@ def multiply(a: Array, b: Array) -> Array:
     )
 
 
+# both half turns around each of the four units: what is linear is one product
+_ENU_FLU_OF_NED_FRD = multiply(multiply(np.tile(_Q_ENU_NED, (4, 1)), np.eye(4)), np.tile(_Q_FRD_FLU, (4, 1)))
+
+
 def from_yaw_and_tilt(yaw_rad: Array, tilt_rad: Array) -> Array:
     """Attitude NED <- FRD that turns by a heading, then tilts about a horizontal body axis.
 
@@ -48,7 +53,9 @@ def from_yaw_and_tilt(yaw_rad: Array, tilt_rad: Array) -> Array:
     scale = 0.5 * np.sinc(angle / (2.0 * math.pi))
     w, x, y = np.cos(0.5 * angle), scale * tilt_rad[..., 0], scale * tilt_rad[..., 1]
     cy, sy = np.cos(0.5 * yaw_rad), np.sin(0.5 * yaw_rad)
-    return np.stack([cy * w, cy * x - sy * y, cy * y + sy * x, sy * w], axis=-1)
+    found = np.empty((*angle.shape, 4))
+    found[..., 0], found[..., 1], found[..., 2], found[..., 3] = cy * w, cy * x - sy * y, cy * y + sy * x, sy * w
+    return found
 
 
 def body_down(q: Array) -> Array:
@@ -99,10 +106,10 @@ def euler(q: tuple[float, float, float, float]) -> tuple[float, float, float]:
 
 def swap_enu_ned(vector: Array) -> Array:
     """ENU to NED or back, (..., 3): the exchange is its own inverse."""
-    return np.stack([vector[..., 1], vector[..., 0], -vector[..., 2]], axis=-1)
+    return np.asarray(vector[..., _SWAPPED] * _SWAP_SIGNS)
 
 
 def enu_flu_from_ned_frd(q: Array) -> Array:
     """Attitude NED <- FRD (..., 4) as ENU <- FLU (..., 4), with w >= 0."""
-    turned = multiply(multiply(np.broadcast_to(_Q_ENU_NED, q.shape), q), np.broadcast_to(_Q_FRD_FLU, q.shape))
+    turned = q @ _ENU_FLU_OF_NED_FRD
     return np.asarray(np.where(turned[..., :1] < 0.0, -turned, turned))

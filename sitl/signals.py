@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from msgspec import Struct
+
 from sitl.position_control import Goal
 from sitl.rotation import Array
 
@@ -17,8 +19,7 @@ class SetpointKind(Enum):
     POSITION = "position"
 
 
-@dataclass(frozen=True, slots=True)
-class Setpoint:
+class Setpoint(Struct, frozen=True):
     """Newest OFFBOARD setpoint, already reduced to what PX4 makes of it.
 
     Attributes:
@@ -41,8 +42,7 @@ class Setpoint:
         return self.kind is SetpointKind.POSITION
 
 
-@dataclass(frozen=True, slots=True)
-class Situation:
+class Situation(Struct, frozen=True):
     """What the autopilot knows of its vehicle at one tick, in its own local NED frame."""
 
     time_s: float
@@ -55,8 +55,7 @@ class Situation:
     has_local_position: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Actuation:
+class Actuation(Struct, frozen=True):
     """What the vehicle is to do now; attitude in the frame that the autopilot believes in."""
 
     attitude: Array

@@ -36,7 +36,10 @@ class WindSettings:
 
 
 class Wind:
-    """Velocity of the air at each vehicle, one sample per physics step."""
+    """Velocity of the air at each vehicle, one sample per physics step.
+
+    is_calm: whether the air has never moved and does not now.
+    """
 
     def __init__(self, count: int, settings: WindSettings, *, seed: int) -> None:
         self._rng = np.random.default_rng([seed, 4])
@@ -59,11 +62,8 @@ class Wind:
         self._keep = math.exp(-STEP_S / max(settings.gust_time_s, STEP_S))
         std = settings.gust_std_m_s * np.array([1.0, 1.0, _VERTICAL_SHARE])
         self._spread = std * math.sqrt(1.0 - self._keep**2)
-
-    @property
-    def is_calm(self) -> bool:
-        """Whether the air has never moved and does not now."""
-        return self._settings.gust_std_m_s == 0.0 and not self._mean_ned.any() and not self._gust.any()
+        # asked at every step of the physics, and it stays false once the air has moved
+        self.is_calm = settings.gust_std_m_s == 0.0 and not self._mean_ned.any() and not self._gust.any()
 
     def step(self) -> Array:
         """Velocity of the air (n, 3) NED [m/s], one physics step later."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from sitl.battery import BatteryStage
 from sitl.events import SAYINGS, Journal, event_id
