@@ -24,7 +24,7 @@ from groundstation.orders import Intent, Plan
 from groundstation.ticks import BusTicks
 from onboard.bus.clock_node import ClockNode
 from onboard.bus.codec import Malformed
-from onboard.bus.schema import Event, FaultOrder, Message, Order, OrderReply, Truth
+from onboard.bus.schema import Event, FaultOrder, Message, Order, OrderReply, Telemetry, Truth
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config import FleetConfig, Vehicle
@@ -313,18 +313,23 @@ class FleetClient:
         state = self._state
         events: list[Event] = []
         truths: list[Truth] = []
+        heard: list[tuple[Telemetry, int]] = []
         for _ in range(len(self._inbox)):
             item, received_ns = self._inbox.popleft()
             if isinstance(item, tuple):
                 state = fleet_state.fold_alive(state, *item)
             elif isinstance(item, Malformed):
                 state = fleet_state.fold_malformed(state)
+            elif isinstance(item, Telemetry):  # of all vehicles at once: there are as many pairs as their square
+                heard.append((item, received_ns))
             elif isinstance(item, Truth):
-                truths.append(item)  # of all vehicles at once: there are as many pairs as their square
+                truths.append(item)
             else:
                 state = fleet_state.fold(state, item, received_ns)
                 if isinstance(item, Event):
                     events.append(item)
+        if heard:
+            state = fleet_state.fold_telemetry(state, heard)
         if truths:
             state = fleet_state.fold_truths(state, truths, self._clock_ns())
         self._state = state

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from types import MappingProxyType
 
 import msgspec
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from onboard.bus.schema import Event, Message, PreflightReport, Telemetry, Truth, Vec3
 from onboard.bus.topics import TOPICS, Topic
@@ -145,7 +146,7 @@ def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
     A sample is old when its sequence is not above the last one of the same boot; a new boot id starts over.
     """
     if isinstance(message, Telemetry):
-        return _fold_telemetry(state, message, now_ns)
+        return fold_telemetry(state, ((message, now_ns),))
     if isinstance(message, Truth):
         return fold_truths(state, (message,), now_ns)
     if isinstance(message, PreflightReport):
@@ -174,36 +175,67 @@ def fold_malformed(state: FleetState) -> FleetState:
     return replace(state, malformed=state.malformed + 1)
 
 
-def _fold_telemetry(state: FleetState, message: Telemetry, now_ns: int) -> FleetState:
-    view = state.vehicles.get(message.vehicle)
-    if view is None:
-        return state
-    last = view.telemetry
-    if last is not None and last.boot_id == message.boot_id and message.sequence <= last.sequence:
-        return state
-    if not _finite(message.position_enu_m) or not _finite(message.velocity_enu_m_s):
-        state = fold_malformed(state)
-        message = _without_position(message)
-    view = replace(view, telemetry=message, received_ns=now_ns)
-    state = _with(state, view)
-    own = view.position_enu_m(now_ns)
-    if own is None:
-        return state
-    smallest, least_m = state.smallest, math.inf if state.smallest is None else state.smallest.distance_m
-    for name, other in state.vehicles.items():
-        theirs = other.telemetry
-        # Most of a large fleet is further away than the least so far in one axis alone, wherever it has flown since.
-        if theirs is None or abs(theirs.position_enu_m[0] - own[0]) - _reach_m(theirs) >= least_m:
+def fold_telemetry(state: FleetState, heard: Sequence[tuple[Telemetry, int]]) -> FleetState:
+    """The state after telemetry of several vehicles, each with when it was received; the same for one of them.
+
+    What a large fleet says at once is compared at once. Who speaks twice is compared twice: nothing near is skipped.
+    """
+    vehicles, told, now_ns, malformed = dict(state.vehicles), set[str](), 0, state.malformed
+    for message, now_ns in heard:
+        view = vehicles.get(message.vehicle)
+        if view is None:
             continue
-        if name == view.name or not (view.is_airborne or other.is_airborne):
+        last = view.telemetry
+        if last is not None and last.boot_id == message.boot_id and message.sequence <= last.sequence:
             continue
-        spot = other.position_enu_m(now_ns)
-        if spot is not None:
-            distance_m = math.dist(own[:2], spot[:2])
-            if distance_m < least_m:
-                least_m = distance_m
-                smallest = _separation(view.name, name, distance_m, now_ns, is_truth=False)
-    return state if smallest is state.smallest else replace(state, smallest=smallest)
+        if view.name in told:
+            state = _compared(replace(state, vehicles=MappingProxyType(dict(vehicles))), told, now_ns)
+            told.clear()
+        if not _finite(message.position_enu_m) or not _finite(message.velocity_enu_m_s):
+            malformed += 1
+            message = _without_position(message)
+        vehicles[view.name] = replace(view, telemetry=message, received_ns=now_ns)
+        told.add(view.name)
+    if not told:
+        return state
+    return _compared(replace(state, vehicles=MappingProxyType(vehicles), malformed=malformed), told, now_ns)
+
+
+def _compared(state: FleetState, told: Set[str], now_ns: int) -> FleetState:
+    """With the smallest separation between those who just ``told`` their place and everybody."""
+    if not any(view.is_airborne for view in state.vehicles.values()):
+        return state
+    known = [(view, spot) for view in state.vehicles.values() if (spot := view.position_enu_m(now_ns)) is not None]
+    pair = _closest_pair(
+        np.array([spot[:2] for _, spot in known]),
+        np.array([view.is_airborne for view, _ in known]),
+        np.array([view.name in told for view, _ in known]),
+        math.inf if state.smallest is None else state.smallest.distance_m,
+    )
+    if pair is None:
+        return state
+    one, two, distance_m = pair
+    names = known[one][0].name, known[two][0].name
+    return replace(state, smallest=_separation(*names, distance_m, now_ns, is_truth=False))
+
+
+def _closest_pair(
+    spots: NDArray[np.float64], is_up: NDArray[np.bool_], is_told: NDArray[np.bool_], below_m: float
+) -> tuple[int, int, float] | None:
+    """The closest two of ``spots`` (n, 2) in metres, one of which flies and one of which was just told.
+
+    None where nobody comes closer than ``below_m``.
+    """
+    rows = np.flatnonzero(is_told)
+    if not len(rows) or not is_up.any():
+        return None
+    offset = spots[rows, None] - spots[None]
+    distance_m = np.hypot(offset[..., 0], offset[..., 1])
+    distance_m[~(is_up[rows, None] | is_up[None])] = np.inf
+    distance_m[np.arange(len(rows)), rows] = np.inf
+    row, other = divmod(int(distance_m.argmin()), len(spots))
+    found = float(distance_m[row, other])
+    return (int(rows[row]), other, found) if found < below_m else None
 
 
 def _fold_preflight(state: FleetState, message: PreflightReport, now_ns: int) -> FleetState:
@@ -238,18 +270,17 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
     if any(truth.stamp_ns != newest_ns for truth in known):
         ahead_s = np.array([(newest_ns - truth.stamp_ns) * 1e-9 for truth in known])
         spots = spots + ahead_s[:, None] * np.array([t.velocity_enu_m_s for t in known])[:, :2]
-    is_up = np.array([not truth.is_on_ground for truth in known])
-    rows = np.array([place for place, truth in enumerate(known) if truth.vehicle in told])
-    offset = spots[rows, None] - spots[None]
-    distance_m = np.hypot(offset[..., 0], offset[..., 1])
-    distance_m[~(is_up[rows, None] | is_up[None])] = np.inf
-    distance_m[np.arange(len(rows)), rows] = np.inf
-    row, other = divmod(int(distance_m.argmin()), len(known))
-    found, smallest = float(distance_m[row, other]), state.smallest_truth
-    if not math.isfinite(found) or (smallest is not None and found >= smallest.distance_m):
+    pair = _closest_pair(
+        spots,
+        np.array([not truth.is_on_ground for truth in known]),
+        np.array([truth.vehicle in told for truth in known]),
+        math.inf if state.smallest_truth is None else state.smallest_truth.distance_m,
+    )
+    if pair is None:
         return state
-    pair = known[int(rows[row])].vehicle, known[other].vehicle
-    return replace(state, smallest_truth=_separation(*pair, found, newest_ns, is_truth=True))
+    one, two, distance_m = pair
+    names = known[one].vehicle, known[two].vehicle
+    return replace(state, smallest_truth=_separation(*names, distance_m, newest_ns, is_truth=True))
 
 
 def _separation(one: str, two: str, distance_m: float, stamp_ns: int, *, is_truth: bool) -> Separation:
@@ -266,11 +297,6 @@ def _along(position: Vec3, velocity: Vec3, ahead_s: float) -> Vec3:
         position[1] + velocity[1] * ahead_s,
         position[2] + velocity[2] * ahead_s,
     )
-
-
-def _reach_m(told: Telemetry) -> float:
-    """How far east or west its velocity carries it while the message is fresh."""
-    return abs(told.velocity_enu_m_s[0]) * TELEMETRY_STALE_NS * 1e-9
 
 
 def _finite(vector: Vec3) -> bool:

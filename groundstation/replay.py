@@ -29,7 +29,7 @@ from groundstation.recording.channels import as_mapping
 from groundstation.recording.timeline import Reading, Timeline, Told
 from groundstation.recording.writer import event_line
 from groundstation.ticks import KEPT
-from onboard.bus.schema import TickSample, Truth
+from onboard.bus.schema import Telemetry, TickSample, Truth
 from onboard.config import ConfigError, FleetConfig, load_fleet
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
@@ -216,23 +216,32 @@ class Replay:
 
     def _folded(self, told: list[Told]) -> FleetState:
         state = self._state
-        for is_truth, group in itertools.groupby(told, key=lambda one: one.topic == "truth"):
-            if is_truth:
-                for _, moment in itertools.groupby(group, key=lambda one: one.stamp_ns):
+        for topic, group in itertools.groupby(told, key=lambda one: one.topic):
+            some = list(group)
+            if topic == "truth":
+                for _, moment in itertools.groupby(some, key=lambda one: one.stamp_ns):
                     together = list(moment)
                     truths = [one.message for one in together if isinstance(one.message, Truth)]
                     state = fleet_state.fold_truths(state, truths, together[-1].stamp_ns)
-                continue
-            for one in group:
-                if isinstance(one.message, TickSample):
-                    if one.name == self.ticks.vehicle:
-                        self.ticks.values.append(one.message)
-                    continue
-                state = fleet_state.fold(state, one.message, one.stamp_ns)
-                view = state.vehicles.get(one.name)
-                if view is not None and not view.is_alive:
-                    state = fleet_state.fold_alive(state, one.name, True)
+            elif topic == "tick":
+                own = [one.message for one in some if one.name == self.ticks.vehicle]
+                self.ticks.values.extend(sample for sample in own if isinstance(sample, TickSample))
+            else:
+                state = _told(state, some)
         return state
+
+
+def _told(state: FleetState, some: list[Told]) -> FleetState:
+    """The state after messages of vehicles: who speaks is there."""
+    heard = [(one.message, one.stamp_ns) for one in some if isinstance(one.message, Telemetry)]
+    state = fleet_state.fold_telemetry(state, heard)
+    for one in some:
+        if not isinstance(one.message, Telemetry):
+            state = fleet_state.fold(state, one.message, one.stamp_ns)
+        view = state.vehicles.get(one.name)
+        if view is not None and not view.is_alive:
+            state = fleet_state.fold_alive(state, one.name, True)
+    return state
 
 
 def open_flight(folder: Path, fleet_path: str | None = None) -> tuple[FleetConfig, Timeline]:

@@ -69,13 +69,14 @@ class FastClient:
         """A tenth of a second on."""
         self._now_ns += STEP_NS
         self._step += 1
-        state = self.state
+        heard = []
         for place, name in enumerate(self.fleet.enabled_names):
             start = self.fleet.vehicles[name].start_enu_m
             told = telemetry(name, place, start, self._now_ns * 1e-9, self._step)
             if place == 0 and self._step // 100 % 2:
                 told = msgspec.structs.replace(told, conditions=("loop late",))
-            state = fleet_state.fold(state, told, self._now_ns)
+            heard.append((told, self._now_ns))
+        state = fleet_state.fold_telemetry(self.state, heard)
         if self._step % 5 == 0:
             name = self.fleet.enabled_names[self._step % len(self.fleet.enabled_names)]
             event = Event(

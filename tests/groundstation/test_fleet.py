@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from groundstation.fleet import DIRECT_DISARMED, MAX_EVENTS, fold, fold_alive, fold_malformed, initial
+from groundstation.fleet import DIRECT_DISARMED, MAX_EVENTS, fold, fold_alive, fold_malformed, fold_telemetry, initial
 from onboard.bus.schema import Event, PreflightReport, Truth
 from onboard.config import FleetConfig
 
@@ -67,6 +67,24 @@ def test_the_smallest_separation_counts_only_while_somebody_flies(fleet: FleetCo
     state = fold(state, make_telemetry("mav1", sequence=2, position_enu_m=(0.9, 0.0, 1.0), is_airborne=True), 1)
     state = fold(state, make_telemetry("mav1", sequence=3, position_enu_m=(2.0, 0.0, 1.0), is_airborne=True), 2)
     assert state.smallest.distance_m == pytest.approx(0.9)
+
+
+def test_telemetry_that_waited_together_is_compared_as_if_it_had_come_one_by_one(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
+    heard = [
+        (make_telemetry(name, sequence=step, position_enu_m=(x, 0.0, 1.0), is_airborne=True), step)
+        for step, places in enumerate(((0.0, 3.0, 6.0), (0.0, 0.4, 6.0), (0.0, 3.0, math.nan)), start=1)
+        for name, x in zip(("mav0", "mav1", "mav2"), places, strict=True)
+    ]
+    state = fold_telemetry(initial(fleet), heard)
+    assert (state.smallest.first, state.smallest.second) == ("mav0", "mav1")
+    assert state.smallest.distance_m == pytest.approx(0.4)  # they were that near between other messages
+    one_by_one = initial(fleet)
+    for message, received_ns in heard:
+        one_by_one = fold(one_by_one, message, received_ns)
+    assert (state.vehicles, state.malformed) == (one_by_one.vehicles, one_by_one.malformed)
+    assert state.malformed == 1
 
 
 def test_truth_of_two_vehicles_is_compared_at_one_moment(fleet: FleetConfig) -> None:
