@@ -21,9 +21,9 @@ from groundstation.tui.ordering import ConsoleClient
 from groundstation.tui.panels import LOW, NARROW, rooms
 from groundstation.tui.screens.alarms import AlarmsScreen
 from groundstation.tui.screens.dialogs import HelpScreen
-from groundstation.tui.screens.live import LiveScreen
+from groundstation.tui.screens.live import Dialog, LiveScreen
 from groundstation.tui.screens.vehicle import VehicleScreen
-from groundstation.tui.widgets.bars import StatusBar, TitleBar
+from groundstation.tui.widgets.bars import KEYS, VIEW_KEYS, StatusBar, TitleBar
 from groundstation.tui.widgets.event_log import EventLog
 from groundstation.tui.widgets.fleet_table import FleetTable
 from groundstation.tui.widgets.lines import Lines
@@ -146,10 +146,13 @@ class ConsoleApp(LeavingApp):
         if self.has_bell and self.alarms.is_news:
             self.bell()
         self.show_notices()
-        self._status_bar.show(self.alarms, now_ns, self.armed_kill)
+        can_order = self._ordering is not None
+        self._status_bar.show(self.alarms, now_ns, self.armed_kill, KEYS if can_order else VIEW_KEYS)
         front = self.screen_stack[-1] if self.screen_stack else None
         if isinstance(front, LiveScreen):
-            front.show_fleet(state, now_ns, self.armed_kill)
+            front.show_fleet(state, now_ns, self.armed_kill, can_order=can_order)
+        elif isinstance(front, Dialog):
+            front.show_alarms(self.alarms, now_ns, self.armed_kill, can_order=can_order)
         self.leave_when_down()
 
     def _mission_text(self, now_ns: int) -> str:

@@ -11,7 +11,7 @@ from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 
-from groundstation.tui.look import style
+from groundstation.tui.look import TEXT, style
 
 FloatArray = NDArray[np.float64]
 # Bit of each dot within a cell, by row and column (the Unicode braille block's own order).
@@ -102,7 +102,7 @@ class Canvas:
             edges = [0, *(np.flatnonzero(breaks[row]) + 1).tolist(), self.width]
             kinds = colours[row, edges[:-1]].tolist()
             segments = [
-                Segment(line[start:end], _style(kind))
+                Segment(line[start:end], _STYLES[kind])
                 for kind, start, end in zip(kinds, edges[:-1], edges[1:], strict=True)
             ]
             strip = Strip(segments, self.width)
@@ -113,8 +113,8 @@ class Canvas:
         return found
 
 
-_KINDS: dict[tuple[str, bool], int] = {}
-_STYLES: list[Style] = []
+_KINDS: dict[tuple[str, bool], int] = {(TEXT, False): 0}  # also of cells in which nothing was drawn
+_STYLES: list[Style] = [style(TEXT)]
 
 
 def _index(colour: str, bold: bool) -> int:
@@ -124,10 +124,6 @@ def _index(colour: str, bold: bool) -> int:
         kind = _KINDS[(colour, bold)] = len(_STYLES)
         _STYLES.append(style(colour, bold=bold))
     return kind
-
-
-def _style(kind: int) -> Style:
-    return _STYLES[kind] if kind < len(_STYLES) else style()
 
 
 @lru_cache(256)

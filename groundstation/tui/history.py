@@ -17,6 +17,7 @@ CHART_LENGTH = 3000
 PAIRS = 40
 FAR_M = 1e6
 _TRAIL_STEP_M = 0.03
+_PACE_NS = 150_000_000
 _SLOW_S = 1.0  # between samples of what changes slowly
 _BATTERY_SAMPLES = 180
 _TREND_S = 20.0  # a trend of less than this is a guess
@@ -44,7 +45,7 @@ class Drain:
 
 
 class History:
-    """Fed with the fleet ten times a second.
+    """Fed with the fleet ten times a second, of which it takes in every other one.
 
     trails: name -> (n, 2), the last n places x, y in metres ENU, in no order, nan where there is none yet.
     pairs: the closest ones now, those with a vehicle in the air first. distances: (time in s, metres) of the closest
@@ -64,7 +65,7 @@ class History:
         self._ends: dict[str, tuple[int, float, float]] = {}
         self._charges: dict[str, tuple[int, deque[tuple[float, float]]]] = {}
         self._sampled_s = -math.inf
-        self._added_ns = -1
+        self._added_ns = -_PACE_NS
 
     @property
     def now(self) -> Pair | None:
@@ -76,8 +77,8 @@ class History:
         vars(self).update(vars(History(self._land_frac)))
 
     def add(self, state: FleetState, now_ns: int) -> None:
-        """Take in the fleet as it is now; the same moment again changes nothing."""
-        if now_ns == self._added_ns:
+        """Take in the fleet as it is now; nearly the same moment again changes nothing."""
+        if abs(now_ns - self._added_ns) < _PACE_NS:
             return
         self._added_ns = now_ns
         now_s = now_ns * 1e-9

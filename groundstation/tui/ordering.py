@@ -237,11 +237,11 @@ class OrderingApp(DressedApp):
 
     async def action_order_all(self, verb: Verb) -> None:
         """Land or hold everybody, from every screen, without a question: it only makes things safer."""
-        self._drop_question()
         if self.fleet.enabled_names:
             await self.give(Intent(verb, self.fleet.enabled_names))
         else:
             self._not_sent(f"{verb} all", "This fleet has nobody to order: no vehicle is enabled in its file.")
+        self._drop_question()  # only now: the order was not to wait for the screen
 
     async def action_order_chosen(self, verb: Verb) -> None:
         """An order for the marked vehicles, or the one under the cursor."""

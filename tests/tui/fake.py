@@ -89,7 +89,8 @@ class FakeClient:
 
     def plan(self, order: orders.Intent | str) -> orders.Plan:
         intent = orders.parse(order, self.fleet) if isinstance(order, str) else order
-        return orders.plan(intent, self.fleet, self.state, formation="triangle", author="test", now_ns=self.now_ns())
+        return orders.plan(intent, self.fleet, self.state, formation=orders.default_formation(self.fleet),
+                           author="test", now_ns=self.now_ns())  # fmt: skip
 
     async def submit(self, order: orders.Intent | str) -> OrderHandle:
         plan = self.plan(order)

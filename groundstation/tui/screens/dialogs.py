@@ -7,8 +7,9 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
-from textual.screen import ModalScreen
 from textual.widgets import Static
+
+from groundstation.tui.screens.live import Dialog
 
 HELP = """[b]At once, from every screen[/b]
   [b]ctrl+l F9[/b]   LAND ALL            [b]ctrl+o F8[/b]   HOLD ALL
@@ -42,7 +43,7 @@ HELP = """[b]At once, from every screen[/b]
   ✛ goal  × setpoint  ┄ way to go  ·→ avoids that one"""
 
 
-class HelpScreen(ModalScreen[None]):
+class HelpScreen(Dialog[None]):
     """Everything that can be pressed or written."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,q,question_mark,enter", "dismiss", "back", show=False)]
@@ -53,9 +54,10 @@ class HelpScreen(ModalScreen[None]):
             box.border_title = "help"
             box.border_subtitle = "esc back"
             yield Static(HELP)
+        yield from super().compose()
 
 
-class QuitScreen(ModalScreen[str]):
+class QuitScreen(Dialog[str]):
     """Asks before leaving while vehicles fly: ``land`` them and leave, ``leave`` them flying, or stay.
 
     Args:
@@ -90,6 +92,7 @@ class QuitScreen(ModalScreen[str]):
         with VerticalScroll(id="question") as box:
             box.border_title = "leave the fleet?"
             yield Static("\n".join([*lines, "[b]esc[/b]  stay", "", ending]))
+        yield from super().compose()
 
     def action_answer(self, answer: str) -> None:
         """Close with the answer."""

@@ -1,14 +1,36 @@
-"""A whole screen that follows the fleet while it is in front, with the worst alarm on its last line."""
+"""What may stand before the console, whole screens and dialogs: the worst alarm is on the last line of each."""
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 from textual.app import ComposeResult
-from textual.screen import Screen
+from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
 
 from groundstation.alerts import Alarms
 from groundstation.fleet import FleetState
-from groundstation.tui.widgets.bars import StatusBar
+from groundstation.tui.widgets.bars import KEYS, URGENT_KEYS, VIEW_KEYS, StatusBar
+
+Answer = TypeVar("Answer")
+
+
+class Dialog(ModalScreen[Answer]):
+    """A box over the console. What lies below is not drawn: to shade it costs as much as to draw it, each time anew,
+    and an emergency key would wait for that.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._status_bar = StatusBar("status")
+
+    def compose(self) -> ComposeResult:
+        """The last line; the box comes before it."""
+        yield self._status_bar
+
+    def show_alarms(self, alarms: Alarms, now_ns: int, kill: str | None, *, can_order: bool) -> None:
+        """Show the worst of them, or the vehicle ``kill`` that the next press of the kill key means."""
+        self._status_bar.show(alarms, now_ns, kill, URGENT_KEYS if can_order else VIEW_KEYS)
 
 
 class LiveScreen(Screen[None]):
@@ -28,6 +50,6 @@ class LiveScreen(Screen[None]):
         yield self.body()
         yield self._status_bar
 
-    def show_fleet(self, state: FleetState, now_ns: int, kill: str | None = None) -> None:
+    def show_fleet(self, state: FleetState, now_ns: int, kill: str | None = None, *, can_order: bool = True) -> None:
         """Draw the fleet as it is now; ``kill``: the vehicle that the next press of the kill key means."""
-        self._status_bar.show(self.alarms, now_ns, kill)
+        self._status_bar.show(self.alarms, now_ns, kill, KEYS if can_order else VIEW_KEYS)

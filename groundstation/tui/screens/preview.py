@@ -14,7 +14,6 @@ import numpy as np
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
-from textual.screen import ModalScreen
 from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import Static
@@ -28,6 +27,7 @@ from groundstation.tui import look
 from groundstation.tui.canvas import Canvas
 from groundstation.tui.look import FAINT, clean
 from groundstation.tui.plan_picture import Window
+from groundstation.tui.screens.live import Dialog
 from onboard.config import FleetConfig
 
 CHECK_S = 0.2
@@ -73,7 +73,8 @@ class PathPlan(Widget):
         """One line of the picture."""
         if not self._lines:
             self._lines = self._draw(self.size.width, self.size.height).strips()
-        return self._lines[y] if y < len(self._lines) else Strip.blank(self.size.width)
+        line = self._lines[y] if y < len(self._lines) else Strip.blank(self.size.width)
+        return line.apply_style(self.rich_style)
 
     def _draw(self, width: int, height: int) -> Canvas:
         canvas = Canvas(width, height)
@@ -105,7 +106,7 @@ class PathPlan(Widget):
         return canvas
 
 
-class PreviewScreen(ModalScreen[Intent | None]):
+class PreviewScreen(Dialog[Intent | None]):
     """Closes with the order to send, every number filled in, or with nothing.
 
     Args:
@@ -147,6 +148,7 @@ class PreviewScreen(ModalScreen[Intent | None]):
                 yield self._paths
                 yield self._words
             yield self._answer
+        yield from super().compose()
 
     def on_mount(self) -> None:
         """Look, compute, and go on looking whether it is still true."""

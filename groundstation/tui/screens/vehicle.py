@@ -63,9 +63,9 @@ class VehicleScreen(LiveScreen):
         """Nobody looks any more."""
         self._ticks.follow(None)
 
-    def show_fleet(self, state: FleetState, now_ns: int, kill: str | None = None) -> None:
+    def show_fleet(self, state: FleetState, now_ns: int, kill: str | None = None, *, can_order: bool = True) -> None:
         """Draw the vehicle as it is now."""
-        super().show_fleet(state, now_ns, kill)
+        super().show_fleet(state, now_ns, kill, can_order=can_order)
         name = self._selected()
         self._ticks.follow(name)
         self._page.show(name, state, now_ns)

@@ -13,9 +13,10 @@ from groundstation.tui import look
 from groundstation.tui.look import BAD, CALM, FAINT, GOOD, KILL, TEXT, WARN, clean
 from groundstation.tui.panels import NARROW
 
-KEYS = "ctrl+l LAND ALL   ctrl+o HOLD ALL   : order   ? help   q quit"
-SHORT_KEYS = "^l LAND ALL  ? help"
-SHORTEST_KEYS = "^l LAND ALL"
+# What the last line names, as there is room for: where orders are given, in a question, where nothing can be ordered.
+KEYS = ("ctrl+l LAND ALL   ctrl+o HOLD ALL   : order   ? help   q quit", "^l LAND ALL  ? help", "^l LAND ALL")
+URGENT_KEYS = ("ctrl+l LAND ALL   ctrl+o HOLD ALL", "^l LAND ALL", "^l LAND ALL")
+VIEW_KEYS = ("? help   q quit", "? help", "? help")
 SEVERITY = {Severity.CRITICAL: ("✖", BAD), Severity.WARNING: ("▲", WARN), Severity.NOTE: ("…", CALM)}
 
 
@@ -60,7 +61,7 @@ class TitleBar(Bar):
 class StatusBar(Bar):
     """The worst alarm, on every screen; the keys where there is room."""
 
-    def show(self, alarms: Alarms, now_ns: int, kill: str | None) -> None:
+    def show(self, alarms: Alarms, now_ns: int, kill: str | None, named: tuple[str, str, str] = KEYS) -> None:
         """Update the line; an armed kill key comes before everything."""
         width = self.size.width
         if kill is not None:
@@ -74,9 +75,10 @@ class StatusBar(Bar):
         more = f" (+{len(lines) - 1}: A)" if len(lines) > 1 else ""
         text = f" {sign} {clean(worst.text(now_ns)) if worst else 'all well'}"
         has_two = self.size.height > 1  # a narrow terminal: the keys below the alarm
-        keys = KEYS if cell_len(text) + cell_len(more) + len(KEYS) + 2 <= width else SHORT_KEYS
-        if width < len(SHORT_KEYS) + 2 or (width < NARROW and not has_two):
-            keys = SHORTEST_KEYS
+        all_keys, some_keys, least_keys = named
+        keys = all_keys if cell_len(text) + cell_len(more) + len(all_keys) + 2 <= width else some_keys
+        if width < len(some_keys) + 2 or (width < NARROW and not has_two):
+            keys = least_keys
         room = max(0, width - (0 if has_two else len(keys) + 2))
         # how many more there are must stay in sight when the sentence is cut
         text = look.fit(text, min(cell_len(text), max(0, room - cell_len(more)))) + more

@@ -121,9 +121,10 @@ class FleetTable(Lines, ScrollView, can_focus=True):
             self._marks &= self._places.keys()
         if self._now_s >= self._forget_s:
             self._marks, self._forget_s = set(), math.inf
-        self._arrange()
-        self._say()
-        self.redraw()
+        if self.is_due(now_ns, [_gist(view, now_ns) for view in self._views]):
+            self._arrange()
+            self._say()
+            self.redraw()
 
     # -- keys --------------------------------------------------------------------------------------------------------
 
@@ -322,6 +323,14 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         """Other rows are seen."""
         super().watch_scroll_y(old_value, new_value)
         self.redraw()
+
+
+def _gist(view: VehicleView, now_ns: int) -> tuple[object, ...]:
+    """What is worth a new picture at once; numbers can wait a little."""
+    told = view.telemetry
+    if told is None:
+        return (view.is_alive,)
+    return told.state, told.order_phase, told.not_ready, view.is_alive, view.is_fresh(now_ns), view.is_disarmed_by_px4
 
 
 def _plain(text: str) -> str:
