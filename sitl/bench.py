@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from sitl.emulator import Emulator, VehicleSpec
-from sitl.endpoints import Address, Socket
+from sitl.endpoints import Address, Socket, read_all
 from sitl.link import Link
 from sitl.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ
 from sitl.vehicle import STEP_S, VehicleProfile
@@ -115,12 +115,13 @@ async def _fly(emulator: Emulator, addresses: Sequence[Address], duration_s: flo
     """CPU seconds of this thread, wall seconds and simulated seconds of a real-time run."""
     loop = asyncio.get_running_loop()
     sockets: list[Socket] = []
+    ready = selectors.DefaultSelector()
     for index, rates_hz in itertools.product(range(len(addresses)), (ONBOARD_RATES_HZ, GCS_RATES_HZ)):
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         sock.bind(("127.0.0.1", 0))
         sock.setblocking(False)
         opened = Socket(sock, Link(emulator, index, rates_hz), None)
-        opened.open(loop)
+        opened.open(ready)
         sockets.append(opened)
     for _ in range(round(_WARM_UP_S / STEP_S)):
         emulator.step()
@@ -133,6 +134,7 @@ async def _fly(emulator: Emulator, addresses: Sequence[Address], duration_s: flo
     while (now_s := loop.time() - start_s) < duration_s:
         due = int(now_s / STEP_S) - (emulator.world.vehicles.steps - first_step)
         for _ in range(min(due, _MOST_STEPS_AT_ONCE)):
+            read_all(ready)
             emulator.step()
             for each in sockets:
                 each.endpoint.poll()
@@ -140,7 +142,7 @@ async def _fly(emulator: Emulator, addresses: Sequence[Address], duration_s: flo
         await asyncio.sleep(max(0.0, start_s + done_s - loop.time()))
     spent_s, wall_s = time.thread_time() - cpu_s, loop.time() - start_s
     for each in sockets:
-        each.close(loop)
+        each.close(ready)
     return spent_s, wall_s, (emulator.world.vehicles.steps - first_step) * STEP_S
 
 

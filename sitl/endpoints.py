@@ -6,8 +6,8 @@ decides whom it talks to from then on, for good.
 
 from __future__ import annotations
 
-import asyncio
 import re
+import selectors
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -161,22 +161,23 @@ class Endpoint:
 
 
 class Socket:
-    """A bound socket that reads for an endpoint whenever the loop gets round to it, and sends for it."""
+    """A bound socket that reads for an endpoint when it is asked to, and sends for it."""
 
     def __init__(self, sock: socket.socket, link: Channel, peer: Address | None) -> None:
         self._sock = sock
         self.endpoint = Endpoint(link, peer, self._send)
 
-    def open(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Read from now on."""
-        loop.add_reader(self._sock.fileno(), self._read)
+    def open(self, ready: selectors.BaseSelector) -> None:
+        """Be read by :func:`read_all` from now on."""
+        ready.register(self._sock, selectors.EVENT_READ, self.read)
 
-    def close(self, loop: asyncio.AbstractEventLoop) -> None:
+    def close(self, ready: selectors.BaseSelector) -> None:
         """Close the socket."""
-        loop.remove_reader(self._sock.fileno())
+        ready.unregister(self._sock)
         self._sock.close()
 
-    def _read(self) -> None:
+    def read(self) -> None:
+        """Take what has arrived."""
         # A client that floods the socket has to wait for the next round: the vehicles fly on.
         for _ in range(_MOST_READ_AT_ONCE):
             try:
@@ -190,3 +191,10 @@ class Socket:
             self._sock.sendto(datagram, peer)
         except OSError:
             return  # nobody listens, or the buffer is full: a datagram is lost, as on any network
+
+
+def read_all(ready: selectors.BaseSelector) -> None:
+    """Take what has arrived at any open socket. Once a step is enough, for nothing acts before the step; to wake up for
+    each datagram by itself would cost as much as all the rest."""
+    for key, _ in ready.select(0):
+        key.data()

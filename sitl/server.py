@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import gc
 import math
+import os
+import selectors
 import signal
 import socket
 import sys
@@ -33,6 +36,7 @@ from sitl.endpoints import (
     ground_port_of,
     ground_ports,
     onboard_ports,
+    read_all,
     station_of,
 )
 from sitl.faults import Fault, FaultError
@@ -47,8 +51,8 @@ EXIT_OK, EXIT_WRONG_INPUT = 0, 2
 # A busy machine holds the process up now and then: up to this much it catches up (below PX4's shortest COM_OF_LOSS_T in
 # use), reading its sockets in between; a longer stall is a pause of simulated time.
 _LARGEST_BACKLOG_STEPS = 70
-_STEPS_BETWEEN_READS = 5
 _TRUTH_EVERY_STEPS = 5
+_REALTIME_PRIORITY = 5  # below that of the loops of agents, which they may ask for
 
 
 def profile_of(vehicle: Vehicle) -> VehicleProfile:
@@ -130,6 +134,7 @@ class Server:
         self._bus = bus
         self._truth_offset_m = truth_offset_m
         self._sockets: list[Socket] = []
+        self._ready = selectors.DefaultSelector()
         self._sequence = 0
         self._boot_id = time.time_ns() & 0x7FFFFFFF
         self._epoch_s = 0.0
@@ -156,11 +161,10 @@ class Server:
             for sock in sockets:
                 sock.close()
             raise
-        loop = asyncio.get_running_loop()
         lines: list[str] = []
         for sock, (index, ports, rates_hz, name, _) in zip(sockets, wanted, strict=True):
             opened = Socket(sock, WiredLink(self.emulator, index, rates_hz, name), ports.peer)
-            opened.open(loop)
+            opened.open(self._ready)
             self._sockets.append(opened)
             target = f" -> {ports.peer[1]}" if ports.peer else ""
             lines.append(f"{self._vehicles[index].name} {ports.bind[1]}{target}")
@@ -176,17 +180,15 @@ class Server:
                 # The machine slept: simulated time stands still meanwhile, as PX4's does, rather than racing after.
                 self._epoch_s += (due - 1) * STEP_S
                 due = 1
-            for step in range(due):
+            for _ in range(due):
                 self._step(say)
-                if step % _STEPS_BETWEEN_READS == _STEPS_BETWEEN_READS - 1:
-                    await asyncio.sleep(0)
             wake_s = self._epoch_s + (self.emulator.world.vehicles.steps + 1) * STEP_S
             await asyncio.sleep(max(0.0, wake_s - loop.time()))
 
     def stop(self) -> None:
         """Close all sockets; a second call does nothing."""
         for each in self._sockets:
-            each.close(asyncio.get_running_loop())
+            each.close(self._ready)
         self._sockets.clear()
 
     @property
@@ -195,6 +197,7 @@ class Server:
         return sum(each.endpoint.link.malformed for each in self._sockets)
 
     def _step(self, say: Callable[[str], None]) -> None:
+        read_all(self._ready)
         for collision in self.emulator.step():
             first, second = self._vehicles[collision.first].name, self._vehicles[collision.second].name
             say(
@@ -292,6 +295,7 @@ async def _serve(server: Server, bus: BusSession | None) -> None:
     clock: asyncio.Task[None] | None = None
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopped.set)
+    _take_precedence()
     try:
         lines = await server.start()
         if bus is not None:
@@ -313,6 +317,12 @@ async def _serve(server: Server, bus: BusSession | None) -> None:
             clock.cancel()
         if bus is not None:
             bus.stop()
+
+
+def _take_precedence() -> None:
+    """What is emulated here waits for no computer in reality; where this is not allowed, a busy machine holds it up."""
+    with contextlib.suppress(OSError, AttributeError):  # for this thread, and those that it will start
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_REALTIME_PRIORITY))
 
 
 class _ListFaults(argparse.Action):
