@@ -1,6 +1,8 @@
 """The ground's end of the bus: messages in, :class:`FleetState` out, orders with one result per vehicle.
 
-Bus threads only append to a bounded queue and wake the loop once; everything else runs on the event loop.
+What comes often waits on the bus until the loop takes all of it, fifty times a second: to be woken for each message
+costs more than the messages. Bus threads bring the rest; they only append to a bounded queue and wake the loop once.
+Everything else runs on the event loop.
 """
 
 from __future__ import annotations
@@ -32,6 +34,8 @@ from onboard.config import FleetConfig, Vehicle
 MAX_QUEUED = 20_000
 REPLY_TIMEOUT_S = 1.5
 CONTROL_PERIOD_NS = 100_000_000
+DELIVERY_PERIOD_S = 0.02
+_IN_BATCHES = (Topic.TELEMETRY, Topic.TRUTH, Topic.STATE, Topic.TICK, Topic.MOCAP)
 DIRECT_LAND_WATCH_S = 30.0
 
 Sink = Callable[[Topic, str, Message, int], None]
@@ -85,6 +89,7 @@ class FleetClient:
         self._inbox: deque[tuple[Message | Malformed | tuple[str, bool], int]] = deque(maxlen=MAX_QUEUED)
         self._is_woken = False
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._delivery: asyncio.TimerHandle | None = None
         self._sinks: list[Sink] = []
         self._listeners: list[Callable[[FleetState], None]] = []
         self._event_listeners: list[Callable[[Event], None]] = []
@@ -117,7 +122,7 @@ class FleetClient:
         return self._clock_ns()
 
     def add_sink(self, sink: Sink) -> None:
-        """Call ``sink(topic, name, message, received_ns)`` for everything heard and ordered, on the bus's threads."""
+        """Call ``sink(topic, name, message, received_ns)`` for everything heard and ordered, on any thread."""
         self._sinks.append(sink)
 
     def add_listener(self, listener: Callable[[FleetState], None]) -> None:
@@ -136,6 +141,7 @@ class FleetClient:
         await asyncio.to_thread(self._open)
         if isinstance(self._bus, BusSession):  # agents on other hosts need our clock to judge an order's deadline
             self._tasks.add(self._loop.create_task(ClockNode(self._bus).keep()))
+            self._take_delivery(self._bus, self._loop)
 
     async def stop(self) -> None:
         """Leave the bus; orders still waiting for an answer get none. A second call does nothing."""
@@ -144,6 +150,8 @@ class FleetClient:
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+        if self._delivery is not None:
+            self._delivery.cancel()
         self.ticks.stop()
         await asyncio.to_thread(self._bus.stop)
         self._loop = None
@@ -273,7 +281,10 @@ class FleetClient:
     def _open(self) -> None:
         self._bus.start()
         for topic in (*self._topics, *self._extra):
-            self._bus.subscribe(topic, "*", self._receive)
+            if isinstance(self._bus, BusSession) and topic in _IN_BATCHES:
+                self._bus.collect(topic, "*", self._receive, most=MAX_QUEUED)
+            else:
+                self._bus.subscribe(topic, "*", self._receive)
         self._bus.watch_alive(lambda node, is_alive: self._put((node, is_alive)))
 
     def _receive(self, topic: Topic, name: str, message: Message | Malformed) -> None:
@@ -307,6 +318,10 @@ class FleetClient:
                 return  # the loop closed between the two lines: nobody is left to tell
 
     # -- event loop ----------------------------------------------------------------------------------------------
+
+    def _take_delivery(self, bus: BusSession, loop: asyncio.AbstractEventLoop) -> None:
+        self._delivery = loop.call_later(DELIVERY_PERIOD_S, self._take_delivery, bus, loop)
+        bus.deliver()
 
     def _drain(self) -> None:
         self._is_woken = False

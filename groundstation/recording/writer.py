@@ -1,16 +1,16 @@
 """The flight record: everything heard, into one folder, without ever holding up the flight.
 
-A sink only puts into a bounded queue; one thread encodes and writes. Once a second what is there goes to the file, so
-that a crash costs at most a second. A full disk ends the record with an event, never the flight.
+A sink only puts into a bounded queue; ten times a second one thread encodes what is there, and once a second that goes
+to the file, so that a crash costs at most a second. A full disk ends the record with an event, never the flight.
 """
 
 from __future__ import annotations
 
 import contextlib
 import datetime
-import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, TextIO
@@ -22,7 +22,7 @@ from groundstation.recording.mcap_file import McapFile
 from onboard.bus.schema import Event, Message, Order, OrderReply
 from onboard.bus.topics import Topic
 
-FLUSH_PERIOD_S = 1.0
+WRITE_PERIOD_S, FLUSH_PERIOD_S = 0.1, 1.0
 MAX_QUEUED = 20_000
 RECORD_NAME = "flight.mcap"
 
@@ -50,7 +50,8 @@ class RecordWriter:
         self.failure: str | None = None
         self.on_failure = on_failure
         self._open_file = open_file
-        self._queue: queue.Queue[_Item | None] = queue.Queue(MAX_QUEUED)
+        self._waiting: deque[_Item] = deque()
+        self._is_ended = threading.Event()
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
@@ -68,9 +69,9 @@ class RecordWriter:
         """Take one message, from any thread; dropped and counted when the writer is far behind."""
         if self.failure is not None or self._thread is None:
             return
-        try:
-            self._queue.put_nowait((topic, name, message, received_ns))
-        except queue.Full:
+        if len(self._waiting) < MAX_QUEUED:
+            self._waiting.append((topic, name, message, received_ns))
+        else:
             self.dropped += 1
 
     def stop(self, timeout_s: float = 10.0) -> None:
@@ -78,27 +79,18 @@ class RecordWriter:
         thread, self._thread = self._thread, None
         if thread is None:
             return
-        try:
-            self._queue.put(None, timeout=timeout_s)
-        except queue.Full:
-            return  # the disk hangs: the thread is a daemon, and every whole second so far is on it
-        thread.join(timeout_s)
+        self._is_ended.set()
+        thread.join(timeout_s)  # if the disk hangs: the thread is a daemon, and every whole second so far is on it
 
     def _run(self, files: RecordFiles) -> None:
         next_flush_s = time.monotonic() + FLUSH_PERIOD_S
         try:
-            while True:
-                try:
-                    item = self._queue.get(timeout=max(0.0, next_flush_s - time.monotonic()))
-                except queue.Empty:
-                    pass
-                else:
-                    if item is None:
-                        break
-                    files.write(*item)
+            while not self._is_ended.wait(WRITE_PERIOD_S):
+                self._write(files)
                 if time.monotonic() >= next_flush_s:
                     files.flush()
                     next_flush_s = time.monotonic() + FLUSH_PERIOD_S
+            self._write(files)
             files.finish()
         except OSError as error:
             self.failure = (
@@ -108,6 +100,10 @@ class RecordWriter:
             self.on_failure(self.failure)
         finally:
             files.close()
+
+    def _write(self, files: RecordFiles) -> None:
+        for _ in range(len(self._waiting)):
+            files.write(*self._waiting.popleft())
 
 
 class RecordFiles:

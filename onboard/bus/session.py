@@ -142,13 +142,13 @@ class BusSession:
         receive = self._receiver(topic, on_message)
         self._kept.append(self._open.declare_subscriber(key(self.namespace, topic, name), _callback(receive)))
 
-    def collect(self, topic: Topic, name: str, on_message: OnMessage) -> None:
+    def collect(self, topic: Topic, name: str, on_message: OnMessage, *, most: int = _MOST_COLLECTED) -> None:
         """Like :meth:`subscribe`, but what comes waits for :meth:`deliver`; of too much the newest is kept.
 
         Who looks at a regular time saves half of what a message costs: no thread has to wake up for it and to wait for
         Python's lock.
         """
-        self._collected.append(self._ring(topic, name, on_message, _MOST_COLLECTED))
+        self._collected.append(self._ring(topic, name, on_message, most))
         self._rings = (*self._collected, *self._followed.values())
 
     def follow(self, topic: Topic, names: Iterable[str], on_message: OnMessage) -> None:

@@ -18,10 +18,11 @@ from groundstation.direct import DirectResult, mavutil_address, send_direct
 from groundstation.orders import OrderError
 from groundstation.ports import with_free_ports
 from onboard.bus.codec import Malformed
-from onboard.bus.schema import Event, Order, OrderReply
+from onboard.bus.schema import Event, Order, OrderReply, TickBatch
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config import FleetConfig, fleet_from_mapping
+from tests.groundstation.recorded import tick
 
 
 @pytest.fixture
@@ -86,6 +87,22 @@ async def test_an_agent_on_a_real_bus_is_seen_ordered_and_heard(
         assert {(Topic.ORDER, "mav0"), (Topic.TELEMETRY, "mav0"), (Topic.EVENT, "mav0")} <= set(heard)
         await asyncio.to_thread(agent.stop)
         assert await client.wait_for(lambda state: not state.vehicles["mav0"].is_alive, 10.0)
+    finally:
+        await client.stop()
+        await asyncio.to_thread(agent.stop)
+
+
+async def test_the_values_of_a_vehicle_that_is_looked_at_come_over_a_real_bus(private_fleet: FleetConfig) -> None:
+    agent = BusSession(namespace=private_fleet.namespace, node="mav0", listen=[private_fleet.vehicles["mav0"].agent])
+    await asyncio.to_thread(agent.start)
+    client = FleetClient(private_fleet, author="tester")
+    await client.start()
+    try:
+        client.ticks.follow("mav0")
+        async with asyncio.timeout(10.0):
+            while not client.ticks.values:
+                agent.publish(Topic.TICK, "mav0", TickBatch(vehicle="mav0", boot_id=1, sequence=1, ticks=(tick(1),)))
+                await asyncio.sleep(0.02)
     finally:
         await client.stop()
         await asyncio.to_thread(agent.stop)
