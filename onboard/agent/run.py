@@ -21,6 +21,7 @@ import numpy as np
 
 from onboard.agent import events as ev
 from onboard.agent import process
+from onboard.agent.brief import Brief
 from onboard.agent.core import AgentCore
 from onboard.agent.notify import Notifier
 from onboard.agent.outbox import Outbox
@@ -81,7 +82,7 @@ class Agent:
         self._clock = ClockNode(self._bus)
         self._inbox: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)  # the newest matter
         self._notices: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)  # few, and none may be pushed out by the others
-        self._followed: frozenset[str] = frozenset()
+        self._brief = Brief()
         self._replies: dict[str, Callable[[OrderReply], None]] = {}
         self._blocking = ThreadPoolExecutor(1, thread_name_prefix="link")
         self._reliable, self._interest = Outbox("bus"), Outbox("interest")
@@ -134,8 +135,6 @@ class Agent:
         """Bus threads only append to the inbox (a deque is safe for that) or wake the loop for an order."""
 
         def neighbour(topic: Topic, name: str, message: Message | Malformed) -> None:
-            if topic is Topic.FAR and name in self._followed:
-                return  # the same is heard at full rate
             if isinstance(message, (StateMessage, Telemetry)):
                 if name != self.name or message.boot_id != self._core.boot_id:  # a twin counts as one
                     now_ns = time.monotonic_ns()
@@ -158,8 +157,7 @@ class Agent:
 
         self._clock.start()
         self._on_state = neighbour
-        self._bus.collect(Topic.FAR, "*", neighbour)
-        self._bus.collect(Topic.TELEMETRY, "*", neighbour)
+        self._bus.collect(Topic.BRIEF, "*", neighbour)
         if self.vehicle.mocap_required and self.vehicle.body:
             self._on_poses = pose, malformed
             body = "*" if self._mocap_table.direct else self.vehicle.body
@@ -239,6 +237,8 @@ class Agent:
                         self._reliable.submit(self._bus.publish, topic, self.name, message)
                     else:
                         self._bus.publish(topic, self.name, message)
+                        if isinstance(message, Telemetry) and self._brief.is_due(message):
+                            self._bus.publish(Topic.BRIEF, self.name, message)
                 case ev.SendOdometry(position, quaternion, std_m, resets):
                     self._link.send_odometry(position, quaternion, std_m, resets)
                 case ev.Reply(answer):
@@ -251,8 +251,9 @@ class Agent:
                             source = source_of(self._mocap_table, self._bus, body, *self._on_poses)
                             self._interest.submit(source.start)
                 case ev.Follow(names):
-                    self._followed = names
                     self._interest.submit(self._bus.follow, Topic.STATE, names, self._on_state)
+                    slowly = set(self.fleet.enabled_names) - names | {self.name}  # a twin speaks under our own name
+                    self._interest.submit(self._bus.follow, Topic.FAR, slowly, self._on_state)
                 case ev.SetOffboard():
                     self._link.set_offboard()
                 case ev.Arm():

@@ -18,6 +18,7 @@ class Topic(str, Enum):
     STATE = "state"
     FAR = "far"
     TELEMETRY = "telemetry"
+    BRIEF = "brief"
     TICK = "tick"
     EVENT = "event"
     PREFLIGHT = "preflight"
@@ -52,7 +53,8 @@ class TopicSpec:
 TOPICS: dict[Topic, TopicSpec] = {
     Topic.STATE: TopicSpec(schema.StateMessage, 50.0, 0.3, Delivery.LATEST, "agent -> agents in range"),
     Topic.FAR: TopicSpec(schema.StateMessage, 5.0, 0.75, Delivery.LATEST, "agent -> agents out of reach"),
-    Topic.TELEMETRY: TopicSpec(schema.Telemetry, 10.0, 1.0, Delivery.LATEST, "agent -> ground, far agents"),
+    Topic.TELEMETRY: TopicSpec(schema.Telemetry, 10.0, 1.0, Delivery.LATEST, "agent -> ground"),
+    Topic.BRIEF: TopicSpec(schema.Telemetry, 2.0, 1.5, Delivery.LATEST, "agent -> agents: telemetry, news at once"),
     Topic.TICK: TopicSpec(schema.TickBatch, 5.0, 1.0, Delivery.LATEST, "agent -> recorder"),
     Topic.EVENT: TopicSpec(schema.Event, 0.0, float("inf"), Delivery.RELIABLE, "agent -> ground, recorder"),
     Topic.PREFLIGHT: TopicSpec(schema.PreflightReport, 1.0, 3.0, Delivery.LATEST, "agent on the ground -> ground"),

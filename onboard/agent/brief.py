@@ -1,0 +1,37 @@
+"""Which telemetry the other agents are told: at once what changes what they do, the rest twice a second. Pure.
+
+People look at all of it ten times a second; agents use a few fields, and each pays for what it hears of every other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from onboard.bus.schema import Telemetry, Vec3
+
+_EVERY_NS = 450_000_000  # twice a second, also when a message comes a bit early
+_GOAL_M = 0.05
+
+
+@dataclass(slots=True)
+class Brief:
+    """Memory of what the others were told last."""
+
+    _stamp_ns: int | None = None
+    _words: tuple[object, ...] = ()
+    _goal_enu_m: Vec3 = (0.0, 0.0, 0.0)
+
+    def is_due(self, told: Telemetry) -> bool:
+        """Whether this one goes to the others too."""
+        words = told.state, told.order_id, told.is_airborne, told.is_position_valid, told.doubles, told.config_hash
+        goal = told.goal_position_enu_m
+        if (
+            self._stamp_ns is not None
+            and words == self._words
+            and math.dist(goal, self._goal_enu_m) < _GOAL_M
+            and told.stamp_ns - self._stamp_ns < _EVERY_NS
+        ):
+            return False
+        self._stamp_ns, self._words, self._goal_enu_m = told.stamp_ns, words, goal
+        return True
