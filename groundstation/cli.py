@@ -164,8 +164,6 @@ def _flight(options: argparse.Namespace, mission: str, *, is_simulated: bool, ha
         raise ConfigError(f"--bus-{next(iter(bus)).replace('_', '-')} is for flights in lockstep. Add --lockstep.")
     if options.lockstep:
         return _lockstep(options, mission, bus)
-    if not options.headless and not sys.stdout.isatty():
-        raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
     folder = Path(options.record) if options.record else _new_folder()
     settings = prepare(
         mission,

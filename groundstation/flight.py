@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
+import sys
 import time
 import tomllib
 from collections.abc import AsyncIterator, Callable
@@ -58,7 +59,7 @@ def prepare(
     Args:
         needs_ports: False for a flight without sockets.
     Raises:
-        ConfigError: wrong files, wrong combination, ports in use, a folder that cannot be used.
+        ConfigError: wrong files, wrong combination, ports in use, no terminal, a folder that cannot be used.
     """
     if law is not None and not is_simulated:
         raise ConfigError("--law is for simulated flights: agents that run already fly the law of their fleet file.")
@@ -74,6 +75,8 @@ def prepare(
                 "endpoints, or fly with covey demo, which picks free ones."
             )
     refuse_unflyable(mission, is_simulated)
+    if not is_headless and not sys.stdout.isatty():
+        raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
     if (folder / RECORD_NAME).exists():
         raise ConfigError(f"{folder}: this folder holds a flight already. Choose another with --record.")
     try:

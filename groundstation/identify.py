@@ -75,13 +75,13 @@ def _fly(options: argparse.Namespace) -> int:
         raise ConfigError(f"--seed is {options.seed}; it must be 0 or more.")
     if not options.box > 0.0:
         raise ConfigError(f"--box is {options.box}; it must be a width in metres above 0.")
-    if not options.headless and not sys.stdout.isatty():
-        raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
     fleet = load_fleet(options.fleet)
     if options.vehicle not in fleet.enabled_names:
         raise ConfigError(
             f"'{options.vehicle}' is no enabled vehicle of '{fleet.fleet.name}': {', '.join(fleet.enabled_names)}."
         )
+    if not options.headless and not sys.stdout.isatty():
+        raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
     folder = Path(options.record or Path("flights") / datetime.datetime.now().strftime("%Y%m%d-%H%M%S")).absolute()
     if (folder / RECORD_NAME).exists():
         raise ConfigError(f"{folder}: this folder holds a flight already. Choose another with --record.")

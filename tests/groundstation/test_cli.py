@@ -55,6 +55,14 @@ def test_wrong_input_is_one_sentence_and_exit_status_two(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("words", [["fly", "none.toml"], ["identify", "--fleet", "none.toml", "--vehicle", "mav0"]])
+def test_a_file_that_is_not_there_is_told_before_the_terminal_that_is_not_there(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(words) == 2
+    assert "none.toml" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("words", [[], ["fly"], ["dance"], ["demo", "--law", "none"]])
 def test_a_command_line_that_is_none_is_exit_status_two(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
