@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import cast
 
 from onboard.agent.events import LoopTimed
 from onboard.agent.flight import Flight
@@ -17,12 +16,14 @@ from onboard.types import Array, LawStatus, Tick
 
 def vec3(array: Array) -> Vec3:
     """Three floats."""
-    return cast(Vec3, tuple(array.tolist()))
+    x, y, z = array.tolist()
+    return x, y, z
 
 
 def vec4(array: Array) -> Vec4:
     """Four floats."""
-    return cast(Vec4, tuple(array.tolist()))
+    w, x, y, z = array.tolist()
+    return w, x, y, z
 
 
 def law_status(tick: Tick) -> str:

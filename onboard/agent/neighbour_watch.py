@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from onboard.agent.flight import Flight
-from onboard.agent.neighbours import SILENT_S, NeighbourTable
+from onboard.agent.neighbours import COLUMNS, COLUMNS_1, SILENT_S, NeighbourTable
 from onboard.agent.steps import Step, View
 from onboard.config import FleetConfig, Vec3, Vehicle
 from onboard.safety.failsafe import Condition
@@ -22,6 +22,10 @@ _PREDICTED_SLACK_M = 0.03
 _PREDICTED_LOOKS = 2
 _HELD_SHARE = 0.3
 _STALE_LOOKS = 5
+_X, _Y = (COLUMNS["position_enu_m"].start + axis for axis in (0, 1))
+_VX, _VY = (COLUMNS["velocity_enu_m_s"].start + axis for axis in (0, 1))
+_PREDICTED_VX, _PREDICTED_VY = (COLUMNS["predicted_velocity_enu_m_s"].start + axis for axis in (0, 1))
+_LEAD = COLUMNS_1["lead_time_s"]
 
 
 @dataclass(slots=True)
@@ -137,11 +141,12 @@ class NeighbourWatch:
         may_be_late = flight.is_under_law and view.has_position
         limit_m = self.fleet.fleet.safety_distance_m
         for row in table.rows(view.now_ns):
-            (px, py, _), (ovx, ovy, _) = row.vector("position_enu_m"), row.vector("velocity_enu_m_s")
+            numbers = row.numbers
+            px, py, ovx, ovy = numbers[_X], numbers[_Y], numbers[_VX], numbers[_VY]
             promise, place = self._promises[row.name], self._places[row.name]
             if row.is_promised and row.age_s < SILENT_S:
-                predicted_x, predicted_y, _ = row.vector("predicted_velocity_enu_m_s")
-                promise.look(row.stamp_ns, (ovx, ovy), (predicted_x, predicted_y), row.value("lead_time_s"))
+                predicted = numbers[_PREDICTED_VX], numbers[_PREDICTED_VY]
+                promise.look(row.stamp_ns, (ovx, ovy), predicted, numbers[_LEAD])
             else:
                 promise.rest()
             if promise.is_broken:

@@ -1,6 +1,6 @@
 """Which mocap poses PX4's estimator is told, so that PX4's own hold and land work indoors. Pure.
 
-Only what the agent itself believes is passed on, once a tick at most: PX4 follows whatever it is told. When believed
+Only what the agent itself believes is passed on, 33 times a second: PX4 follows whatever it is told. When believed
 poses stop, nothing is sent, and PX4's estimator says by itself that it has lost its position. When they come back, its
 estimate has drifted farther than its gate lets a sample in: the reset counter tells it to begin anew there. In the air
 that is done only near to where PX4 itself thinks it is: a body that was taken for another one would make it fly there.
@@ -15,7 +15,8 @@ from onboard.agent.events import SendOdometry
 from onboard.bus.schema import MocapPose, Vec3
 from onboard.link.autopilot import Landed, Snapshot
 
-_EVERY_NS = 14_000_000  # once a tick of 20 ms, early ones included
+# PX4 asks for 30 to 50 Hz, and each message goes through MAVSDK as text, which is dear. A tick may be early.
+_PERIOD_NS, _EARLY_NS = 30_000_000, 6_000_000
 _GAP_NS = 300_000_000  # PX4 stops fusing after a second; a few decimetres of drift come sooner
 _STEP_M, _STEP_M_S = 0.2, 6.0  # no movement of a vehicle goes farther than this between two samples
 _STD_M = 0.01
@@ -30,13 +31,14 @@ class OdometryFeed:
 
     resets: int = 0
     _sent_ns: int = 0
+    _due_ns: int = 0
     _stamp_ns: int = 0
     _position_enu_m: Vec3 | None = None
 
     def take(self, pose: MocapPose, snapshot: Snapshot, now_ns: int) -> list[SendOdometry]:
         """What PX4 is told of a believed pose: one command or none."""
         if self._position_enu_m is not None:
-            if now_ns - self._sent_ns < _EVERY_NS:
+            if now_ns < self._due_ns - _EARLY_NS:
                 return []
             gap_ns = pose.stamp_ns - self._stamp_ns
             reach_m = _STEP_M + _STEP_M_S * max(0, gap_ns) * 1e-9
@@ -45,6 +47,7 @@ class OdometryFeed:
                     return []
                 self.resets = (self.resets + 1) % 256
         self._sent_ns, self._stamp_ns, self._position_enu_m = now_ns, pose.stamp_ns, pose.position_enu_m
+        self._due_ns = max(self._due_ns, now_ns - _PERIOD_NS) + _PERIOD_NS
         return [SendOdometry(pose.position_enu_m, pose.quaternion_enu_flu_wxyz, _STD_M, self.resets)]
 
 
