@@ -1,4 +1,9 @@
-"""Processes of a simulated flight: started in groups of their own, watched, and never left behind."""
+"""Processes of a simulated flight: started in groups of their own, watched, and never left behind.
+
+A group keeps a Ctrl-C at the terminal away from them. A session for each would do so too, but the kernel gives every
+session of a busy machine the same share (autogroups), and a thread of one whose other threads run elsewhere then waits
+for up to half a second: ten agents that fill two cores fell out of the air, and fly when they share one session.
+"""
 
 from __future__ import annotations
 
@@ -90,7 +95,7 @@ class Processes:
                     stdin=subprocess.DEVNULL,
                     stdout=file,
                     stderr=subprocess.STDOUT,
-                    start_new_session=True,
+                    process_group=0,  # not a session: see above
                     env=environment,
                     preexec_fn=_die_with_parent,  # started before this process has threads
                 )
