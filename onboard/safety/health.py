@@ -35,7 +35,8 @@ class PoseBounds:
     max_speed_m_s, max_acceleration_m_s2: what a vehicle can do, with reserve for gusts and knocks. max_turn_rad_s: of
     the attitude. noise_m: least noise of a sample; more is learned. frozen_after_s: for so long may bit-identical
     samples come; a tracked body always has noise. late_after_s: mean delay from which on samples are late.
-    clock_jump_s: change of the delay between two samples.
+    clock_jump_s: change of the delay that lasts for clock_jump_lasts_s: what only came late, as on a machine that is
+    too busy, is soon in time again.
     """
 
     max_speed_m_s: float = 6.0
@@ -45,6 +46,7 @@ class PoseBounds:
     frozen_after_s: float = 0.075
     late_after_s: float = 0.09
     clock_jump_s: float = 0.25
+    clock_jump_lasts_s: float = 0.3
 
 
 @dataclass(slots=True)
@@ -68,7 +70,8 @@ class PoseWatch:
     _stamp_ns: int = 0
     _last: tuple[Vec3, Vec4] | None = None
     _same_since_ns: int = 0
-    _last_delay_s: float = 0.0
+    _usual_delay_s: float = 0.0
+    _unusual_since_ns: int = 0
     _noise_m: float = 0.0
 
     @property
@@ -91,10 +94,8 @@ class PoseWatch:
         delay_s = (received_ns - stamp_ns) * 1e-9
         sample = (position_enu_m, quaternion_wxyz)
         if self._last is None:
-            self._same_since_ns, self.delay_s, self._last_delay_s = stamp_ns, delay_s, delay_s
-        if abs(delay_s - self._last_delay_s) > bounds.clock_jump_s:
-            self.clock_jump_ns = received_ns
-        self._last_delay_s = delay_s
+            self._same_since_ns, self.delay_s, self._usual_delay_s = stamp_ns, delay_s, delay_s
+        self._follow_clock(delay_s, received_ns)
         self.delay_s += _LATE_SHARE * (delay_s - self.delay_s)
         if sample != self._last:
             self._same_since_ns = stamp_ns
@@ -130,3 +131,11 @@ class PoseWatch:
         self._position, self._quaternion, self._stamp_ns = position_enu_m, quaternion_wxyz, stamp_ns
         self.jumps, self.jumped_to_enu_m = 0, None
         return Fault.NONE
+
+    def _follow_clock(self, delay_s: float, received_ns: int) -> None:
+        if abs(delay_s - self._usual_delay_s) <= self.bounds.clock_jump_s:
+            self._usual_delay_s, self._unusual_since_ns = delay_s, 0
+            return
+        self._unusual_since_ns = self._unusual_since_ns or received_ns
+        if received_ns - self._unusual_since_ns >= self.bounds.clock_jump_lasts_s * 1e9:
+            self.clock_jump_ns, self._usual_delay_s, self._unusual_since_ns = received_ns, delay_s, 0

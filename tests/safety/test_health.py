@@ -114,9 +114,21 @@ def test_late_samples_are_called_late_within_a_tenth_of_a_second_and_one_straggl
     assert watch.is_late
 
 
-def test_a_jump_of_the_senders_clock_is_noticed() -> None:
+def test_a_jump_of_the_senders_clock_is_noticed_when_it_has_lasted_for_a_moment() -> None:
     watch, rng = settled()
     assert watch.clock_jump_ns == 0
-    now_ns = START_NS + 101 * TICK_NS
-    hear(watch, 100, circle(100, rng), stamp_ns=START_NS - 10**9, received_ns=now_ns)
-    assert watch.clock_jump_ns == now_ns
+    heard_ns = []
+    for tick in range(100, 130):
+        stamp_ns, now_ns = START_NS + (tick - 50) * TICK_NS, START_NS + tick * TICK_NS
+        hear(watch, tick, circle(tick, rng), stamp_ns=stamp_ns, received_ns=now_ns)
+        heard_ns += [now_ns] if watch.clock_jump_ns == now_ns else []
+    assert heard_ns == [START_NS + (100 + 15) * TICK_NS]  # once, 0.3 s after it
+
+
+def test_samples_that_a_busy_machine_held_up_are_no_jump_of_a_clock() -> None:
+    watch, rng = settled()
+    for tick in range(100, 150):  # nothing for a second, then all of it at once, and in time again
+        hear(watch, tick, circle(tick, rng), received_ns=START_NS + max(tick, 149) * TICK_NS)
+    for tick in range(150, 200):
+        hear(watch, tick, circle(tick, rng))
+    assert watch.clock_jump_ns == 0
