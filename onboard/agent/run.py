@@ -195,10 +195,12 @@ class Agent:
             while self._notices:
                 self._execute(self._core.handle(self._notices.popleft(), now_ns))
             self._bus.deliver()
+            for_px4: list[ev.Command] = []  # poses, which may wait until the setpoint is out
             while self._inbox:
-                self._execute(self._core.handle(self._inbox.popleft(), now_ns))
+                for_px4 += self._core.handle(self._inbox.popleft(), now_ns)
             self._core.handle(ev.AutopilotHeard(self._link.snapshot()), now_ns)
             self._execute(self._core.tick(now_ns))
+            self._execute(for_px4)
             if self._ticks % _STATISTICS_TICKS == 0:
                 self._clock.beat()
                 self._core.handle(ev.ClocksCompared(self._clock.clocks.bounds_s(now_ns)), now_ns)

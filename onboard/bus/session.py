@@ -139,7 +139,7 @@ class BusSession:
 
     def subscribe(self, topic: Topic, name: str, on_message: OnMessage) -> None:
         """Call ``on_message(topic, name, message)`` on a bus thread for each sample; ``name`` may be ``*``."""
-        receive = self._receiver(topic, on_message)
+        receive = self._receiver(topic, on_message, "" if name == "*" else name)
         self._kept.append(self._open.declare_subscriber(key(self.namespace, topic, name), _callback(receive)))
 
     def collect(self, topic: Topic, name: str, on_message: OnMessage, *, most: int = _MOST_COLLECTED) -> None:
@@ -177,11 +177,13 @@ class BusSession:
     def _ring(self, topic: Topic, name: str, on_message: OnMessage, most: int) -> _Ring:
         where = key(self.namespace, topic, name)
         subscriber = self._open.declare_subscriber(where, zenoh.handlers.RingChannel(most))
-        return subscriber, self._receiver(topic, on_message)
+        return subscriber, self._receiver(topic, on_message, "" if name == "*" else name)
 
-    def _receiver(self, topic: Topic, on_message: OnMessage) -> Callable[[zenoh.Sample], None]:
+    def _receiver(self, topic: Topic, on_message: OnMessage, name: str = "") -> Callable[[zenoh.Sample], None]:
         kind = TOPICS[topic].message
         assert kind is not None, f"{topic} carries no message"
+        if name:
+            return lambda sample: on_message(topic, name, decode(sample.payload.to_bytes(), kind))
         names: dict[str, str] = {}  # to take keys apart costs more than to decode what they carry
 
         def receive(sample: zenoh.Sample) -> None:

@@ -12,11 +12,11 @@ from onboard.mocap.source import OnMalformed, OnPose
 
 
 class BusMocap:
-    """Poses from topic ``mocap``; callbacks come on a bus thread.
+    """Poses from topic ``mocap``; callbacks come when the owner of the bus lets it deliver.
 
     Args:
         body: whose poses; ``*`` for all.
-        on_pose: called with the pose and its arrival on the monotonic clock [ns].
+        on_pose: called with the pose and when it was delivered, on the monotonic clock [ns].
         on_malformed: called for bytes that are no pose.
     """
 
@@ -28,7 +28,7 @@ class BusMocap:
 
     def start(self) -> None:
         """Subscribe; the bus must be open."""
-        self._bus.subscribe(Topic.MOCAP, self._body, self._receive)
+        self._bus.collect(Topic.MOCAP, self._body, self._receive)
 
     def stop(self) -> None:
         """Nothing: the subscription ends with the bus."""
