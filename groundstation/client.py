@@ -188,6 +188,10 @@ class FleetClient:
         Raises:
             OrderError: the text is no order.
         """
+        return self.submit_now(order)
+
+    def submit_now(self, order: Intent | str) -> OrderHandle:
+        """As :meth:`submit`, from any thread: a loop that is busy holds up only what becomes of the order."""
         plan = self.plan(order)
         self.formation, self.spacing_m = plan.formation, plan.spacing_m
         handle = OrderHandle(plan.intent, plan)
@@ -383,6 +387,9 @@ class FleetClient:
             return
 
         self._bus.order(vehicle, order, timeout_s=REPLY_TIMEOUT_S, on_reply=on_reply, on_end=on_end)
+        self._call(self._begin_watch, handle, vehicle, order, answered)
+
+    def _begin_watch(self, handle: OrderHandle, vehicle: str, order: Order, answered: asyncio.Event) -> None:
         task = asyncio.get_running_loop().create_task(self._watch(handle, vehicle, order, answered))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import sys
 import time
 from collections.abc import Callable
 from typing import ClassVar
@@ -32,6 +34,7 @@ from groundstation.tui.widgets.separation import SeparationView
 from onboard.config import FleetConfig
 
 REFRESH_S = 0.1
+SWITCH_S = 0.0005  # who waits for Python's lock gets it: the thread of the emergency keys waits once for each vehicle
 
 
 class ConsoleApp(LeavingApp):
@@ -106,6 +109,9 @@ class ConsoleApp(LeavingApp):
         self.set_interval(REFRESH_S, self.refresh_fleet)
         if not self.is_headless:
             self.catch_signals()
+            sys.setswitchinterval(SWITCH_S)
+            gc.collect()
+            gc.freeze()  # a look at all that was loaded takes as long as a key may take to come to the screen
         self.start_mission()
 
     def on_resize(self, event: events.Resize) -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections import deque
 from collections.abc import Callable
 from typing import ClassVar, Protocol, runtime_checkable
 
 from textual.binding import Binding, BindingType
+from textual.driver import Driver
 from textual.screen import Screen
 
 from groundstation.fleet import FleetState
@@ -18,6 +21,7 @@ from groundstation.ticks import Ticks
 from groundstation.tui import look
 from groundstation.tui.dress import DressedApp
 from groundstation.tui.look import CALM, FAINT, KILL
+from groundstation.tui.prompt_keys import prompt
 from groundstation.tui.screens.preview import PreviewScreen
 from groundstation.tui.widgets.event_log import EventLog
 from groundstation.tui.widgets.fleet_table import FleetTable
@@ -27,6 +31,7 @@ from groundstation.tui.widgets.results import ResultLine
 from onboard.config import ConfigError, FleetConfig
 
 KILL_WINDOW_S = 1.0
+_AT_ONCE: dict[str, Verb] = {"ctrl+l": "land", "f9": "land", "ctrl+o": "hold", "f8": "hold"}  # for everybody
 _ENTER = "enter"
 
 
@@ -64,6 +69,9 @@ class OrderingClient(Protocol):
     def plan(self, order: Intent | str) -> Plan:
         """What an order would send now."""
 
+    def submit_now(self, order: Intent | str) -> OrderHandle:
+        """Send an order from any thread; results fill in."""
+
 
 class OrderingApp(DressedApp):
     """An app that gives orders; :class:`groundstation.tui.app.ConsoleApp` puts the widgets on the screen."""
@@ -93,6 +101,7 @@ class OrderingApp(DressedApp):
         self.fleet, self.client = fleet, client
         self._ordering = client if isinstance(client, OrderingClient) else None
         self._forecaster = Forecaster() if has_preview and self._ordering is not None else None
+        self._early: deque[OrderHandle] = deque()  # of keys whose turn comes
         self._kill: tuple[str, tuple[str, ...], float] | None = None
         self._is_warm = False
         self._killed: set[str] = set()
@@ -198,10 +207,13 @@ class OrderingApp(DressedApp):
         if intent is not None:
             await self.give(intent)
 
-    async def give(self, order: Intent | str) -> None:
-        """Send an order at once and show each vehicle's answer; a misspelt one is a sentence."""
+    async def give(self, order: Intent | str, sent: OrderHandle | None = None) -> None:
+        """Send an order at once and show each vehicle's answer; a misspelt one is a sentence.
+
+        ``sent``: it has left already.
+        """
         try:
-            handle = await self.client.submit(order)
+            handle = sent or await self.client.submit(order)
         except (OrderError, RuntimeError) as error:  # RuntimeError: the bus is not open yet, or not any more
             self._not_sent(str(order), str(error))
             return
@@ -235,10 +247,23 @@ class OrderingApp(DressedApp):
 
     # -- keys --------------------------------------------------------------------------------------------------------
 
+    def get_driver_class(self) -> type[Driver]:
+        """A driver that does not let an emergency key wait."""
+        return prompt(super().get_driver_class())
+
+    def hear_key(self, key: str) -> None:
+        """Send what lands or holds everybody, on the thread that reads the terminal; the key's turn comes later."""
+        verb = _AT_ONCE.get(key)
+        if verb is None or self._ordering is None or not self.fleet.enabled_names:
+            return
+        with contextlib.suppress(OrderError, RuntimeError):  # told when the key's turn comes
+            self._early.append(self._ordering.submit_now(Intent(verb, self.fleet.enabled_names)))
+
     async def action_order_all(self, verb: Verb) -> None:
         """Land or hold everybody, from every screen, without a question: it only makes things safer."""
+        sent = self._early.popleft() if self._early else None
         if self.fleet.enabled_names:
-            await self.give(Intent(verb, self.fleet.enabled_names))
+            await self.give(Intent(verb, self.fleet.enabled_names), sent)
         else:
             self._not_sent(f"{verb} all", "This fleet has nobody to order: no vehicle is enabled in its file.")
         self._drop_question()  # only now: the order was not to wait for the screen

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import socket
+import threading
 import time
 import tomllib
 from collections.abc import Callable
@@ -128,6 +129,16 @@ async def test_each_vehicle_has_its_own_result_and_progress_comes_as_it_happens(
     assert results["mav0"].sentence == "Because I say so."
     assert "0.5 s" in results["mav1"].sentence
     assert seen.index(("mav2", "accepted")) < seen.index(("mav2", "done"))
+
+
+async def test_an_order_from_another_thread_is_sent_while_the_loop_does_not_get_on(client: Any, bus: Any) -> None:
+    handles: list[Any] = []
+    sender = threading.Thread(target=lambda: handles.append(client.submit_now("land all")))
+    sender.start()
+    sender.join(5.0)
+    assert len(bus.orders) == len(client.fleet.enabled_names)
+    results = await handles[0].wait(10.0)
+    assert {result.phase for result in results.values()} == {"done"}
 
 
 async def test_an_agent_that_does_not_answer_is_said_to_and_the_others_go_on(client: Any, bus: Any) -> None:

@@ -93,6 +93,9 @@ class FakeClient:
                            author="test", now_ns=self.now_ns())  # fmt: skip
 
     async def submit(self, order: orders.Intent | str) -> OrderHandle:
+        return self.submit_now(order)
+
+    def submit_now(self, order: orders.Intent | str) -> OrderHandle:
         plan = self.plan(order)
         self.handles.append(OrderHandle(plan.intent, plan))
         return self.handles[-1]

@@ -538,8 +538,7 @@ async def test_who_watches_may_only_make_things_safer(rig: Rig) -> None:
     async with rig.app.run_test(size=(120, 30)) as pilot:
         rig.client.tokens.roles.see("operator.1.ground-9.alice", True)
         rig.hover()
-        await pilot.pause(0.15)
-        assert "You watch" in rig.line(NoticeLines)
+        await until(pilot, lambda: "You watch" in rig.line(NoticeLines))
         assert "alice (ground-9) operates" in rig.line(NoticeLines), "both may be of one user"
         await pilot.press("colon", *"move all 0 1 1", "enter")
         assert "alice (ground-9) operates this fleet" in rig.said
