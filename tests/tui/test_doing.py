@@ -30,6 +30,7 @@ from groundstation.tui.widgets.results import ResultLine
 from onboard.bus.schema import Event
 from onboard.config import FleetConfig
 from tests.tui.fake import FakeClient
+from tests.tui.live import until
 
 SLOTS = {"mav0": (-1.5, 0.0, 1.0), "mav1": (0.0, 0.0, 1.0), "mav2": (1.5, 0.0, 1.0)}
 FINE = Forecast(closest_m=0.95, pair=("mav0", "mav1"), closest_s=2.0, now_m=1.5, duration_s=7.0)
