@@ -160,7 +160,7 @@ CONDITIONS: tuple[Condition, ...] = (
     ),
     Condition(
         "ground station lost",
-        lambda facts, params: facts.ground_silent_s > params["COM_DL_LOSS_T"],
+        lambda facts, params: params["NAV_DLL_ACT"] > 0 and facts.ground_silent_s > params["COM_DL_LOSS_T"],
         "NAV_DLL_ACT",
         {1: Action.HOLD, 2: Action.RETURN, 3: Action.LAND, 5: Action.TERMINATE, 6: Action.DISARM},
         Action.NONE,

@@ -83,16 +83,17 @@ class Mocap:
         count = position_enu_m.shape[0]
         chance = s.dropout_per_s / s.rate_hz
         self._lost_until_s = np.where(self._rng.random(count) < chance, time_s + s.dropout_s, self._lost_until_s)
-        position = position_enu_m + s.noise_m * self._rng.standard_normal((count, 3))
-        turn = _ATTITUDE_NOISE_RAD * self._rng.standard_normal((count, 3))
-        small = np.concatenate([np.ones((count, 1)), 0.5 * turn], axis=1)
-        attitude = rotation.multiply(attitude_enu_flu, small / np.linalg.norm(small, axis=1, keepdims=True))
-        measured = np.hstack([position, attitude])
+        measured, small = np.empty((count, 7)), np.ones((count, 4))
+        measured[:, :3] = position_enu_m + s.noise_m * self._rng.standard_normal((count, 3))
+        small[:, 1:] = 0.5 * _ATTITUDE_NOISE_RAD * self._rng.standard_normal((count, 3))
+        small /= np.sqrt((small * small).sum(axis=1, keepdims=True))
+        measured[:, 3:] = rotation.multiply(attitude_enu_flu, small)
         if not self._faults.is_clear:
             measured = self._faults.apply(measured)
         poses: list[Pose] = []
+        is_out = (time_s < self._lost_until_s).tolist()
         for index, (x, y, z, qw, qx, qy, qz) in enumerate(measured.tolist()):
-            if time_s < self._lost_until_s[index] or self._faults.is_lost(index):
+            if is_out[index] or self._faults.is_lost(index):
                 last = self._last[index]
                 if last is not None:
                     lost = Pose(index, time_s, False, last.position_enu_m, last.quaternion_enu_flu_wxyz)

@@ -151,17 +151,16 @@ def correct(memory: OneMemory, position_enu_m: Vec3, age_s: float, *, params: Es
         (dx - k_v * x, dy - k_v * y, dz - k_v * z),
         (ex + curve * x, ey + curve * y, ez + curve * z),
     )
+    bias = bx + k_b * x, by + k_b * y, bz + k_b * z
+    if not (-bound <= min(bias) and max(bias) <= bound):
+        bias = _clipped(bias[0], bound), _clipped(bias[1], bound), _clipped(bias[2], bound)
     if max(map(abs, bend[0])) > _FAR_BEND_M:  # before the sums grow beyond what their difference can be seen in
         ring = tuple((entry[0], *_bent(entry, bend, time_s - entry[0])) for entry in ring)
         bend = _NO_BEND
     return OneMemory(
         (px + k_p * x, py + k_p * y, pz + k_p * z),
         (vx + k_v * x, vy + k_v * y, vz + k_v * z),
-        (
-            min(max(bx + k_b * x, -bound), bound),
-            min(max(by + k_b * y, -bound), bound),
-            min(max(bz + k_b * z, -bound), bound),
-        ),
+        bias,
         (ax + k_b * x, ay + k_b * y, az + k_b * z),
         (
             max(pp - k_p * g_p, 1e-12),
@@ -178,6 +177,10 @@ def correct(memory: OneMemory, position_enu_m: Vec3, age_s: float, *, params: Es
         0,
         min(last_age_s, age),
     )
+
+
+def _clipped(value: float, bound: float) -> float:
+    return min(max(value, -bound), bound)
 
 
 def _bent(entry: tuple[float, float, float, float], bend: tuple[Vec3, Vec3, Vec3], age_s: float) -> Vec3:
