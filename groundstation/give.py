@@ -11,14 +11,13 @@ from collections.abc import Sequence
 from groundstation.client import FleetClient
 from groundstation.fleet import FleetState
 from groundstation.handle import VehicleResult
-from groundstation.missions.verdict import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSWER, EXIT_OK, EXIT_WRONG_INPUT
+from groundstation.missions.verdict import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSWER, EXIT_OK
 from groundstation.orders import Intent, OrderError, parse
 from onboard.bus.operator import EMERGENCY
 from onboard.bus.session import BusError
-from onboard.config import FleetConfig, load_fleet
+from onboard.config import ConfigError, FleetConfig, load_fleet
 
 CONNECT_S = 3.0
-EXIT_INTERRUPTED = 130
 _EPILOG = (
     "Orders as in the console: takeoff all 1.0, move mav1 0 1 1.2, formation triangle 1.6, land all, identify mav1. "
     "Nothing is shown ahead: `covey check` and the console do that. Land, hold and kill go at once, whoever operates; "
@@ -28,7 +27,7 @@ _EPILOG = (
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Give one order; the exit status."""
+    """Give one order; the exit status. ConfigError where nothing was sent."""
     parser = argparse.ArgumentParser(prog="covey order", description="Give a flying fleet one order.", epilog=_EPILOG)
     parser.add_argument("words", nargs="+", metavar="WORD", help="the order")
     parser.add_argument("--fleet", metavar="FILE", required=True, help="fleet file")
@@ -41,18 +40,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         intent = parse(" ".join(options.words), fleet)
     except OrderError as error:
-        print(f"covey: {error}", file=sys.stderr)
-        return EXIT_WRONG_INPUT
+        raise ConfigError(str(error)) from None
     if not 0.0 < options.timeout <= 3600.0:
-        print(f"covey: --timeout is {options.timeout:g}; give seconds between 0 and 3600.", file=sys.stderr)
-        return EXIT_WRONG_INPUT
+        raise ConfigError(f"--timeout is {options.timeout:g}; give seconds between 0 and 3600.")
     try:
         results = asyncio.run(give(fleet, intent, options.timeout))
     except BusError as error:
-        print(f"covey: {error}", file=sys.stderr)
-        return EXIT_WRONG_INPUT
-    except KeyboardInterrupt:
-        return EXIT_INTERRUPTED
+        raise ConfigError(str(error)) from None
     if options.json:
         rows = [{"vehicle": one.vehicle, "phase": one.phase, "sentence": one.sentence} for one in results.values()]
         print(json.dumps(rows, indent=2))
@@ -89,7 +83,3 @@ def exit_status(results: dict[str, VehicleResult]) -> int:
     if done:
         return EXIT_MIXED
     return EXIT_NO_ANSWER if all(one.phase == "no answer" for one in results.values()) else EXIT_FAILED
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import sys
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from groundstation.fleet import FleetState, VehicleView
 from onboard.bus.session import BusError
 from onboard.config import ConfigError, FleetConfig, load_fleet
 
-EXIT_GO, EXIT_NO_GO, EXIT_WRONG_INPUT, EXIT_NOBODY, EXIT_INTERRUPTED = 0, 1, 2, 10, 130
+EXIT_GO, EXIT_NO_GO, EXIT_NOBODY = 0, 1, 10
 _MARKS = {"ok": "ok", "advice": "advice", "no-go": "NO-GO"}
 _WIDTH = 118
 
@@ -179,7 +178,7 @@ async def _run(fleet: FleetConfig, names: Sequence[str], timeout_s: float) -> tu
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Ask and print; the exit status."""
+    """Ask and print; the exit status. ConfigError where nobody could be asked."""
     parser = argparse.ArgumentParser(
         prog="covey preflight",
         description="Say for every vehicle whether it may take off, check by check, each fault with its remedy.",
@@ -192,29 +191,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--timeout", metavar="S", type=float, default=5.0, help="wait so long for answers (default 5)")
     parser.add_argument("--json", action="store_true", help="one object instead of the page")
     options = parser.parse_args(argv)
-    try:
-        fleet = load_fleet(options.fleet)
-        names = fleet.select(options.vehicles, options.exclude)
-        unknown = [name for name in names if name not in fleet.enabled_names]
-        if unknown:
-            raise ConfigError(f"{unknown[0]} is not enabled in the fleet file. Set enabled = true to fly it.")
-        if not names:
-            raise ConfigError("No vehicle is selected. Set enabled = true for one, or change --vehicles and --exclude.")
-        if not 0.0 < options.timeout <= 600.0:
-            raise ConfigError(f"--timeout is {options.timeout:g}; give 0 to 600 s.")
-    except ConfigError as error:
-        print(f"covey: {error}", file=sys.stderr)
-        return EXIT_WRONG_INPUT
+    fleet = load_fleet(options.fleet)
+    names = fleet.select(options.vehicles, options.exclude)
+    unknown = [name for name in names if name not in fleet.enabled_names]
+    if unknown:
+        raise ConfigError(f"{unknown[0]} is not enabled in the fleet file. Set enabled = true to fly it.")
+    if not names:
+        raise ConfigError("No vehicle is selected. Set enabled = true for one, or change --vehicles and --exclude.")
+    if not 0.0 < options.timeout <= 600.0:
+        raise ConfigError(f"--timeout is {options.timeout:g}; give 0 to 600 s.")
     try:
         pages = asyncio.run(_run(fleet, names, options.timeout))
     except BusError as error:
-        print(f"covey: {error}", file=sys.stderr)
-        return EXIT_WRONG_INPUT
-    except KeyboardInterrupt:
-        return EXIT_INTERRUPTED
+        raise ConfigError(str(error)) from None
     print(json.dumps(as_mapping(pages), indent=2) if options.json else as_text(pages))
     return exit_status(pages)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
