@@ -1,4 +1,4 @@
-"""No test reads or writes the orders that somebody has written."""
+"""A fleet and a console for tests; no test reads or writes the orders that somebody has written."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from onboard.config import FleetConfig, load_fleet
+from tests.tui.rig import Rig
 
 FLEET = Path(__file__).parents[2] / "configs" / "fleets" / "paper.toml"
 
@@ -20,3 +21,8 @@ def fleet() -> FleetConfig:
 def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return tmp_path / "state"
+
+
+@pytest.fixture
+def rig(fleet: FleetConfig) -> Rig:
+    return Rig(fleet)

@@ -9,7 +9,7 @@ from textual.pilot import Pilot
 
 from groundstation.forecast import Forecast
 from onboard.config import FleetConfig
-from tests.tui.test_doing import Rig
+from tests.tui.rig import Rig
 from tests.tui.test_snapshots import SIZES, Compare, pytestmark, steady
 
 __all__ = ["pytestmark", "steady"]

@@ -108,7 +108,7 @@ class AlarmList(ScrollView, can_focus=True):
         """One line of the list."""
         row = y + self.scroll_offset.y
         segments = self._rows[row][1] if row < len(self._rows) else []
-        return Strip(segments).adjust_cell_length(self.size.width)
+        return Strip(segments).adjust_cell_length(self.size.width).apply_style(self.rich_style)
 
     def _holds(self, place: int, line: Line, now_ns: int, width: int) -> list[list[Segment]]:
         sign, colour = SEVERITY[line.alarm.severity]

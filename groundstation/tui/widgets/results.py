@@ -73,7 +73,7 @@ class ResultLine(Widget):
     def render_line(self, y: int) -> Strip:
         """One of the lines."""
         row = self._rows[y] if y < len(self._rows) else []
-        return Strip(row).adjust_cell_length(self.size.width, self.rich_style)
+        return Strip(row).adjust_cell_length(self.size.width).apply_style(self.rich_style)
 
     def _put(self, rows: list[list[Segment]]) -> None:
         if rows != self._rows:
