@@ -26,9 +26,12 @@ async def test_a_flight_from_start_to_finish_by_keys_alone(fleet: FleetConfig) -
     client = live.client
     async with live.flying(), app.run_test(size=(120, 40)) as pilot:
 
-        async def order(words: str, end: set[str]) -> None:
-            """Write it, read the preview, send it, see it done."""
-            await live.press(pilot, "colon", *words, "enter")
+        async def write(words: str, end: set[str]) -> None:
+            await order(("colon", *words, "enter"), end)
+
+        async def order(keys: tuple[str, ...], end: set[str]) -> None:
+            """Give it, read the preview, send it, see it done."""
+            await live.press(pilot, *keys)
             await until(pilot, lambda: isinstance(app.screen, PreviewScreen))
             screen = app.screen
             assert isinstance(screen, PreviewScreen)
@@ -50,9 +53,10 @@ async def test_a_flight_from_start_to_finish_by_keys_alone(fleet: FleetConfig) -
         await until(pilot, lambda: client.control.is_operator)
         await live.press(pilot, "w")
         await until(pilot, lambda: live.simulation.emulator.autopilots[0].tunes == 1)
-        await order("takeoff all 1.0", {"flying"})
-        await order("formation triangle 1.6 0 1.0 1.0", {"flying"})
-        await order("move all 0.3 0.4 1.2", {"flying"})
+        await order(("asterisk", "f2"), {"armed"})
+        await write("takeoff all 1.0", {"flying"})
+        await write("formation triangle 1.6 0 1.0 1.0", {"flying"})
+        await write("move all 0.3 0.4 1.2", {"flying"})
         await live.press(pilot, "escape", "ctrl+o")
         await until(pilot, lambda: states(client.state) == {"holding"})
         await live.press(pilot, "ctrl+l")
