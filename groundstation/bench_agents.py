@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from groundstation.missions.api import NotReady, OrderFailed
-from groundstation.proc import Usage, usage
+from groundstation.proc import Usage, has_precedence, usage
 from groundstation.processes import ProcessError
 from groundstation.stage import EMULATOR, Stage, fleet_data
 from onboard.bus.schema import Message, TickBatch
@@ -60,7 +60,10 @@ class AgentCost:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """One run. tick_cpu_ms: processor time for one tick, all threads, mean over the agents; it varies least."""
+    """One run. tick_cpu_ms: processor time for one tick, all threads, mean over the agents; it varies least.
+
+    with_precedence: how many loops have real-time priority.
+    """
 
     agents: tuple[AgentCost, ...]
     seconds: float
@@ -68,6 +71,7 @@ class Result:
     ground_cpu_pct: float
     messages_per_s: float
     tick_cpu_ms: float
+    with_precedence: int
 
     def problems(self) -> list[str]:
         """What is not as asked, in words."""
@@ -105,7 +109,7 @@ class Counts:
             self.followed[name] = len(message.ticks[-1].neighbour_ages_s)
 
 
-async def measure(count: int, seconds: float, folder: Path, *, is_realtime: bool = False) -> Result:
+async def measure(count: int, seconds: float, folder: Path, *, is_realtime: bool = True) -> Result:
     """Fly ``count`` agents and measure for ``seconds``."""
     spacing_m = NEAR_SPACING_M if count <= 10 else FAR_SPACING_M
     data = fleet_data(count, spacing_m, "agents")
@@ -122,6 +126,7 @@ async def measure(count: int, seconds: float, folder: Path, *, is_realtime: bool
         await asyncio.sleep(_SETTLE_S)
         mover = asyncio.create_task(_move(stage))
         pids = {**stage.processes.pids, "ground": os.getpid()}
+        first = [has_precedence(pids[name]) for name in stage.config.enabled_names]
         before, begin_s = _usages(pids), time.monotonic()
         late = {name: _late(stage, name) for name in stage.config.enabled_names}
         counter.is_on = True
@@ -159,6 +164,7 @@ async def measure(count: int, seconds: float, folder: Path, *, is_realtime: bool
         cpu_pct["ground"],
         counter.messages / wall_s,
         float(np.mean([10.0 * one.cpu_pct * wall_s / ticks for one in agents])),
+        sum(first),
     )
 
 
@@ -201,7 +207,8 @@ def table(result: Result) -> str:
         )
     lines.append(
         f"emulator {result.emulator_cpu_pct:.0f} %, ground with recording {result.ground_cpu_pct:.0f} % of a core; "
-        f"{result.messages_per_s:.0f} messages/s recorded; {result.tick_cpu_ms:.2f} ms of processor time for a tick"
+        f"{result.messages_per_s:.0f} messages/s recorded; {result.tick_cpu_ms:.2f} ms of processor time for a tick; "
+        f"{result.with_precedence} of {len(result.agents)} loops with real-time priority"
     )
     return "\n".join(lines + [f"NOT AS ASKED: {sentence}" for sentence in result.problems()])
 
@@ -213,7 +220,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--agents", type=int, default=10, help="how many (default 10; asked are 10 and 20)")
     parser.add_argument("--seconds", type=float, default=30.0, help="measured time (default 30)")
-    parser.add_argument("--realtime", action="store_true", help="agents ask for real-time priority")
+    parser.add_argument(
+        "--no-realtime", action="store_true", help="agents do not ask for real-time priority, as installed ones do"
+    )
     parser.add_argument("--keep", type=Path, help="folder for logs and record")
     parser.add_argument("--json", action="store_true", help="figures as JSON on stdout")
     options = parser.parse_args(argv)
@@ -224,7 +233,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         folder = options.keep or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
         try:
-            result = asyncio.run(measure(options.agents, options.seconds, folder, is_realtime=options.realtime))
+            result = asyncio.run(measure(options.agents, options.seconds, folder, is_realtime=not options.no_realtime))
         except (ProcessError, NotReady, OrderFailed) as error:
             print(f"bench agents: {error}", file=sys.stderr)
             return EXIT_WRONG_INPUT

@@ -37,3 +37,11 @@ def usage(pid: int) -> Usage | None:
         rss_mib=int(fields[21]) * page / _MIB,
         own_mib=kib.get("RssAnon", 0) / 1024.0,
     )
+
+
+def has_precedence(pid: int) -> bool:
+    """Whether the first thread of a process runs before those that take turns."""
+    try:
+        return os.sched_getscheduler(pid) & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
+    except (OSError, AttributeError):
+        return False

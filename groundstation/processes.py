@@ -25,6 +25,11 @@ STOP_TIMEOUT_S = 4.0
 LOG_TAIL_LINES = 6
 
 
+def agent_command(path: str, name: str) -> list[str]:
+    """What starts the agent of vehicle ``name`` of the fleet file at ``path``, after ``python -m``."""
+    return ["onboard", "--fleet", path, "--vehicle", name, "--apply-params", "--mocap", "bus", "--realtime"]
+
+
 class ProcessError(RuntimeError):
     """A process did not start or ended too early: a sentence with the end of its log."""
 

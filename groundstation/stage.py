@@ -12,7 +12,7 @@ from typing import Any
 from groundstation.client import FleetClient
 from groundstation.missions.api import Fleet
 from groundstation.ports import toml_text, with_free_ports
-from groundstation.processes import Processes
+from groundstation.processes import Processes, agent_command
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.writer import RecordWriter
 from onboard.config import FleetConfig, fleet_from_mapping
@@ -31,11 +31,6 @@ _QUAD = {
 }
 
 Command = Callable[[str, str], list[str]]
-
-
-def agent_command(path: str, name: str) -> list[str]:
-    """What starts the agent of vehicle ``name`` of the fleet file at ``path``, after ``python -m``."""
-    return ["onboard", "--fleet", path, "--vehicle", name, "--apply-params", "--mocap", "bus"]
 
 
 def fleet_data(count: int, spacing_m: float, name: str = "stage") -> dict[str, Any]:

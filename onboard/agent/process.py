@@ -70,9 +70,13 @@ def is_disk_full() -> bool:
 
 
 def take_precedence() -> str:
-    """Let the calling thread run before everything else on this machine; a sentence that says whether it may."""
+    """Let the calling thread run before everything else on this machine; a sentence that says whether it may.
+
+    The threads that it starts from now on do not: what they do may wait.
+    """
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_REALTIME_PRIORITY))
+        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(0, policy, os.sched_param(_REALTIME_PRIORITY))
     except (OSError, AttributeError) as error:
         return f"The loop runs without real-time priority ({error}): allow it with LimitRTPRIO={_REALTIME_PRIORITY}."
     return f"The loop runs with real-time priority {_REALTIME_PRIORITY}."

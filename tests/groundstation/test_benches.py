@@ -25,7 +25,7 @@ AGENT = AgentCost(
 
 
 def result(*agents: AgentCost) -> Result:
-    return Result(agents, 30.0, 20.0, 10.0, 500.0, 2.0)
+    return Result(agents, 30.0, 20.0, 10.0, 500.0, 2.0, len(agents))
 
 
 @pytest.mark.parametrize(

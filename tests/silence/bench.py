@@ -117,7 +117,7 @@ async def fly(cases: Sequence[Case], folder: Path) -> list[Found]:
     hang_s = {f"mav{place}": case.hang_s for place, case in enumerate(cases)}
 
     def command(path: str, name: str) -> list[str]:
-        agent = ["--fleet", path, "--vehicle", name, "--apply-params"]
+        agent = ["--fleet", path, "--vehicle", name, "--apply-params", "--realtime"]
         return ["tests.silence.agent", parts[name], str(hang_s[name]), *agent]
 
     stage = Stage(data, folder, emulator_data=emulator, command=command)
