@@ -178,7 +178,8 @@ class AgentCore:
                 self._is_last_finite = False
                 self.flight.say(self._view, "critical", "tick-failed", sentence)
             case SourceTold(sentence):
-                self.flight.say(self._view, "warning", "mocap-source", sentence)
+                if sentence:
+                    self.flight.say(self._view, "warning", "mocap-source", sentence)
             case ShutdownAsked():
                 self.is_stopping = True
         return []

@@ -90,7 +90,7 @@ class DiskChecked(Struct, frozen=True):
 
 
 class SourceTold(Struct, frozen=True):
-    """Why the mocap gives nothing, in the words of whoever reads it."""
+    """Why the mocap gives nothing, in the words of whoever reads it; empty when it gives again."""
 
     sentence: str
 

@@ -9,7 +9,16 @@ from dataclasses import replace
 import msgspec
 
 from onboard.agent import takeover
-from onboard.agent.events import ClocksCompared, EventIn, LoopTimed, NeighbourHeard, NodeSeen, ParamsRead, PoseArrived
+from onboard.agent.events import (
+    ClocksCompared,
+    EventIn,
+    LoopTimed,
+    NeighbourHeard,
+    NodeSeen,
+    ParamsRead,
+    PoseArrived,
+    SourceTold,
+)
 from onboard.agent.flight import Flight
 from onboard.agent.lives import Lives
 from onboard.agent.neighbours import NeighbourTable
@@ -65,6 +74,7 @@ class Readiness:
         self.is_warm = False
         self._problems: tuple[str, ...] | None = None
         self._loop_p99_ms = 0.0
+        self._source_problem = ""
         self._recorders: set[str] = set()
         self._twin_ns: int | None = None
         self.lives = Lives()
@@ -100,6 +110,8 @@ class Readiness:
                 self._problems = problems
             case LoopTimed():
                 self._loop_p99_ms = event.p99_ms
+            case SourceTold(sentence):
+                self._source_problem = sentence
 
     def look(
         self,
@@ -168,6 +180,7 @@ class Readiness:
             speed_m_s=self._fastest[0],
             sample_delay_s=None if sample is None else sample[2],
             sample_age_s=math.inf if sample is None else _age_s(now_ns, sample[1]),
+            source_problem=self._source_problem,
             px4_position_enu_m=(east, north, -down) if snapshot.local_position_ns else None,
             heading_miss_rad=own.heading_offset_rad,
             tilt_miss_rad=0.0 if self._tilts is None else _angle_rad(*self._tilts),

@@ -204,7 +204,7 @@ class Agent:
             if self._ticks % _STATISTICS_TICKS == 0:
                 self._clock.beat()
                 self._core.handle(ev.ClocksCompared(self._clock.clocks.bounds_s(now_ns)), now_ns)
-                if self._mocap is not None and self._mocap.problem not in ("", self._told):
+                if self._mocap is not None and self._mocap.problem != self._told:
                     self._told = self._mocap.problem
                     self._core.handle(ev.SourceTold(self._told), now_ns)
             self._failed_ticks = 0

@@ -36,6 +36,7 @@ class Facts:
     attitude_hz: of PX4's attitude as it arrives. unhealthy: PX4's sensors that it calls unhealthy, and whether flight
     needs them. has_rc: whether PX4 hears a radio control. has_twin: another process speaks for this vehicle.
     sample_delay_s: arrival of the newest mocap sample minus its stamp; sample_age_s: since that arrival.
+    source_problem: what the mocap that is read here says of itself, as a sentence; empty when nothing is wrong.
     px4_position_enu_m: PX4's own estimate, turned to ENU. heading_miss_rad: mocap's heading minus PX4's; tilt_miss_rad:
     between both directions of gravity as the body sees it; has_wrong_tilt: they differed when it was last tilted by
     hand. fuses_position, fuses_heading: what PX4 takes from the mocap by its required parameters.
@@ -65,6 +66,7 @@ class Facts:
     has_twin: bool = False
     sample_delay_s: float | None = None
     sample_age_s: float = math.inf
+    source_problem: str = ""
     speed_m_s: float = 0.0
     px4_position_enu_m: Vec3 | None = None
     heading_miss_rad: float = 0.0
@@ -187,6 +189,8 @@ def position(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
         return SKIP, {"without": "while the mocap is not believed"}
     if not vehicle.mocap_required:
         return "silent", {}
+    if f.source_problem:
+        return "source", {"problem": f.source_problem}
     return "untracked", {}
 
 

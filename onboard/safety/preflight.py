@@ -178,6 +178,10 @@ RULES: tuple[Rule, ...] = (
                 "No fresh position from mocap body '{body}'.",
                 "Check that it is tracked, published under this name (covey mocap) and heard by this computer.",
             ),
+            "source": Fault(
+                "No fresh position from mocap body '{body}': {problem}",
+                "Correct [mocap] in the fleet file or the mocap itself, and see it work with 'covey mocap --check'.",
+            ),
             "silent": Fault(
                 "No fresh position from PX4's local position.",
                 "Wait until PX4's estimator has a position (satellites, vision), and check its rate on this link.",

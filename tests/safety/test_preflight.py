@@ -63,6 +63,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("parameters", "unread"): ({"param_problems": None}, "not read yet"),
     ("parameters", "differ"): ({"param_problems": ("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)}, "0.3"),
     ("position", "untracked"): ({"position_age_s": math.inf, "sample_age_s": math.inf}, "mocap body 'mav1'"),
+    ("position", "source"): (
+        {"position_age_s": math.inf, "source_problem": "OptiTrack at 127.0.0.9 does not answer."},
+        "mocap body 'mav1': OptiTrack at 127.0.0.9 does not answer.",
+    ),
     ("position", "silent"): ({"position_age_s": 0.3, "vehicle": BARE}, "PX4's local position"),
     ("clock", "mocap"): ({"sample_delay_s": -3.0, "position_age_s": math.inf}, "3 s in the future"),
     ("clock", "unmeasured"): ({"clock_bounds_s": {"mav2": math.inf, "mocap": 0.001}}, "clock of mav2 is not measured"),
