@@ -45,7 +45,7 @@ class Drain:
 
 
 class History:
-    """Fed with the fleet ten times a second, of which it takes in every other one.
+    """Fed with the fleet ten times a second; distances are of every other time.
 
     trails: name -> (n, 2), the last n places x, y in metres ENU, in no order, nan where there is none yet.
     pairs: the closest ones now, those with a vehicle in the air first. distances: (time in s, metres) of the closest
@@ -65,7 +65,7 @@ class History:
         self._ends: dict[str, tuple[int, float, float]] = {}
         self._charges: dict[str, tuple[int, deque[tuple[float, float]]]] = {}
         self._sampled_s = -math.inf
-        self._added_ns = -_PACE_NS
+        self._added_ns, self._compared_ns = -1, -_PACE_NS
 
     @property
     def now(self) -> Pair | None:
@@ -77,8 +77,8 @@ class History:
         vars(self).update(vars(History(self._land_frac)))
 
     def add(self, state: FleetState, now_ns: int) -> None:
-        """Take in the fleet as it is now; nearly the same moment again changes nothing."""
-        if abs(now_ns - self._added_ns) < _PACE_NS:
+        """Take in the fleet as it is now; the same moment again changes nothing."""
+        if now_ns == self._added_ns:
             return
         self._added_ns = now_ns
         now_s = now_ns * 1e-9
@@ -88,6 +88,9 @@ class History:
             del self.trails[gone], self._ends[gone]
         for name, spot in known.items():
             self._lengthen(name, spot[0], spot[1], max(_LEAST_TRAIL, min(TRAIL_LENGTH, _ALL_TRAILS // len(spots))))
+        if abs(now_ns - self._compared_ns) < _PACE_NS:
+            return
+        self._compared_ns = now_ns
         self.pairs = closest_pairs([(state.vehicles[name], spot) for name, spot in known.items()])
         if state.airborne_names:
             self.first_flight_s = now_s if self.first_flight_s is None else self.first_flight_s
