@@ -237,6 +237,8 @@ class Readiness:
     # -- PX4 and the mocap -------------------------------------------------------------------------------------------
 
     def _count_attitudes(self, now_ns: int, snapshot: Snapshot) -> None:
+        if not snapshot.attitude_ns:
+            return  # nothing is known of a rate before the first one, and a vehicle in the air is not asked again
         if self._count_from_ns is None or now_ns - self._count_from_ns > 2 * _RATE_OVER_NS:
             self._count_from_ns, self._counted = now_ns, 0  # the first look, or the first after a flight
         if snapshot.attitude_ns != self._attitude_ns:

@@ -162,6 +162,18 @@ def test_each_thing_that_breaks_shows_in_its_own_line_and_refuses_the_take_off(n
     assert rig.count(ev.Arm) == 0
 
 
+def test_the_time_before_px4_spoke_makes_no_slow_link() -> None:
+    rig = Rig(AgentCore(fleet(("mav0", "mav1", "mav2")), "mav0", boot_id=7))
+    rig.has_autopilot = False
+    rig.run(0.9)
+    rig.has_autopilot = True
+    rig.run(0.5)
+    (sentence,) = [sentence for name, _, sentence, _ in reports(rig)[-1].checks if name == "link"]
+    rig.run(2.0)
+    assert "link" not in refusals(rig)
+    assert "link" not in {name for report in reports(rig) for name, is_ok, _, _ in report.checks if not is_ok}, sentence
+
+
 def test_a_second_agent_for_this_vehicle_refuses_until_it_is_gone() -> None:
     rig = ready()
     for _ in range(60):
