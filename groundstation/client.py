@@ -328,6 +328,8 @@ class FleetClient:
         bus.deliver()
 
     def _drain(self) -> None:
+        if isinstance(self._bus, BusSession):
+            self._bus.deliver()  # whoever hears of an order's end finds the state that it led to already there
         self._is_woken = False
         state = self._state
         events: list[Event] = []

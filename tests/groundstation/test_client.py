@@ -109,6 +109,37 @@ async def test_the_values_of_a_vehicle_that_is_looked_at_come_over_a_real_bus(pr
         await asyncio.to_thread(agent.stop)
 
 
+async def test_who_hears_an_event_over_a_real_bus_finds_the_state_that_was_told_before_it(
+    private_fleet: FleetConfig, make_telemetry: Callable[..., Any]
+) -> None:
+    agent = BusSession(namespace=private_fleet.namespace, node="mav0", listen=[private_fleet.vehicles["mav0"].agent])
+    await asyncio.to_thread(agent.start)
+    client = FleetClient(private_fleet, author="tester")
+    found: list[tuple[str, str]] = []
+
+    def hear(event: Event) -> None:
+        told = client.state.vehicles["mav0"].telemetry
+        if event.vehicle == "mav0" and told is not None:
+            found.append((event.code, told.order_id))
+
+    client.add_event_listener(hear)
+    await client.start()
+    try:
+        async with asyncio.timeout(15.0):
+            for number in itertools.count():
+                agent.publish(Topic.TELEMETRY, "mav0", make_telemetry("mav0", sequence=number, order_id=str(number)))
+                await asyncio.sleep(0.002)
+                event = Event(vehicle="mav0", stamp_ns=number, severity="info", code=str(number), sentence="Done.")
+                await asyncio.to_thread(agent.publish, Topic.EVENT, "mav0", event)
+                await asyncio.sleep(0.005)
+                if len(found) >= 30:
+                    break
+    finally:
+        await client.stop()
+        await asyncio.to_thread(agent.stop)
+    assert all(int(told) >= int(code) for code, told in found), found  # a later one may have come meanwhile
+
+
 async def test_a_line_that_is_no_order_sends_nothing(client: Any, bus: Any) -> None:
     with pytest.raises(OrderError):
         await client.submit("land evrybody")
