@@ -23,7 +23,7 @@ import numpy as np
 
 from groundstation.missions.api import NotReady, OrderFailed
 from groundstation.proc import Usage, has_precedence, usage
-from groundstation.processes import ProcessError
+from groundstation.processes import ProcessError, leaves_room
 from groundstation.stage import EMULATOR, Stage, fleet_data
 from onboard.bus.schema import Message, TickBatch
 from onboard.bus.topics import Topic
@@ -113,7 +113,7 @@ async def measure(count: int, seconds: float, folder: Path, *, is_realtime: bool
     """Fly ``count`` agents and measure for ``seconds``."""
     spacing_m = NEAR_SPACING_M if count <= 10 else FAR_SPACING_M
     data = fleet_data(count, spacing_m, "agents")
-    extra = ["--realtime"] if is_realtime else []
+    extra = ["--realtime"] if is_realtime and leaves_room(count) else []
 
     def command(path: str, name: str) -> list[str]:
         return ["onboard", "--fleet", path, "--vehicle", name, "--apply-params", *extra]

@@ -18,7 +18,7 @@ from groundstation.missions.files import Mission, load_mission
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
 from groundstation.missions.verdict import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_WRONG_INPUT, Verdict, judge
 from groundstation.ports import busy_ports, toml_text, with_free_ports
-from groundstation.processes import ProcessError, Processes, agent_command
+from groundstation.processes import ProcessError, Processes, agent_command, leaves_room
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.report import FlightReport, report
 from groundstation.recording.writer import FLUSH_PERIOD_S, RECORD_NAME, RecordWriter, write_json
@@ -104,8 +104,9 @@ def start_processes(settings: Settings, processes: Processes) -> None:
     """Emulator and agents, all at once: they find each other whatever the order. ProcessError when one cannot start."""
     path = str(settings.folder / "fleet.toml")
     processes.start(EMULATOR, ["sitl", "--fleet", path, "--seed", str(settings.seed)])
-    for name in settings.mission.fleet.enabled_names:
-        processes.start(name, agent_command(path, name))
+    names = settings.mission.fleet.enabled_names
+    for name in names:
+        processes.start(name, agent_command(path, name, is_realtime=leaves_room(len(names))))
 
 
 class Flight:

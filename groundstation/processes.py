@@ -22,12 +22,19 @@ from pathlib import Path
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
 STOP_TIMEOUT_S = 4.0
+_LOOPS_PER_CORE = 5
 LOG_TAIL_LINES = 6
 
 
-def agent_command(path: str, name: str) -> list[str]:
+def agent_command(path: str, name: str, *, is_realtime: bool = True) -> list[str]:
     """What starts the agent of vehicle ``name`` of the fleet file at ``path``, after ``python -m``."""
-    return ["onboard", "--fleet", path, "--vehicle", name, "--apply-params", "--mocap", "bus", "--realtime"]
+    words = ["onboard", "--fleet", path, "--vehicle", name, "--apply-params", "--mocap", "bus"]
+    return [*words, "--realtime"] if is_realtime else words
+
+
+def leaves_room(count: int) -> bool:
+    """Whether so many loops may go first on this machine: more of them would leave nothing for network and ground."""
+    return count <= _LOOPS_PER_CORE * (os.cpu_count() or 1)
 
 
 class ProcessError(RuntimeError):

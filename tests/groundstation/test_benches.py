@@ -17,6 +17,7 @@ from groundstation.bench_agents import AgentCost, Result
 from groundstation.bench_soak import LateTick, Samples, Soak, Watcher, draw
 from groundstation.missions.api import OrderFailed
 from groundstation.proc import usage
+from groundstation.processes import agent_command, leaves_room
 from onboard.config import fleet_from_mapping
 
 AGENT = AgentCost(
@@ -67,6 +68,13 @@ def test_a_vehicle_whose_order_fails_at_once_does_not_let_the_bench_order_on_and
 
     asyncio.run(for_a_while())
     assert sorted(given) == ["mav0", "mav1"]
+
+
+def test_loops_take_precedence_only_while_that_leaves_room_for_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    assert leaves_room(10)
+    assert not leaves_room(11)
+    assert "--realtime" not in agent_command("fleet.toml", "mav0", is_realtime=False)
 
 
 def test_a_crowd_may_be_less_even() -> None:
