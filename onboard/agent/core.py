@@ -45,7 +45,7 @@ from onboard.agent.response import ResponseWatch
 from onboard.agent.steps import Step, View
 from onboard.agent.watch import PERIOD_S, POSITION_LOST_S, Doing
 from onboard.bus.operator import Roles
-from onboard.bus.schema import Order, OrderReply
+from onboard.bus.schema import Order, OrderReply, StateMessage
 from onboard.bus.topics import Topic
 from onboard.config import FleetConfig
 from onboard.control import pipeline
@@ -150,6 +150,13 @@ class AgentCore:
                 self._snapshot = event.snapshot
             else:
                 self._malformed += 1  # who tells nonsense counts as silent
+            return []
+        if (  # fifty a second of each, who only want to be noted; under our own name it is a twin's
+            isinstance(event, NeighbourHeard)
+            and isinstance(event.message, StateMessage)
+            and event.message.vehicle != self.vehicle.name
+        ):
+            self.neighbours.hear(event.message, event.received_ns)
             return []
         self.readiness.hear(event)
         match event:

@@ -354,16 +354,13 @@ def numbers_of(message: StateMessage) -> tuple[float, ...]:
 
 def is_usable(message: StateMessage, numbers: tuple[float, ...]) -> bool:
     return (
-        is_finite(numbers)
+        math.isfinite(sum(numbers))
         and min(numbers) > -_LARGEST
         and max(numbers) < _LARGEST
-        and _fits(message.stamp_ns, message.boot_id, message.sequence)
+        and 0 <= message.stamp_ns < _LARGEST_INT  # what arrays can hold
+        and 0 <= message.boot_id < _LARGEST_INT
+        and 0 <= message.sequence < _LARGEST_INT
     )
-
-
-def _fits(*whole: int) -> bool:
-    """Whether whole numbers of a message are such that arrays can hold them."""
-    return all(0 <= number < _LARGEST_INT for number in whole)
 
 
 def _is_sound(message: Telemetry) -> bool:
