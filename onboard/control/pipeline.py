@@ -204,7 +204,7 @@ def step(
     # line O: what drag and the observed disturbance take is added after the law, so that the law commands net motion
     compensation = params.drag_1_s * velocity - observer.disturbance_enu_m_s2
     compensation = _limited(compensation, params)
-    if not is_usable.all():  # the law shall know, level out, and publish no state that nobody has
+    if not _all(is_usable):  # the law shall know, level out, and publish no state that nobody has
         position = np.where(is_usable[..., None], position, np.nan)
         velocity = np.where(is_usable[..., None], velocity, np.nan)
     law_memory, law = oist.saturate(
@@ -223,9 +223,8 @@ def step(
     yaw = np.broadcast_to(np.asarray(yaw_rad, dtype=np.float64), batch) if batch else np.array(float(yaw_rad))
     attitude = allocation.allocate(sent, yaw, hover, params=params.allocation)
     thrust = sent.thrust_enu_m_s2
-    size = np.sqrt(np.einsum("...c,...c->...", thrust, thrust))
     blend = 1.0 - math.exp(-dt_s / params.activity_time_s)
-    is_finite = np.asarray(is_usable & np.isfinite(baseline.thrust_enu_m_s2).all(-1))
+    is_finite = np.asarray(is_usable & _is_finite(baseline.thrust_enu_m_s2))
     memory = PipelineMemory(
         guidance=guidance_memory,
         law=law_memory,
@@ -235,14 +234,14 @@ def step(
         clock_rate=rate,
         activity=memory.activity + blend * ((law.intervention_m_s2 > 0.05) - memory.activity),
         thrust_frac=attitude.thrust_frac,
-        cos_tilt=thrust[..., 2] / np.maximum(size, 1e-9),
+        cos_tilt=thrust[..., 2] / np.maximum(_length(thrust), 1e-9),
     )
     return memory, Tick(given, setpoint, baseline, law, attitude, hover, is_finite)
 
 
 def _mended(state: State, is_usable: BoolArray, memory: PipelineMemory) -> State:
     """The state with rows that cannot be used put at rest on the setpoint, so that no stage computes with garbage."""
-    if is_usable.all():
+    if _all(is_usable):
         return state
     usable = is_usable[..., None]
     return replace(
@@ -315,8 +314,7 @@ def _pursuit(
     """Backstepping whose error clamp keeps setpoint speed plus pursuit below the limit; gentle at lift-off."""
     base = params.backstepping
     velocity = setpoint.velocity_enu_m_s
-    speed = np.sqrt(np.einsum("...c,...c->...", velocity, velocity))
-    room = (params.pursuit_speed_m_s - speed) / base.position_gain_1_s
+    room = (params.pursuit_speed_m_s - _length(velocity)) / base.position_gain_1_s
     clamp = np.minimum(np.maximum(room, 0.15), base.max_position_error_m) * share
     # while a leg still touches the ground, tilt turns the vehicle over instead of moving it
     return backstepping.BacksteppingParams(
@@ -327,6 +325,29 @@ def _pursuit(
         1.0 if is_gentle else base.max_acceleration_m_s2,
         base.max_vertical_acceleration_m_s2,
     )
+
+
+# of one vehicle in floats: numpy costs ten times as much for three numbers
+
+
+def _length(vector: Array) -> Array:
+    """Of vectors (..., 3), (...)."""
+    if vector.ndim == 1:
+        x, y, z = vector.tolist()
+        return np.array(math.sqrt(x * x + y * y + z * z))
+    return np.asarray(np.sqrt(np.einsum("...c,...c->...", vector, vector)))
+
+
+def _is_finite(vector: Array) -> BoolArray:
+    """Whether all components of vectors (..., 3) are finite, (...)."""
+    if vector.ndim == 1:
+        x, y, z = vector.tolist()
+        return np.array(math.isfinite(x) and math.isfinite(y) and math.isfinite(z))
+    return np.asarray(np.isfinite(vector).all(-1))
+
+
+def _all(flags: BoolArray) -> bool:
+    return bool(flags.all() if flags.ndim else flags)
 
 
 def _limited(compensation: Array, params: PipelineParams) -> Array:
