@@ -198,7 +198,10 @@ class FleetClient:
         for vehicle, sent in plan.orders.items():
             self._handles[sent.order_id] = handle
             self._tell_sinks(Topic.ORDER, vehicle, sent)
-            self._ask(handle, vehicle, sent)
+        # all leave before anybody is waited for: the last of a hundred shall not stand behind the others' bookkeeping
+        asked = [(vehicle, sent, self._ask(handle, vehicle, sent)) for vehicle, sent in plan.orders.items()]
+        for vehicle, sent, answered in asked:
+            self._call(self._begin_watch, handle, vehicle, sent, answered)
         return handle
 
     async def order(self, order: Intent | str, timeout_s: float | None = None) -> dict[str, VehicleResult]:
@@ -377,7 +380,7 @@ class FleetClient:
         if handle.results[event.vehicle].is_final:
             self._handles.pop(event.order_id, None)
 
-    def _ask(self, handle: OrderHandle, vehicle: str, order: Order) -> None:
+    def _ask(self, handle: OrderHandle, vehicle: str, order: Order) -> asyncio.Event:
         answered = asyncio.Event()
 
         def on_reply(reply: OrderReply | Malformed) -> None:
@@ -389,7 +392,7 @@ class FleetClient:
             return
 
         self._bus.order(vehicle, order, timeout_s=REPLY_TIMEOUT_S, on_reply=on_reply, on_end=on_end)
-        self._call(self._begin_watch, handle, vehicle, order, answered)
+        return answered
 
     def _begin_watch(self, handle: OrderHandle, vehicle: str, order: Order, answered: asyncio.Event) -> None:
         task = asyncio.get_running_loop().create_task(self._watch(handle, vehicle, order, answered))
