@@ -33,7 +33,7 @@ from groundstation.tui.widgets.plan_view import PlanView
 from groundstation.tui.widgets.separation import SeparationView
 from onboard.config import FleetConfig
 
-REFRESH_S = 0.1
+REFRESH_S = 0.125
 SWITCH_S = 0.0005  # who waits for Python's lock gets it: the thread of the emergency keys waits once for each vehicle
 
 

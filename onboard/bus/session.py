@@ -259,7 +259,7 @@ class BusSession:
 
         self._open.get(
             their_key,
-            zenoh.handlers.Callback(receive, drop=on_end, indirect=True),
+            _callback(receive, on_end),
             payload=encode(message),
             timeout=timeout_s,
             consolidation=zenoh.ConsolidationMode.NONE,
@@ -297,11 +297,11 @@ def _reason(error: zenoh.ZError) -> str:
     return "the address is in use" if "in use" in text else text.split(" at /")[0]
 
 
-def _callback(function: Callable[[Any], None]) -> Any:
-    """A handler on zenoh's own network thread, without a Python thread for each subscriber."""
+def _callback(function: Callable[[Any], None], on_end: Callable[[], None] | None = None) -> Any:
+    """A handler on zenoh's own network thread, without a Python thread for each subscriber and each question."""
 
     def call(value: Any) -> None:
         keep_thread_state()
         function(value)
 
-    return zenoh.handlers.Callback(call, indirect=False)
+    return zenoh.handlers.Callback(call, drop=on_end, indirect=False)
