@@ -19,7 +19,7 @@ from groundstation.fleet import FleetState, LoggedEvent
 from groundstation.tui import look
 from groundstation.tui.history import History
 from groundstation.tui.leaving import LeavingApp, Mission
-from groundstation.tui.ordering import PROMPT_MOST, ConsoleClient
+from groundstation.tui.ordering import ConsoleClient
 from groundstation.tui.panels import LOW, NARROW, rooms
 from groundstation.tui.screens.alarms import AlarmsScreen
 from groundstation.tui.screens.dialogs import HelpScreen
@@ -34,7 +34,7 @@ from groundstation.tui.widgets.separation import SeparationView
 from onboard.config import FleetConfig
 
 REFRESH_S = 0.125
-SWITCH_S = 0.0005  # who waits for Python's lock gets it: the thread of the emergency keys waits once for each vehicle
+SWITCH_S = 0.0005  # who waits for Python's lock gets it soon: the thread of the emergency keys while the loop draws
 
 
 class ConsoleApp(LeavingApp):
@@ -109,8 +109,7 @@ class ConsoleApp(LeavingApp):
         self.set_interval(REFRESH_S, self.refresh_fleet)
         if not self.is_headless:
             self.catch_signals()
-            if len(self.fleet.enabled_names) <= PROMPT_MOST:
-                sys.setswitchinterval(SWITCH_S)
+            sys.setswitchinterval(SWITCH_S)
             gc.collect()
             gc.freeze()  # a look at all that was loaded takes as long as a key may take to come to the screen
         self.start_mission()

@@ -32,7 +32,6 @@ from onboard.config import ConfigError, FleetConfig
 
 KILL_WINDOW_S = 1.0
 _AT_ONCE: dict[str, Verb] = {"ctrl+l": "land", "f9": "land", "ctrl+o": "hold", "f8": "hold"}  # for everybody
-PROMPT_MOST = 20  # vehicles; of more the loop sends sooner: beside it Python's lock changes hands with every order
 _ENTER = "enter"
 
 
@@ -255,7 +254,7 @@ class OrderingApp(DressedApp):
     def hear_key(self, key: str) -> None:
         """Send what lands or holds everybody, on the thread that reads the terminal; the key's turn comes later."""
         verb = _AT_ONCE.get(key)
-        if verb is None or self._ordering is None or not 0 < len(self.fleet.enabled_names) <= PROMPT_MOST:
+        if verb is None or self._ordering is None or not self.fleet.enabled_names:
             return
         with contextlib.suppress(OrderError, RuntimeError):  # told when the key's turn comes
             self._early.append(self._ordering.submit_now(Intent(verb, self.fleet.enabled_names)))
