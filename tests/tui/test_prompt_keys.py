@@ -15,7 +15,6 @@ from groundstation.tui.prompt_keys import prompt
 from groundstation.tui.screens.preview import PreviewScreen
 from onboard.config import FleetConfig
 from tests.tui.fake import FakeClient
-from tests.tui.live import until
 from tests.tui.scenes import crowd
 
 
