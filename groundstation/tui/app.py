@@ -1,4 +1,4 @@
-"""The console: puts the widgets together and refreshes them ten times a second."""
+"""The console: puts the widgets together and refreshes them eight times a second."""
 
 from __future__ import annotations
 
@@ -263,7 +263,7 @@ async def run_console(
         mission: flies the mission and returns its verdict (``sentences``; ``exit_status`` or ``is_passed`` if any).
         connect: opens the bus, while the console is on the screen already.
         title: what stands at the top.
-        progress: one line about where the mission is, asked ten times a second.
+        progress: one line about where the mission is, asked at each look.
         has_bell: ring the terminal's bell for every new alarm.
         has_preview: show what arm, take-off and moves lead to before they are sent.
 

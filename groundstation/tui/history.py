@@ -45,7 +45,7 @@ class Drain:
 
 
 class History:
-    """Fed with the fleet ten times a second; distances are of every other time.
+    """Fed with the fleet eight times a second; distances are of every other time.
 
     trails: name -> (n, 2), the last n places x, y in metres ENU, in no order, nan where there is none yet.
     pairs: the closest ones now, those with a vehicle in the air first. distances: (time in s, metres) of the closest

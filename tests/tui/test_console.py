@@ -37,7 +37,7 @@ def shown(app: ConsoleApp, kind: type) -> str:
 async def test_before_anybody_answers_it_says_whom_it_waits_for(fleet: FleetConfig, size: tuple[int, int]) -> None:
     app = ConsoleApp(fleet, FakeClient(fleet), title="first flight")
     async with app.run_test(size=size) as pilot:
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert "waiting for 3 vehicles" in shown(app, TitleBar)
         assert shown(app, FleetTable).count("nothing heard from its agent yet") == 3
         assert "Waiting for mav0" in shown(app, StatusBar)
@@ -146,7 +146,7 @@ async def test_q_with_flying_vehicles_asks_then_lands_and_leaves_when_they_are_d
         await pilot.press("escape")
         assert client.ordered == []
         await pilot.press("q", "y")
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert client.ordered == ["land mav0,mav1,mav2"]
         assert app.is_running
         for name in fleet.enabled_names:

@@ -28,9 +28,9 @@ def after(rig: Rig, *keys: str) -> Callable[[Pilot[int]], Awaitable[None]]:
         rig.hover()
         rig.app.refresh_fleet()
         await pilot.press(*keys)
-        await pilot.pause(0.1)
+        await pilot.pause(0.2)
         rig.app.refresh_fleet()
-        await pilot.pause(0.1)
+        await pilot.pause(0.2)
 
     return before
 

@@ -53,7 +53,7 @@ async def test_the_worst_alarm_is_visible_on_every_screen(fleet: FleetConfig, si
     async with app.run_test(size=size) as pilot:
         for key in ("", "A", "escape", "enter", "escape"):
             await pilot.press(*([key] if key else []))
-            await pilot.pause(0.15)
+            await pilot.pause(0.3)
             assert "mav1: PX4 left OFFBOARD" in lines(app.screen, StatusBar)
 
 
@@ -62,17 +62,17 @@ async def test_an_alarm_is_acknowledged_and_stays_in_the_list_until_it_is_over(f
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=(100, 30)) as pilot:
         await pilot.press("A")
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert isinstance(app.screen, AlarmsScreen)
         listed = lines(app.screen, AlarmList)
         assert listed.index("mav1: PX4 left OFFBOARD") < listed.index("mav2: its loop is late")
         assert "Ask the RC pilot" in listed
         await pilot.press("j", "a")
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert "1 acknowledged" in str(app.screen.query_one(AlarmList).border_title)
         assert "✓" in lines(app.screen, AlarmList)
         await pilot.press("escape", "a")
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert all(line.is_acknowledged for line in app.alarms.lines)
         assert "mav1: PX4 left OFFBOARD" in lines(app.screen, StatusBar)
         client.skew_ns += 100_000_000
@@ -83,7 +83,7 @@ async def test_an_alarm_is_acknowledged_and_stays_in_the_list_until_it_is_over(f
         for name in fleet.enabled_names:
             client.hear(name, position_enu_m=(3.0 * fleet.enabled_names.index(name) - 3.0, 0.0, 1.0))
         await pilot.press("A")
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert "over" in lines(app.screen, AlarmList)
 
 
@@ -95,7 +95,7 @@ async def test_the_bell_rings_once_for_each_new_alarm_and_only_when_wanted(fleet
         async with app.run_test(size=(100, 30)) as pilot:
             for _ in range(10):
                 app.refresh_fleet()
-            await pilot.pause(0.1)
+            await pilot.pause(0.2)
             assert len(rung) == (1 if wanted else 0)
 
 
@@ -103,7 +103,7 @@ async def test_the_cursor_stays_among_the_alarms_and_escape_leads_back(fleet: Fl
     client = alarmed(fleet)
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         await pilot.press("A", *["j"] * 8, *["k"] * 9, "a", "escape")
         assert len(app.screen_stack) == 1
 
@@ -125,7 +125,7 @@ async def test_everything_about_one_vehicle_is_on_its_page_at_every_size(
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=size) as pilot:
         await pilot.press("enter")
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert isinstance(app.screen, VehicleScreen)
         assert client.ticks.followed == "mav0"
         page = app.screen.query_one(VehiclePage)
@@ -133,7 +133,7 @@ async def test_everything_about_one_vehicle_is_on_its_page_at_every_size(
         text = lines(app.screen, VehiclePage)
         for _ in range(5):
             await pilot.press("pagedown")
-            await pilot.pause(0.1)
+            await pilot.pause(0.2)
             text += lines(app.screen, VehiclePage)
         for words in ("does not hear the ground", "landing", "the ground is silent", "avoided", "1.00 for mav1",
                       "asked", "flown", "mav2", "had a thought"):  # fmt: skip
@@ -148,7 +148,7 @@ async def test_why_it_cannot_fly_is_told_with_what_to_do(fleet: FleetConfig) -> 
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("enter")
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert "no mocap" in lines(app.screen, VehiclePage)
         from groundstation import fleet as fleet_state
 
@@ -159,7 +159,7 @@ async def test_why_it_cannot_fly_is_told_with_what_to_do(fleet: FleetConfig) -> 
         )  # fmt: skip
         client.state = fleet_state.fold(client.state, report, client.now_ns())
         app.refresh_fleet()
-        await pilot.pause(0.1)
+        await pilot.pause(0.2)
         text = lines(app.screen, VehiclePage)
         for words in (
             "NO-GO: 1 of 3",
@@ -177,16 +177,16 @@ async def test_the_page_goes_to_the_next_vehicle_and_keys_mean_the_one_that_is_s
     app = ConsoleApp(fleet, client, has_preview=False)
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("space", "space", "enter")  # two are marked, the cursor stands on the third
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert "mav2" in str(app.screen.query_one(VehiclePage).border_title)
         assert app.chosen == ("mav2",)
         await pilot.press("left_square_bracket")
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert "mav1" in str(app.screen.query_one(VehiclePage).border_title)
         await pilot.press("f7")
         assert client.ordered == ["land mav1"]
         await pilot.press("f12")
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert "KILL mav1?" in lines(app.screen, StatusBar)
         await pilot.press("f12")
         await until(pilot, lambda: client.ordered[-1] == "kill mav1")
@@ -202,7 +202,7 @@ async def test_a_silent_vehicles_page_claims_nothing_of_the_present(fleet: Fleet
     async with app.run_test(size=(120, 40)) as pilot:
         client.skew_ns = 5_000_000_000
         await pilot.press("enter")
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert "NO TELEM 5" in str(app.screen.query_one(VehiclePage).border_title)
         assert "no pipeline values" in lines(app.screen, VehiclePage)
         assert "NO TELEM" not in lines(app.screen, StatusBar)
@@ -224,12 +224,12 @@ async def test_strange_values_and_sizes_give_a_page_and_never_a_traceback(
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=size) as pilot:
         await pilot.press("enter")
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert isinstance(app.screen, VehicleScreen)
         await pilot.resize_terminal(20, 5)
-        await pilot.pause(0.1)
+        await pilot.pause(0.2)
         await pilot.resize_terminal(120, 40)
-        await pilot.pause(0.1)
+        await pilot.pause(0.2)
         assert "\x1b" not in lines(app.screen, VehiclePage)
 
 
@@ -317,10 +317,10 @@ async def test_nothing_can_be_ordered_in_a_replay_and_letters_are_letters_on_the
     app = ReplayApp(replay, title="again")
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("colon", *"land all", "enter")
-        await pilot.pause(0.1)
+        await pilot.pause(0.2)
         assert "recorded flight" in app._event_log.sentences[-1]
         await pilot.press("escape", "ctrl+l", "f12", "f12")
-        await pilot.pause(0.1)
+        await pilot.pause(0.2)
         for key in ("escape", "question_mark", "A"):  # no key is named that would do nothing
             await pilot.press(key)
             await pilot.pause(0.2)
@@ -340,7 +340,7 @@ async def test_a_record_that_was_cut_off_says_so_in_the_console(flight: Path, tm
     shutil.copy(RECORDED_FLEET, tmp_path / "fleet.toml")
     app = ReplayApp(replayed(tmp_path), title="half")
     async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert any("cut off" in sentence for sentence in app._event_log.sentences)
         assert "cut off" in app._bar.render_line(0).text
 
@@ -359,9 +359,9 @@ async def test_the_vehicle_page_shows_a_recorded_pipeline_at_once(tmp_path: Path
     replay.is_playing = False
     app = ReplayApp(replay, title="again", at_s=4.0)
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         await pilot.press("enter")
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert "1.00 for mav1, saturated" in lines(app.screen, VehiclePage)
 
 

@@ -36,7 +36,7 @@ async def test_control_is_asked_for_and_taken_by_force_after_silence(rig: Rig) -
     async with rig.app.run_test(size=(120, 30)) as pilot:
         rig.client.tokens.roles.see("operator.1.ground-9.alice", True)
         rig.hover()
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         await pilot.press("colon", *"take control force", "enter")
         assert "Ask alice first" in rig.said
         await pilot.press("colon", *"take control", "enter")
@@ -45,7 +45,7 @@ async def test_control_is_asked_for_and_taken_by_force_after_silence(rig: Rig) -
         rig.hover()
         await pilot.press("colon", *"take control force", "enter")
         rig.hover()
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert rig.client.control.is_operator
         assert rig.line(NoticeLines) == ""
 
@@ -54,16 +54,16 @@ async def test_control_is_asked_for_and_taken_by_force_after_silence(rig: Rig) -
 async def test_the_operator_gives_control_or_keeps_it(rig: Rig, key: str, stays: bool) -> None:
     async with rig.app.run_test(size=(120, 30)) as pilot:
         rig.hover()
-        await pilot.pause(0.1)
+        await pilot.pause(0.2)
         rig.client.skew_ns += int(1e9)
         rig.hover()
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert rig.client.control.is_operator
         await pilot.press(key)
         assert rig.client.control.is_operator, "nobody has asked"
         rig.client.tokens.roles.see("asks.1.ground-9.bob", True)
         rig.hover()
-        await pilot.pause(0.15)
+        await pilot.pause(0.3)
         assert "bob (ground-9) asks for control" in rig.line(NoticeLines)
         await pilot.press(key)
         assert rig.client.control.is_operator is stays

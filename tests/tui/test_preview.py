@@ -115,7 +115,7 @@ async def test_a_fleet_that_moved_meanwhile_is_computed_again_before_anything_is
         assert screen.is_computing
         assert "mav1 has moved: computed again" in str(screen._words.render())
         rig.oracle.told = FINE
-        await pilot.pause(0.1)
+        await pilot.pause(0.2)
         assert rig.oracle.asked[-1]["mav1"].start_enu_m[1] == pytest.approx(0.9, abs=0.02)
         await pilot.press("enter")
         assert len(rig.client.ordered) == 1

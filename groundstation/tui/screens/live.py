@@ -34,7 +34,7 @@ class Dialog(ModalScreen[Answer]):
 
 
 class LiveScreen(Screen[None]):
-    """The console calls :meth:`show_fleet` ten times a second on the screen in front."""
+    """The console calls :meth:`show_fleet` eight times a second on the screen in front."""
 
     def __init__(self, alarms: Alarms) -> None:
         super().__init__()

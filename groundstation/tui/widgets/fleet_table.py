@@ -27,7 +27,7 @@ from groundstation.tui.widgets.fleet_rows import Layout, Marks, draw_row
 from groundstation.tui.widgets.lines import Lines
 from onboard.config import ConfigError, FleetConfig
 
-SORT_S = 1.0  # rows that change places ten times a second cannot be read
+SORT_S = 1.0  # rows that change places many times a second cannot be read
 ALL_MARKED_S = 5.0  # a selection of everybody is forgotten by itself
 BLINK_S, BLINK_PERIOD_S = 4.0, 0.6
 
