@@ -1,8 +1,9 @@
-"""What an agent tells at every tick: state for the neighbours, ticks for the record, telemetry for people."""
+"""What an agent tells at every tick: state and news for the neighbours, ticks for the record, telemetry for people."""
 
 from __future__ import annotations
 
 from onboard.agent import messages
+from onboard.agent.brief import Brief
 from onboard.agent.events import Command, LoopTimed, Publish
 from onboard.agent.flight import Flight
 from onboard.agent.guard import Guard
@@ -42,6 +43,7 @@ class Report:
         self._vehicle, self._boot_id, self._config_hash, self._law = vehicle, boot_id, config_hash, law
         self._own, self._neighbours, self._flight, self._guard = own, neighbours, flight, guard
         self._roles, self._lives = roles, lives
+        self._brief = Brief()
         self._samples: list[TickSample] = []
         self._sequence = 0
         self._shown = (flight.state, flight.step)
@@ -122,4 +124,7 @@ class Report:
                 avoids=avoids,
                 doubles=self._lives.doubled(now_ns),
             )
-            out.insert(0, Publish(Topic.TELEMETRY, telemetry))
+            told: list[Command] = [Publish(Topic.TELEMETRY, telemetry)]
+            if self._brief.is_due(telemetry):
+                told.append(Publish(Topic.BRIEF, telemetry))
+            out[:0] = told

@@ -21,7 +21,6 @@ import numpy as np
 
 from onboard.agent import events as ev
 from onboard.agent import process
-from onboard.agent.brief import Brief
 from onboard.agent.core import AgentCore
 from onboard.agent.notify import Notifier
 from onboard.agent.outbox import Outbox
@@ -82,7 +81,6 @@ class Agent:
         self._clock = ClockNode(self._bus)
         self._inbox: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)  # the newest matter
         self._notices: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)  # few, and none may be pushed out by the others
-        self._brief = Brief()
         self._replies: dict[str, Callable[[OrderReply], None]] = {}
         self._blocking = ThreadPoolExecutor(1, thread_name_prefix="link")
         self._reliable, self._interest = Outbox("bus"), Outbox("interest")
@@ -239,8 +237,6 @@ class Agent:
                         self._reliable.submit(self._bus.publish, topic, self.name, message)
                     else:
                         self._bus.publish(topic, self.name, message)
-                        if isinstance(message, Telemetry) and self._brief.is_due(message):
-                            self._bus.publish(Topic.BRIEF, self.name, message)
                 case ev.SendOdometry(position, quaternion, std_m, resets):
                     self._link.send_odometry(position, quaternion, std_m, resets)
                 case ev.Reply(answer):

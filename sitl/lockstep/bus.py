@@ -183,7 +183,7 @@ class SimBus:
                 heappush(queue, (due_ns, next(count), (sender, node.name), on_message, args))
 
     def read_news(self, node: Node, on_message: OnMessage) -> None:
-        """Let a node hear states and telemetry in bulk, by :meth:`take_news`; over a bad bus one by one, as the others.
+        """Let a node hear what agents tell each other in bulk, by :meth:`take_news`; over a bad bus one by one.
 
         In a big fleet these are nearly all messages, and every node gets the same ones.
         """
@@ -286,7 +286,7 @@ class Node:
     def publish(self, topic: Topic, name: str, message: Message) -> None:
         """Send to all who subscribed."""
         delivery = TOPICS[topic].delivery
-        if topic is Topic.STATE or topic is Topic.TELEMETRY:
+        if topic is Topic.STATE or topic is Topic.BRIEF:
             self.bus.post(self.name, (topic, name, message))
         for key in ((topic, "*"), (topic, name)):
             receivers = self.bus.subscribers.get(key)

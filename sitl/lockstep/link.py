@@ -1,9 +1,10 @@
 """The agents' links to the emulated PX4s, without MAVLink: typed values, but only what a client on the wire would see.
 
-Telemetry comes at the rates that the agent asks for (attitude and local position at 50 Hz, landed state at 10 Hz,
-battery at 2 Hz) and armed and mode once a second, with the heartbeat; everything takes ``delay_s``, both ways. Whether
-a command did anything is only seen in what PX4 reports afterwards. Bytes would cost more than all the rest of the
-flight; packing and unpacking them is tested by the emulator's and the real link's own tests.
+Telemetry comes at the rates that the agent asks for (attitude at 50 Hz, local position at 50 Hz or, beside a motion
+capture, 10 Hz, landed state at 10 Hz, battery at 2 Hz) and armed and mode once a second, with the heartbeat; everything
+takes ``delay_s``, both ways. Whether a command did anything is only seen in what PX4 reports afterwards. Bytes would
+cost more than all the rest of the flight; packing and unpacking them is tested by the emulator's and the real link's
+own tests.
 """
 
 from __future__ import annotations
@@ -16,17 +17,20 @@ from typing import Any, cast
 import numpy as np
 
 from onboard.config import Vehicle
+from onboard.frames import changed_frame_wxyz
 from onboard.link import modes
 from onboard.link.autopilot import Landed, Snapshot, Vec3, Vec4
 from onboard.link.params import differences, required_params
 from onboard.types import AttitudeSetpoint
 from sitl.emulator import Emulator
 from sitl.modes import MODES, Mode
+from sitl.sensors import POSITION_ACCURACY_M
 from sitl.vehicle import STEP_S
 from sitl.view import View
 
 _ATTITUDE_EVERY_STEPS, _ATTITUDE_PHASE_STEPS = 5, 3  # sampled 8 ms before the tick that uses it
 _LANDED_EVERY_STEPS = 25
+_CHECKED_POSITION_EVERY_STEPS = 25  # of who flies by a motion capture
 _BATTERY_EVERY_STEPS = 125
 _HEARTBEAT_EVERY_STEPS = 250
 _HALF_NOISE_RAD = 0.5 * np.radians([0.06, 0.06, 0.11])  # of roll, pitch and yaw on the wire
@@ -121,19 +125,16 @@ class LinkBank:
             strict=True,
         )
         quaternions = [_measured(attitude, yaw_error, noise) for attitude, yaw_error, noise in turns]
-        positions = emulator.estimator.position_ned_m.tolist()
-        velocities = emulator.estimator.velocity_ned_m_s.tolist()
         rows: list[Fields | None] = [
             None
             if emulator.disturbances.is_hung[index]
             else {
                 "quaternion_enu_flu_wxyz": quaternions[index],
                 "px4_boot_ms": round(emulator.clock_s(index) * 1e3),
-                "position_local_ned_m": tuple(positions[index]),
-                "velocity_local_ned_m_s": tuple(velocities[index]),
             }
             for index in range(count)
         ]
+        self._positions(rows, has_checked=frame % _CHECKED_POSITION_EVERY_STEPS == 0)
         for every, sample in (
             (_LANDED_EVERY_STEPS, self._landed),
             (_BATTERY_EVERY_STEPS, self._battery),
@@ -144,6 +145,15 @@ class LinkBank:
                     if row is not None:
                         row.update(sample(index))
         self._down.append((steps + self._delay_steps, rows))
+
+    def _positions(self, rows: Sequence[Fields | None], *, has_checked: bool) -> None:
+        """LOCAL_POSITION_NED of who flies by it, and of the others while ``has_checked``."""
+        positions = self.emulator.estimator.position_ned_m.tolist()
+        velocities = self.emulator.estimator.velocity_ned_m_s.tolist()
+        for row, link, position, velocity in zip(rows, self.links, positions, velocities, strict=True):
+            if row is not None and (has_checked or not link.has_mocap):
+                row["position_local_ned_m"] = tuple(position)
+                row["velocity_local_ned_m_s"] = tuple(velocity)
 
     def _landed(self, index: int) -> Fields:
         return {"landed": Landed(int(self.emulator.autopilots[index].landed))}
@@ -157,6 +167,7 @@ class LinkBank:
         origin = (*view.origin_deg, view.origin_altitude_m) if view.has_origin else None
         return {
             "global_origin": origin,
+            "position_accuracy_m": POSITION_ACCURACY_M,
             "is_armed": autopilot.is_armed,
             "mode": modes.mode_name(MODES[autopilot.mode].custom_mode),
             "is_failsafe": int(autopilot.system_status(self.emulator.clock_s(index))) == modes.STATUS_CRITICAL,
@@ -168,6 +179,7 @@ class EmulatedLink:
 
     def __init__(self, bank: LinkBank, index: int, vehicle: Vehicle) -> None:
         self._bank, self._index, self._vehicle = bank, index, vehicle
+        self.has_mocap = vehicle.mocap_required
         self._fields: Fields = {"system_id": vehicle.system_id}
         self._snapshot: Snapshot | None = Snapshot()
 
@@ -178,7 +190,9 @@ class EmulatedLink:
         now_ns = self._bank.now_ns()
         known = self._fields
         known.update(fields)
-        known["last_packet_ns"] = known["attitude_ns"] = known["local_position_ns"] = now_ns
+        known["last_packet_ns"] = known["attitude_ns"] = now_ns
+        if "position_local_ned_m" in fields:
+            known["local_position_ns"] = now_ns
         if "mode" in fields:
             known["heartbeat_ns"] = now_ns
         if "landed" in fields:
@@ -195,7 +209,8 @@ class EmulatedLink:
 
     def send_attitude(self, setpoint: AttitudeSetpoint) -> None:
         """SET_ATTITUDE_TARGET with attitude and thrust."""
-        q = _px4_attitude(*setpoint.quaternion_wxyz.tolist())
+        w, x, y, z = setpoint.quaternion_wxyz.tolist()
+        q = list(changed_frame_wxyz((w, x, y, z)))
         thrust, take, index = float(setpoint.thrust_frac), self._bank.emulator.attitude_setpoint, self._index
         self._bank.send(index, lambda: take(index, q, _NO_RATES, thrust, _TYPE_MASK_ATTITUDE_AND_THRUST))
 
@@ -228,7 +243,7 @@ class EmulatedLink:
     ) -> None:
         """ODOMETRY with the mocap's position and heading."""
         east, north, up = position_enu_m
-        w, x, y, z = _px4_attitude(*quaternion_enu_flu_wxyz)
+        w, x, y, z = changed_frame_wxyz(quaternion_enu_flu_wxyz)
         yaw_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         take, index = self._bank.emulator.vision, self._index
         self._bank.send(
@@ -255,11 +270,6 @@ class EmulatedLink:
                 command(emulator.autopilots[index], emulator.clock_s(index))
 
         self._bank.send(index, ask)
-
-
-def _px4_attitude(w: float, x: float, y: float, z: float) -> list[float]:
-    """FLU to ENU as FRD to NED, wxyz: ``onboard.frames`` in plain floats."""
-    return [_SQRT_HALF * (w + z), _SQRT_HALF * (x + y), _SQRT_HALF * (x - y), _SQRT_HALF * (w - z)]
 
 
 def _measured(attitude: list[float], yaw_error_rad: float, half_noise_rad: list[float]) -> Vec4:

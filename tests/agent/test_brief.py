@@ -30,7 +30,7 @@ def telemetry() -> Telemetry:
 
 def _told(telemetry: Telemetry, tenths: Iterable[int], **changes: Any) -> list[int]:
     brief = Brief()
-    assert brief.is_due(msgspec.structs.replace(telemetry, stamp_ns=0))
+    assert all(brief.is_due(msgspec.structs.replace(telemetry, stamp_ns=tenth * _TENTH_NS)) for tenth in range(-3, 1))
     return [
         tenth
         for tenth in tenths
@@ -59,6 +59,10 @@ def test_without_news_the_others_hear_it_twice_a_second(telemetry: Telemetry) ->
 )
 def test_what_changes_what_the_others_do_is_told_at_once(telemetry: Telemetry, changes: dict[str, Any]) -> None:
     assert _told(telemetry, range(1, 4), **changes)[0] == 2
+
+
+def test_news_is_told_four_times_for_a_message_may_be_lost(telemetry: Telemetry) -> None:
+    assert _told(telemetry, range(1, 12), order_id="another") == [2, 3, 4, 5, 10]
 
 
 def test_a_goal_that_trembles_is_no_news(telemetry: Telemetry) -> None:
