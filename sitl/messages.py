@@ -13,6 +13,7 @@ from sitl import rotation
 from sitl.battery import EMPTY_MV
 from sitl.mavlink import Encoder
 from sitl.modes import MODES, Mode
+from sitl.sensors import POSITION_ACCURACY_M
 from sitl.signals import SetpointKind
 from sitl.view import HOME_ALTITUDE_M, View
 
@@ -101,7 +102,7 @@ def extended_sys_state(v: View) -> Values:
 
 def estimator_status(v: View) -> Values:
     flags = v.emulator.estimator.flags(v.index, v.emulator.time_s)
-    return (v.boot_us, *((0.1,) * 6), 0.3, 0.3, flags)
+    return (v.boot_us, *((0.1,) * 6), POSITION_ACCURACY_M, POSITION_ACCURACY_M, flags)
 
 
 def mission_current(v: View) -> Values:

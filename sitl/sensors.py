@@ -50,6 +50,7 @@ _YAW_KEEP = math.exp(-PERIOD_S / errors.YAW_CORRELATION_S)
 XY, VXY, Z, VZ, HEADING = range(5)
 _RESETS_AT_START = (2, 2, 2, 2, 1)
 HOME_ALTITUDE_M = 489.4  # of the ground where simulated vehicles start
+POSITION_ACCURACY_M = 0.3  # what ESTIMATOR_STATUS says of the horizontal error, always
 # ESTIMATOR_STATUS.flags. With satellites PX4 adds what is absolute to what it was measured to say with vision.
 _FLAGS = {Source.VISION: 0x1EF, Source.GPS: 0x3FF}
 _FLAGS_RECKONING, _FLAGS_LOST = 0xEF, 0xE5

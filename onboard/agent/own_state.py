@@ -16,6 +16,7 @@ from onboard.bus.codec import is_finite
 from onboard.bus.schema import MocapPose
 from onboard.config import Origin, Vehicle
 from onboard.control import estimate_one as estimate
+from onboard.control.bounds import ACCURACIES
 from onboard.control.estimate import EstimateParams
 from onboard.link.autopilot import Snapshot, Vec3, Vec4
 from onboard.safety.health import Fault, PoseWatch
@@ -26,8 +27,10 @@ _HEADING_TIME_S = 1.0
 _MAX_QUEUE = 8
 _FUTURE_NS = 5_000_000
 _REJECTED_TO_RESTART = 10
-_PX4_POSITION_STD_M = 0.05
+_PX4_POSITION_STD_M = 0.05  # from one sample to the next; it wanders by more, as ACCURACIES say
+_WORST_STD_M = 2.0  # PX4 says any number while it has no position, and then there are no samples either
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
+_SQRT_HALF = math.sqrt(0.5)
 
 
 @dataclass(slots=True)
@@ -51,6 +54,7 @@ class OwnState:
     _has_heading: bool = False
     _local_ns: int = 0
     _local_frame: LocalFrame = field(init=False)
+    _least_std: tuple[float, float] = (0.0, 0.0)  # of position [m] and velocity [m/s]
     _yaw_rad: float = 0.0
 
     def __post_init__(self) -> None:
@@ -133,6 +137,9 @@ class OwnState:
         if snapshot.local_position_ns == self._local_ns:
             return
         self._local_ns = snapshot.local_position_ns
+        told_m = min(snapshot.position_accuracy_m * _SQRT_HALF, _WORST_STD_M)  # of two axes together
+        known = ACCURACIES["gps"]
+        self._least_std = max(known.position_std_m, told_m), known.velocity_std_m_s
         position = self._local_frame.take(snapshot)
         if position is not None:
             self._queue.append((position, self._local_ns, _yaw_rad(snapshot.quaternion_enu_flu_wxyz)))
@@ -178,7 +185,15 @@ class OwnState:
     @property
     def state(self) -> State | None:
         """The estimate as of the last update; None before the first sample."""
-        return None if self._memory is None else estimate.state(self._memory, self._yaw_rad)
+        if self._memory is None:
+            return None
+        position_std_m, velocity_std_m_s = self._least_std
+        return estimate.state(
+            self._memory,
+            self._yaw_rad,
+            least_position_std_m=position_std_m,
+            least_velocity_std_m_s=velocity_std_m_s,
+        )
 
 
 # onboard/frames.py has these for arrays; for four numbers plain floats are ten times as fast, and a test compares them

@@ -212,14 +212,19 @@ def _remembered(memory: OneMemory, age_s: float) -> Vec3 | None:
     return x + share * (u - x), y + share * (v - y), z + share * (w - z)
 
 
-def state(memory: OneMemory, yaw_rad: float = 0.0) -> State:
-    """The estimate as the pipeline takes it: propagated to now (age 0), with its accuracy per axis."""
+def state(
+    memory: OneMemory, yaw_rad: float = 0.0, *, least_position_std_m: float = 0.0, least_velocity_std_m_s: float = 0.0
+) -> State:
+    """The estimate as the pipeline takes it: propagated to now (age 0), with its accuracy per axis.
+
+    least_...: what the samples are wrong by for longer than the filter remembers, so that it cannot know.
+    """
     return State(
         np.array(memory.position_enu_m),
         np.array(memory.velocity_enu_m_s),
         np.array(memory.acceleration_enu_m_s2),
         np.array(yaw_rad),
         np.zeros(()),
-        np.array(math.sqrt(memory.covariance[0])),
-        np.array(math.sqrt(memory.covariance[3])),
+        np.array(max(math.sqrt(memory.covariance[0]), least_position_std_m)),
+        np.array(max(math.sqrt(memory.covariance[3]), least_velocity_std_m_s)),
     )

@@ -35,7 +35,8 @@ class Snapshot(Struct, frozen=True):
 
     quaternion_enu_flu_wxyz: PX4's own attitude, so its heading may differ from the fleet's. position_local_ned_m and
     velocity_local_ned_m_s are in PX4's own local frame; global_origin is where that lies: latitude and longitude in
-    degrees, altitude in metres. px4_boot_ms: PX4's clock, to see it stand still. sensors_enabled,
+    degrees, altitude in metres; position_accuracy_m is what PX4 holds for the horizontal error of its own position, one
+    standard deviation, 0 before it says so. px4_boot_ms: PX4's clock, to see it stand still. sensors_enabled,
     sensors_healthy: bits of SYS_STATUS.
     """
 
@@ -46,6 +47,7 @@ class Snapshot(Struct, frozen=True):
     position_local_ned_m: Vec3 = (0.0, 0.0, 0.0)
     velocity_local_ned_m_s: Vec3 = (0.0, 0.0, 0.0)
     local_position_ns: int = 0
+    position_accuracy_m: float = 0.0
     global_origin: Vec3 | None = None
     px4_boot_ms: int = 0
     heartbeat_ns: int = 0

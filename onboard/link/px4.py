@@ -36,7 +36,8 @@ _TYPE_MASK_ATTITUDE_AND_THRUST = 7
 _FRAME_LOCAL_NED, _FRAME_LOCAL_FRD_VELOCITY = 1, 12
 _ESTIMATOR_TYPE_VISION = 2
 _LOCAL_POSITION_NED = 32
-_RATES_HZ = {31: 50.0, 245: 10.0, 147: 2.0}  # ATTITUDE_QUATERNION, EXTENDED_SYS_STATE, BATTERY_STATUS
+# ATTITUDE_QUATERNION, EXTENDED_SYS_STATE, BATTERY_STATUS, ESTIMATOR_STATUS
+_RATES_HZ = {31: 50.0, 245: 10.0, 147: 2.0, 230: 1.0}
 # Nobody here listens to two thirds of what PX4 tells a companion by itself, and each message costs: GPS_RAW_INT,
 # ATTITUDE, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, VFR_HUD, targets, HIGHRES_IMU, DISTANCE_SENSOR, ALTITUDE, ODOMETRY
 _UNHEARD = (24, 30, 33, 36, 74, 83, 85, 87, 105, 132, 141, 331)
@@ -363,6 +364,12 @@ def _local_position(f: dict[str, Any], now_ns: int) -> dict[str, Any]:
     return {"position_local_ned_m": position, "velocity_local_ned_m_s": velocity, "local_position_ns": now_ns}
 
 
+def _estimator_status(f: dict[str, Any], _: int) -> dict[str, Any]:
+    accuracy_m = f["pos_horiz_accuracy"]
+    is_told = isinstance(accuracy_m, float) and math.isfinite(accuracy_m) and accuracy_m >= 0.0
+    return {"position_accuracy_m": accuracy_m} if is_told else {}
+
+
 def _global_origin(f: dict[str, Any], _: int) -> dict[str, Any]:
     return {"global_origin": (f["latitude"] * 1e-7, f["longitude"] * 1e-7, f["altitude"] * 1e-3)}
 
@@ -404,6 +411,7 @@ _HANDLERS = {
     "HEARTBEAT": _heartbeat,
     "ATTITUDE_QUATERNION": _attitude,
     "LOCAL_POSITION_NED": _local_position,
+    "ESTIMATOR_STATUS": _estimator_status,
     "EXTENDED_SYS_STATE": _extended_state,
     "GPS_GLOBAL_ORIGIN": _global_origin,
     "BATTERY_STATUS": _battery,

@@ -95,7 +95,11 @@ def link(fleet_file: Path) -> Iterator[Px4Link]:
 
 def test_the_snapshot_fills_with_everything_that_the_agent_reads(link: Px4Link) -> None:
     seen = wait_for(
-        link, lambda s: min(s.heartbeat_ns, s.attitude_ns, s.local_position_ns, s.landed_ns) > 0 and s.battery_frac > 0
+        link,
+        lambda s: (
+            min(s.heartbeat_ns, s.attitude_ns, s.local_position_ns, s.landed_ns) > 0
+            and min(s.battery_frac, s.position_accuracy_m) > 0.0
+        ),
     )
     assert seen.system_id == 3
     assert seen.landed is Landed.ON_GROUND
