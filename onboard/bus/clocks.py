@@ -75,8 +75,9 @@ class Clocks:
             return
         low = message.sent_ns - received_ns
         peer = self._peers.get(message.node)
-        if peer is None or peer.host != message.host:
-            peer = Peer(message.host, message.sent_ns, received_ns, low, received_ns)  # another boot is another clock
+        if peer is None or peer.host != message.host or message.host == self.host:
+            # another boot is another clock, and of our own there is nothing to measure
+            peer = Peer(message.host, message.sent_ns, received_ns, low, received_ns)
         elif low >= peer.bounds_ns(received_ns)[0]:
             peer = replace(peer, low_ns=low, low_at_ns=received_ns)
         if message.sent_ns > peer.sent_ns:
