@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from groundstation.missions.api import NotReady, OrderFailed
-from groundstation.proc import Usage, has_precedence, usage
+from groundstation.proc import Usage, busy_share, has_precedence, processor_times, usage
 from groundstation.processes import ProcessError, leaves_room
 from groundstation.stage import EMULATOR, Stage, fleet_data
 from onboard.bus.schema import Message, TickBatch
@@ -38,6 +38,7 @@ NEAR_SPACING_M, FAR_SPACING_M = 1.5, 6.0  # up to 10 all follow each other; more
 _SETTLE_S = 4.0
 _STEP_M = 0.4
 _REST_S = 1.0
+_FULL = 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +111,23 @@ class Counts:
 
 
 async def measure(count: int, seconds: float, folder: Path, *, is_realtime: bool = True) -> Result:
-    """Fly ``count`` agents and measure for ``seconds``."""
+    """Fly ``count`` agents and measure for ``seconds``.
+
+    Raises:
+        ProcessError, NotReady, OrderFailed: they did not get as far; the first when the processors are the reason.
+    """
+    before = processor_times()
+    try:
+        return await _measure(count, seconds, folder, is_realtime=is_realtime)
+    except (NotReady, OrderFailed) as error:
+        share = busy_share(before, processor_times())
+        if share < _FULL:
+            raise
+        sentence = f"All {os.cpu_count()} processors were busy ({100 * share:.0f} %), too few for so many agents."
+        raise ProcessError(f"{sentence} {error}") from error
+
+
+async def _measure(count: int, seconds: float, folder: Path, *, is_realtime: bool) -> Result:
     spacing_m = NEAR_SPACING_M if count <= 10 else FAR_SPACING_M
     data = fleet_data(count, spacing_m, "agents")
     extra = ["--realtime"] if is_realtime and leaves_room(count) else []

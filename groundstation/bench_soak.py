@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from groundstation.missions.api import NotReady, OrderFailed
-from groundstation.proc import usage
+from groundstation.proc import busy_share, processor_times, usage
 from groundstation.processes import ProcessError
 from groundstation.stage import Stage, fleet_data
 from onboard.bus.schema import Message, TickBatch
@@ -183,20 +183,13 @@ async def _fly(stage: Stage, seconds: float) -> tuple[int, list[str]]:
 
 async def _watch_machine(watcher: Watcher) -> None:
     """Share of all processors that was busy, every second."""
-    before = _jiffies()
+    before = processor_times()
     while True:
         await asyncio.sleep(1.0)
-        now = _jiffies()
-        total, idle = now[0] - before[0], now[1] - before[1]
-        before = now
+        now = processor_times()
         at_s = (time.monotonic_ns() - watcher.begin_ns) * 1e-9
-        watcher.busy.append((at_s, 1.0 - idle / max(1, total)))
-
-
-def _jiffies() -> tuple[int, int]:
-    """All and idle time of all processors so far."""
-    numbers = [int(word) for word in Path("/proc/stat").read_text(encoding="ascii").split("\n", 1)[0].split()[1:]]
-    return sum(numbers[:8]), numbers[3] + numbers[4]
+        watcher.busy.append((at_s, busy_share(before, now)))
+        before = now
 
 
 def draw(found: Soak, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What a process costs, as the kernel counts it (Linux): processor time, memory, context switches."""
+"""What a process costs, as the kernel counts it (Linux): processor time and memory; and how busy the machine is."""
 
 from __future__ import annotations
 
@@ -37,6 +37,17 @@ def usage(pid: int) -> Usage | None:
         rss_mib=int(fields[21]) * page / _MIB,
         own_mib=kib.get("RssAnon", 0) / 1024.0,
     )
+
+
+def processor_times() -> tuple[int, int]:
+    """All and idle time of all processors so far, in the kernel's ticks."""
+    numbers = [int(word) for word in Path("/proc/stat").read_text(encoding="ascii").split("\n", 1)[0].split()[1:]]
+    return sum(numbers[:8]), numbers[3] + numbers[4]
+
+
+def busy_share(before: tuple[int, int], after: tuple[int, int]) -> float:
+    """Share of all processors that was busy between two :func:`processor_times`."""
+    return 1.0 - (after[1] - before[1]) / max(1, after[0] - before[0])
 
 
 def has_precedence(pid: int) -> bool:
