@@ -214,7 +214,7 @@ class AgentCore:
         if late is None and order.kind == "hold" and self.flight.state == "failed":
             not_ready = self.readiness.reasons_in_air(view, self._hover_frac)
             return takeover.refusal(view, not_ready, self._distances, self.fleet)
-        return orders.refusal(
+        refusal = orders.refusal(
             order,
             view.now_ns,
             flight=self.flight,
@@ -224,6 +224,7 @@ class AgentCore:
             others=self.neighbours.telemetries(),
             fleet=self.fleet,
         )
+        return self.guard.move_refusal() if refusal is None and order.kind == "move" else refusal
 
     def _begin(self, order: Order, view: View) -> None:
         flight = self.flight

@@ -80,6 +80,13 @@ class Guard:
         """An operator's order begins: it decides how the vehicle flies from here on."""
         self.action = Action.GO_ON
 
+    def move_refusal(self) -> str | None:
+        """Why nobody is to be sent anywhere now: what holds asks for more than to be slow; None when nothing does."""
+        asked, condition = decide(Situation.FLYING, self.conditions - {Condition.ORDER_OVERDUE})
+        if condition is None or asked < Action.HOLD:
+            return None
+        return f"{self._sentence(condition, asked)} Order it again when that is over."
+
     def told(self) -> tuple[tuple[str, ...], str]:
         """Conditions and action in words, for telemetry."""
         return tuple(condition.value for condition in in_order(self.conditions)), WORDS[self.action]

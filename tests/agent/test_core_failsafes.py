@@ -119,6 +119,24 @@ def test_outside_the_fence_it_holds_inside_and_then_lands() -> None:
     assert rig.core.flight.goal_position_enu_m[0] < 4.0
 
 
+def test_nobody_is_sent_anywhere_while_the_table_asks_to_hold_and_anywhere_again_afterwards() -> None:
+    rig = Rig()
+    rig.fly()
+    there = rig.position.copy()
+    rig.position = np.array([4.1, 0.0, 1.0])
+    rig.core.own._memory, rig.core.own.watch = None, PoseWatch()
+    rig.run(0.2)
+    answer = rig.order("move", position_enu_m=(1.0, 0.0, 1.0))
+    assert not answer.is_accepted
+    assert "Geofence crossed" in answer.reason
+    assert "Order it again" in answer.reason
+    assert rig.core.flight.state == "holding"
+    rig.position, rig.velocity = there, np.zeros(3)
+    rig.core.own._memory, rig.core.own.watch = None, PoseWatch()
+    rig.run(0.5)
+    assert rig.order("move", position_enu_m=(1.0, 0.0, 1.0)).is_accepted
+
+
 def test_a_stalled_loop_holds_and_a_long_one_leaves_the_landing_to_px4() -> None:
     rig = Rig()
     rig.fly()
