@@ -37,7 +37,8 @@ _UNDER_GROUND_M = 0.10
 _CONTACT_HEIGHT_M, _CONTACT_M_S, _CONTACT_S = 0.06, 0.10, 0.3
 _STALLED_M, _STALLED_M_S, _STALLED_S = 0.30, 0.05, 1.5
 _DISARM_AFTER_S = 4.0
-_LEG_LIMIT_S, _LANDING_LIMIT_S, _CONTACT_LIMIT_S, _PX4_LIMIT_S, _HOLD_LIMIT_S = 30.0, 20.0, 15.0, 60.0, 15.0
+_LEG_LIMIT_S, _LANDING_LIMIT_S, _CONTACT_LIMIT_S, _PX4_LIMIT_S, _HOLD_LIMIT_S = 30.0, 20.0, 8.0, 60.0, 15.0
+_RISEN_M = 0.5  # of a landing: more than giving way, or the end of a climb, takes it up
 _PATIENCE = 3.0  # times the duration that a way would take alone
 _REST_S = 0.3
 
@@ -59,6 +60,7 @@ class Flight(Telling):
     _is_disarming: bool = False
     _goal_duration_s: float = 0.0
     _goal_sequence: int = 0
+    _lowest_m: float = math.inf
     _step_ns: int = 0
     _steady_ns: int = 0
     _last_ask_ns: int = 0
@@ -98,11 +100,15 @@ class Flight(Telling):
         """Whether a heartbeat without the armed flag means that somebody stopped the motors in the air."""
         return self.step in (Step.LIFTOFF, Step.CLIMB, Step.LEG, Step.ARRIVED)
 
-    def is_overdue(self, view: View) -> bool:
-        """Whether a move or a landing takes so much longer than alone that something is wrong."""
-        if self.step not in (Step.LEG, Step.DESCENT):
-            return False
-        return (view.now_ns - self._since_ns) * 1e-9 > self._limit_s
+    def overdue(self, view: View) -> str | None:
+        """What shows that a move or a landing does not get on, or "" when only the time does; None while it does."""
+        risen_m = view.position_enu_m[2] - self._lowest_m
+        if self.step in (Step.DESCENT, Step.CONTACT) and view.has_position and risen_m > _RISEN_M:
+            return f"it has risen by {risen_m:.2f} m"
+        if self.step is Step.CONTACT and self._seconds(view) > _CONTACT_LIMIT_S:
+            return "PX4 does not see that it is down"
+        is_late = (view.now_ns - self._since_ns) * 1e-9 > self._limit_s
+        return "" if self.step in (Step.LEG, Step.DESCENT) and is_late else None
 
     def goal(self) -> Goal:
         """For guidance; the same value as long as nothing has changed."""
@@ -176,7 +182,7 @@ class Flight(Telling):
         self._replace_order(view, order, reason)
         if self.step is Step.PX4:
             return
-        self.state, self.reason = "landing", reason
+        self.state, self.reason, self._lowest_m = "landing", reason, math.inf
         x, y, _ = stop_point(view, self.vehicle, self.fleet)
         height_m = max(0.0, view.position_enu_m[2] - self.ground_z_m)
         braking_s = 2.0 * math.hypot(*view.velocity_enu_m_s) / self.vehicle.max_acceleration_m_s2
@@ -332,7 +338,7 @@ class Flight(Telling):
             sentence = "The vehicle did not leave the ground: check propellers, battery and hover_thrust_frac."
             self.finish(view, "failed", sentence)
             self.say(view, "critical", "no-liftoff", sentence)
-            self.state, self.reason = "landing", sentence
+            self.state, self.reason, self._lowest_m = "landing", sentence, math.inf
             self._enter(Step.CONTACT, view)
 
     def _climb(self, view: View) -> None:
@@ -351,6 +357,7 @@ class Flight(Telling):
 
     def _descend(self, view: View) -> None:
         height, sink = view.position_enu_m[2] - self.ground_z_m, abs(view.velocity_enu_m_s[2])
+        self._lowest_m = min(self._lowest_m, view.position_enu_m[2])
         low = height < _CONTACT_HEIGHT_M and sink < _CONTACT_M_S
         overdue = self._seconds(view) > self._goal_duration_s + 1.0
         stalled = overdue and sink < _STALLED_M_S and height < _STALLED_M
@@ -369,9 +376,7 @@ class Flight(Telling):
         if not view.snapshot.is_armed and self._told(view) and view.is_on_ground:
             self._landed(view)
             return
-        if self._seconds(view) > _CONTACT_LIMIT_S:
-            what = "armed" if view.snapshot.is_armed else "in the air, as PX4 says"
-            self.finish(view, "timed out", f"Down, but still {what}: disarm it from the transmitter, or order kill.")
+        self._lowest_m = min(self._lowest_m, view.position_enu_m[2])
         if self._seconds(view) > _DISARM_AFTER_S:
             self._ask(view, Disarm())
 

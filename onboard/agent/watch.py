@@ -215,8 +215,9 @@ class Watch:
             found.add(c.TWIN)
         if doing.is_disk_full:
             found.add(c.DISK_FULL)
-        if self.flight.is_overdue(view):
-            self._tell(found, c.ORDER_OVERDUE, self.others.held_up_by(self.flight.goal_position_enu_m, view))
+        overdue = self.flight.overdue(view)
+        if overdue is not None:
+            self._tell(found, c.ORDER_OVERDUE, overdue or self.others.held_up_by(self.flight.goal_position_enu_m, view))
 
     def _space(self, found: set[Condition], view: View) -> None:
         c = Condition

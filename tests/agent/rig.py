@@ -54,6 +54,8 @@ class Rig:
     heading_error_rad: float = 0.0
     accepts_offboard: bool = True
     accepts_arm: bool = True
+    sees_ground: bool = True  # False: PX4 does not notice that it is down
+    obeys: bool = True  # False: PX4 takes setpoints and keeps to the last one that it obeyed
     has_mocap: bool = True
     has_autopilot: bool = True
     has_bus: bool = True  # False: poses come by another wire, nothing else is heard
@@ -107,7 +109,7 @@ class Rig:
                 self._heartbeat = (now, self.is_armed, self.mode)
             on_ground = self.position[2] <= 1e-6
             self._on_ground_ns = (self._on_ground_ns or now) if on_ground else 0
-            landed = on_ground and (not self.is_armed or now - self._on_ground_ns > 2_200_000_000)
+            landed = on_ground and self.sees_ground and (not self.is_armed or now - self._on_ground_ns > 2_200_000_000)
             if landed and self.is_armed and self._has_flown and now - self._on_ground_ns > 4_200_000_000:
                 self.is_armed = False
             self._snapshot = replace(
@@ -155,7 +157,7 @@ class Rig:
             self.sent.append((self.now_ns, command))
             match command:
                 case ev.SendAttitude(setpoint):
-                    self._setpoint = setpoint
+                    self._setpoint = setpoint if self.obeys else self._setpoint
                     self._last_setpoint_ns = self.now_ns
                 case ev.SetOffboard() if self.accepts_offboard:
                     self.mode = "OFFBOARD"

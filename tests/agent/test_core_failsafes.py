@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from onboard.agent import events as ev
+from onboard.agent.steps import Step
 from onboard.agent.watch import BUS_LOST_S
 from onboard.safety.health import PoseWatch
 from onboard.types import AttitudeSetpoint
@@ -107,6 +108,24 @@ def test_a_low_battery_lands() -> None:
     assert rig.core.flight.state == "landing"
     rig.until("landed")
     assert any("Battery" in event.sentence for event in rig.events)
+
+
+@pytest.mark.parametrize("thrust_of_hover", [1.05, 0.9])
+def test_a_landing_that_rises_again_or_that_px4_does_not_see_is_left_to_px4(thrust_of_hover: float) -> None:
+    rig = Rig()
+    rig.fly()
+    rig.order("land")
+    while rig.core.flight.step is not Step.CONTACT:
+        rig.step()
+    rig.obeys = False
+    assert rig._setpoint is not None
+    rig._setpoint = AttitudeSetpoint(rig._setpoint.quaternion_wxyz, np.asarray(thrust_of_hover * HOVER))
+    rig.sees_ground = False
+    rig.run(9.0)
+    assert rig.mode == "LAND"
+    assert any("risen" in event.sentence or "does not see" in event.sentence for event in rig.events)
+    rig.sees_ground = True
+    rig.until("landed")
 
 
 def test_outside_the_fence_it_holds_inside_and_then_lands() -> None:
