@@ -14,12 +14,13 @@ import os
 import queue
 import stat
 import sys
+import threading
 
 _MAX_LINES = 2000
 # Who waits for Python's lock gets it within this time: longer than a tick takes, so that the tick need not hand it over
 # to a callback halfway and wait for a thread that has no precedence; short beside the period, whoever else computes.
 _SWITCH_S = 0.002
-_REALTIME_PRIORITY = 10
+_REALTIME_PRIORITY, _HELPERS_PRIORITY = 10, 5
 _LEAST_FREE_BYTES = 50_000_000
 
 
@@ -74,9 +75,13 @@ def is_disk_full() -> bool:
 def take_precedence() -> str:
     """Let the calling thread run before everything else on this machine; a sentence that says whether it may.
 
-    The threads that it starts from now on do not: what they do may wait.
+    The other threads that there are come next: one that has Python's lock and waits for a processor holds up the loop,
+    however first that is. Threads that start from now on do not: what they do may wait.
     """
     try:
+        for thread in {int(name) for name in os.listdir("/proc/self/task")} - {threading.get_native_id()}:
+            with contextlib.suppress(ProcessLookupError):  # it has just ended
+                os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(_HELPERS_PRIORITY))
         policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
         os.sched_setscheduler(0, policy, os.sched_param(_REALTIME_PRIORITY))
     except (OSError, AttributeError) as error:

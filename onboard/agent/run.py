@@ -107,6 +107,8 @@ class Agent:
             self._core.readiness.is_warm = True
             process.settle()
             if self._is_realtime:
+                for submit in (self._blocking.submit, self._reliable.submit, self._interest.submit):
+                    submit(int)  # nothing, but their threads are there now, and have their part in the precedence
                 log.info("%s", process.take_precedence())
             place = self.vehicle.index / max(1, len(self.fleet.vehicles))
             ticker = self._ticker = Ticker(PERIOD_NS, self._tick, offset_ns=int(place * PERIOD_NS))

@@ -161,17 +161,23 @@ def test_a_reader_of_the_log_that_hangs_does_not_hold_up_who_logs() -> None:
             process.kill()
 
 
-def test_the_loop_goes_first_where_it_may_and_what_it_starts_later_does_not() -> None:
+def test_the_loop_goes_first_where_it_may_its_helpers_next_and_what_it_starts_later_does_not() -> None:
     program = """
 import os, threading
 from onboard.agent import process
+there, end = threading.Event(), threading.Event()
+before = threading.Thread(target=lambda: (there.set(), end.wait()))
+before.start(); there.wait()
 said, found = process.take_precedence(), []
-threads = [threading.Thread(target=lambda: found.append(os.sched_getscheduler(0)))]
-threads[0].start(); threads[0].join()
+after = threading.Thread(target=lambda: found.append(os.sched_getscheduler(0)))
+after.start(); after.join()
 own = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
-print(own == os.SCHED_FIFO, found == [os.SCHED_OTHER], said)
+is_next = 0 < os.sched_getparam(before.native_id).sched_priority < os.sched_getparam(0).sched_priority
+end.set()
+print(own == os.SCHED_FIFO, is_next, found == [os.SCHED_OTHER], said)
 """
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=30.0, check=True)
-    has_it, others_do_not, said = ended.stdout.split(" ", 2)
+    has_it, helpers_are_next, others_do_not, said = ended.stdout.split(" ", 3)
     assert others_do_not == "True"
+    assert helpers_are_next == has_it
     assert said.startswith("The loop runs with real-time priority" if has_it == "True" else "The loop runs without")
