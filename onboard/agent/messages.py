@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from msgspec.structs import replace
+
 from onboard.agent.events import LoopTimed
 from onboard.agent.flight import Flight
+from onboard.agent.second_opinion import STD_M, STD_M_S
 from onboard.agent.steps import View
 from onboard.bus.operator import Roles
 from onboard.bus.schema import StateMessage, Telemetry, TickSample, Vec3, Vec4
@@ -63,6 +66,27 @@ def state_message(
         velocity_std_m_s=float(state.velocity_std_m_s),
         crowd_count=float(law.crowd_count),
         intent_enu_m_s=vec3(law.intent_enu_m_s),
+    )
+
+
+def by_px4(told: StateMessage, position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> StateMessage:
+    """The same from a vehicle that has no pose and whose PX4 lands it: where PX4 believes it to be, and no promise."""
+    still = 0.0, 0.0, 0.0
+    return replace(
+        told,
+        is_valid=True,
+        is_cooperative=False,
+        position_enu_m=position_enu_m,
+        velocity_enu_m_s=velocity_enu_m_s,
+        acceleration_enu_m_s2=still,
+        predicted_position_enu_m=position_enu_m,
+        predicted_velocity_enu_m_s=velocity_enu_m_s,
+        commanded_acceleration_enu_m_s2=still,
+        lead_time_s=0.0,
+        position_std_m=STD_M,
+        velocity_std_m_s=STD_M_S,
+        crowd_count=0.0,
+        intent_enu_m_s=velocity_enu_m_s,
     )
 
 

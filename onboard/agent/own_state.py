@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from onboard.agent.local_frame import LocalFrame
+from onboard.agent.second_opinion import SecondOpinion
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import MocapPose
 from onboard.config import Origin, Vehicle
@@ -27,6 +28,7 @@ _HEADING_TIME_S = 1.0
 _MAX_QUEUE = 8
 _FUTURE_NS = 5_000_000
 _REJECTED_TO_RESTART = 10
+_BELIEVED_S = 0.1
 _PX4_POSITION_STD_M = 0.05  # from one sample to the next; it wanders by more, as ACCURACIES say
 _WORST_STD_M = 2.0  # PX4 says any number while it has no position, and then there are no samples either
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -38,7 +40,7 @@ class OwnState:
     """Estimate of one vehicle; ``update`` once a tick, samples whenever they come.
 
     ignored_samples: mocap samples that were not finite, repeated, out of order, from the future or not believable.
-    watch: what is wrong with the mocap's samples of this body.
+    watch: what is wrong with the mocap's samples of this body. second: where PX4 believes to be, beside a mocap.
     """
 
     vehicle: Vehicle
@@ -46,6 +48,7 @@ class OwnState:
     ignored_samples: int = 0
     heading_offset_rad: float = 0.0
     watch: PoseWatch = field(default_factory=PoseWatch)
+    second: SecondOpinion = field(default_factory=SecondOpinion)
     _params: EstimateParams = field(init=False)
     _memory: estimate.OneMemory | None = None
     _queue: list[tuple[Vec3, int, float]] = field(default_factory=list)
@@ -86,7 +89,13 @@ class OwnState:
             self.ignored_samples += 1
             return False
         self._newest = (pose.boot_id, pose.sequence, pose.stamp_ns)
-        fault = self.watch.hear(pose.position_enu_m, pose.quaternion_enu_flu_wxyz, pose.stamp_ns, received_ns)
+        fault = self.watch.hear(
+            pose.position_enu_m,
+            pose.quaternion_enu_flu_wxyz,
+            pose.stamp_ns,
+            received_ns,
+            is_contradicted=self.second.contradicts(pose.position_enu_m, received_ns),
+        )
         if fault is not Fault.NONE:
             self.ignored_samples += 1
             return False
@@ -124,6 +133,9 @@ class OwnState:
             if self.vehicle.mocap_required:
                 self._follow_heading(yaw_rad, snapshot, dt_s)
         self._queue.clear()
+        if self.vehicle.mocap_required:
+            is_believed = not self.jumps and self.age_s < _BELIEVED_S
+            self.second.look(snapshot, self.position_enu_m if is_believed else None, now_ns)
 
     def _follow_heading(self, yaw_rad: float, snapshot: Snapshot, dt_s: float) -> None:
         if snapshot.attitude_ns == 0:

@@ -74,6 +74,9 @@ class Report:
             is_airborne=is_airborne,
             is_cooperative=view.has_position and flight.gives_way(view) and self._guard.is_obeyed,
         )
+        left = None if view.has_position else self._own.second.place(now_ns)
+        if left is not None:
+            state = messages.by_px4(state, *left)
         out.append(Publish(Topic.STATE, state))
         if is_slow(self._sequence):
             out.append(Publish(Topic.FAR, state))

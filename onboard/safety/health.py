@@ -84,11 +84,19 @@ class PoseWatch:
         """Whether samples come later than they should."""
         return self.delay_s > self.bounds.late_after_s
 
-    def hear(self, position_enu_m: Vec3, quaternion_wxyz: Vec4, stamp_ns: int, received_ns: int) -> Fault:
+    def hear(
+        self,
+        position_enu_m: Vec3,
+        quaternion_wxyz: Vec4,
+        stamp_ns: int,
+        received_ns: int,
+        *,
+        is_contradicted: bool = False,
+    ) -> Fault:
         """Judge one sample; a faulty one does not move the expectation.
 
         The reach grows with the time since the last believed sample, so that a body that really is elsewhere after a
-        gap is believed again.
+        gap is believed again; after a jump only when no other source contradicts.
         """
         bounds = self.bounds
         delay_s = (received_ns - stamp_ns) * 1e-9
@@ -119,7 +127,8 @@ class PoseWatch:
             reach_m = 6.0 * noise_m + min(0.5 * bounds.max_acceleration_m_s2 * gap_s, bounds.max_speed_m_s) * gap_s
             cosine = abs(sum(map(mul, quaternion_wxyz, self._quaternion)))  # of half the angle between both
             turn_rad = min(_NOISE_RAD + bounds.max_turn_rad_s * gap_s, math.pi)
-            if miss_m > reach_m or cosine < math.cos(0.5 * turn_rad):
+            is_doubted = self.jumps > 0 and is_contradicted
+            if is_doubted or miss_m > reach_m or cosine < math.cos(0.5 * turn_rad):
                 self.jumps += 1
                 self.jumped_to_enu_m = position_enu_m
                 return Fault.JUMPED

@@ -130,7 +130,7 @@ class LinkBank:
             if emulator.disturbances.is_hung[index]
             else {
                 "quaternion_enu_flu_wxyz": quaternions[index],
-                "px4_boot_ms": round(emulator.clock_s(index) * 1e3),
+                "px4_boot_ms": round((emulator.clock_s(index) - emulator.autopilots[index].boot_time_s) * 1e3),
             }
             for index in range(count)
         ]

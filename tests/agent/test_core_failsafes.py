@@ -36,7 +36,9 @@ def test_a_lost_position_means_level_for_half_a_second_then_px4_lands_and_silenc
     assert rig.count(ev.Px4Land, lost_ns) >= 1
     assert rig.core.flight.state == "landing"
     assert rig.state is not None
-    assert not rig.state.is_valid
+    assert not rig.state.is_cooperative
+    assert rig.telemetry is not None
+    assert not rig.telemetry.is_position_valid
     rig.until("landed")
 
 

@@ -8,6 +8,7 @@ Judged by ground truth and by what left the agents, not by what they say of them
 from __future__ import annotations
 
 import argparse
+import contextlib
 import functools
 import math
 import time
@@ -20,6 +21,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from groundstation.missions.api import OrderFailed
 from groundstation.missions.files import Mission, mission_from_mapping
 from onboard.agent.steps import Step
 from onboard.bus.schema import Truth
@@ -245,9 +247,11 @@ def fly(case: Case) -> Outcome:
         flight.fly(mission_of(case.count))
         flight.bus.heal()
         flight.run(1.0)
-        airborne = [name for name, shell in flight.agents.items() if shell.core.flight.situation is Situation.FLYING]
+        up = [name for name, shell in flight.agents.items() if shell.core.flight.situation is Situation.FLYING]
+        airborne = [name for name in up if flight.agents[name].ticks]
         if airborne:
-            flight.land(",".join(airborne))
+            with contextlib.suppress(OrderFailed):  # who is not down at the end is found below
+                flight.land(",".join(airborne))
         names = list(flight.simulation.names)
         px4s = flight.simulation.emulator.autopilots
         flight.until(
