@@ -30,7 +30,7 @@ _FUTURE_NS = 5_000_000
 _REJECTED_TO_RESTART = 10
 _BELIEVED_S = 0.1
 _PX4_POSITION_STD_M = 0.05  # from one sample to the next; it wanders by more, as ACCURACIES say
-_WORST_STD_M = 2.0  # PX4 says any number while it has no position, and then there are no samples either
+_WORST_STD_M = 0.5  # a margin for more would push the others out of the fence
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 _SQRT_HALF = math.sqrt(0.5)
 

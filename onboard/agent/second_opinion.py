@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 from onboard.link.autopilot import Landed, Snapshot, Vec3
 
-STD_M, STD_M_S = 0.3, 0.3  # of its position and velocity in the first seconds without poses
+STD_M, STD_M_S = 0.3, 0.3  # told to the others: a margin for more would push them out of the fence
 _FRESH_S = 0.25  # it comes at 10 Hz
 _TRUSTED_S = 8.0  # without poses it is dead reckoning; by then most vehicles are down
-_AGREES_M = 0.3
+# How wrong it may be: at first, and more with the time without poses. Real ones were off by 0.5 to 1.3 m after 6 s.
+_WRONG_M, _WORSE_M_S2 = 0.3, 0.02
 _LEARN_S = 1.0
 _NS = 1e-9
 
@@ -31,7 +32,8 @@ class SecondOpinion:
     _velocity_m_s: Vec3 = (0.0, 0.0, 0.0)
     _stamp_ns: int = 0
     _is_up: bool = False
-    _lies_m: Vec3 | None = None  # where it came down unbelieved, in the fleet's frame
+    _lies_m: Vec3 | None = None  # where it came down unbelieved, in the fleet's frame, after so long without poses
+    _blind_s: float = 0.0
 
     def look(self, snapshot: Snapshot, believed_enu_m: Vec3 | None, now_ns: int) -> None:
         """Once a tick; ``believed_enu_m``: where the vehicle is while its poses are believed."""
@@ -40,7 +42,7 @@ class SecondOpinion:
             self._lies_m = None
         elif self._is_up:
             place = self.place(now_ns)
-            self._lies_m = None if place is None else place[0]
+            self._lies_m, self._blind_s = (None if place is None else place[0]), (now_ns - self._learned_ns) * _NS
         self._is_up = is_up
         if snapshot.local_position_ns == self._stamp_ns:
             return
@@ -53,7 +55,7 @@ class SecondOpinion:
         x, y, z = believed_enu_m
         found = east - x, north - y, -down - z
         known, share = self._offset_m, min(1.0, dt_s / _LEARN_S)
-        if known is None or math.dist(found, known) > _AGREES_M:  # PX4 has moved its origin
+        if known is None or math.dist(found, known) > _WRONG_M:  # PX4 has moved its origin
             self._offset_m = found
         else:
             a, b, c = known
@@ -73,4 +75,6 @@ class SecondOpinion:
     def contradicts(self, position_enu_m: Vec3, now_ns: int) -> bool:
         """Whether PX4 believes to be somewhere else."""
         place = self.place(now_ns)
-        return place is not None and math.dist(place[0], position_enu_m) > _AGREES_M
+        blind_s = self._blind_s if self._lies_m is not None else (now_ns - self._learned_ns) * _NS
+        wrong_m = _WRONG_M + _WORSE_M_S2 * blind_s * blind_s
+        return place is not None and math.dist(place[0], position_enu_m) > wrong_m

@@ -151,7 +151,11 @@ RULES: tuple[Rule, ...] = (
         "fast.",
         "No failsafe refuses take-off.",
         {
-            "holds": Fault("{conditions}.", "It goes with its cause; docs/failsafe.md says what each one means."),
+            "holds": Fault(
+                "{conditions}.",
+                "It goes with its cause; docs/failsafe.md says what each one means. After a pose that jumped in flight: "
+                "look at the body's markers, then start this agent anew.",
+            ),
         },
         judge.failsafe,
     ),

@@ -49,8 +49,8 @@ def test_px4s_own_position_is_never_called_better_than_satellites_are() -> None:
 
 
 def test_when_px4_says_that_it_is_worse_it_is_believed_up_to_a_limit() -> None:
-    assert _stood(False, 1.0)[0] == pytest.approx(0.707, abs=1e-3)
-    assert _stood(False, 1e6)[0] == 2.0
+    assert _stood(False, 0.6)[0] == pytest.approx(0.424, abs=1e-3)
+    assert _stood(False, 1e6)[0] == 0.5
 
 
 def test_a_motion_captures_samples_speak_for_themselves_whatever_px4_says() -> None:

@@ -171,8 +171,8 @@ _SILENT = _f(C.NEIGHBOUR_SILENT, C.NEIGHBOUR_UNSEEN, C.NEIGHBOUR_STALE)
 INJECTIONS: tuple[Injection, ...] = (
     Injection("mocap lost for good", _fault("mocap_lost"), _f(*_POSITION), is_silenced=True, may_leave_fence=True),
     Injection("mocap lost for 0.35 s", _fault("mocap_lost", 0.35), _f(*_POSITION)),
-    Injection("mocap jumps for 0.4 s", _fault("mocap_jump", 0.4, east_m=1.0), _f(C.POSITION_JUMPED)),
-    Injection("mocap jumps for good", _fault("mocap_jump", north_m=-0.8), _f(C.POSITION_JUMPED, *_POSITION),
+    Injection("mocap jumps for 0.4 s", _fault("mocap_jump", 0.4, east_m=1.0), _f(C.POSITION_JUMPED, C.MOCAP_SWAPPED)),
+    Injection("mocap jumps for good", _fault("mocap_jump", north_m=-0.8), _f(C.POSITION_JUMPED, C.MOCAP_SWAPPED, *_POSITION),
               is_silenced=True, may_leave_fence=True),
     Injection("mocap swaps two", _swap(1.0), _f(C.MOCAP_SWAPPED, C.POSITION_JUMPED, *_POSITION), is_silenced=True,
               may_leave_fence=True),
