@@ -232,7 +232,7 @@ class Watch:
             found.add(c.CEILING)
         if self.lasting(c.FENCE_BREACH, is_over or is_above, view.now_ns)[1] > _FENCE_LONG_S:
             found.add(c.FENCE_BREACH_LONG)
-        should_be_up = self.flight.state in ("flying", "holding") and view.has_position
+        should_be_up = self.flight.situation is Situation.FLYING and view.has_position
         is_down = should_be_up and view.position_enu_m[2] < _DOWN_HEIGHT_M
         if self.lasting(c.FALLEN, is_down, view.now_ns)[1] > _DOWN_LONG_S:
             found.add(c.FALLEN)

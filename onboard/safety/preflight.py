@@ -153,8 +153,8 @@ RULES: tuple[Rule, ...] = (
         {
             "holds": Fault(
                 "{conditions}.",
-                "It goes with its cause; docs/failsafe.md says what each one means. After a pose that jumped in flight: "
-                "look at the body's markers, then start this agent anew.",
+                "It goes with its cause; docs/failsafe.md says what each one means. After a pose that jumped in "
+                "flight: look at the body's markers, then start this agent anew.",
             ),
         },
         judge.failsafe,
