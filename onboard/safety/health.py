@@ -15,6 +15,7 @@ Vec3 = tuple[float, float, float]
 Vec4 = tuple[float, float, float, float]
 
 _LATE_SHARE = 0.2  # of a new sample in the low-passed delay: five samples
+_ON_ITS_WAY_M, _ON_ITS_WAY_S = 0.3, 0.5  # a single wild sample must not cost the good ones after it
 _NOISE_SHARE = 0.05
 _VELOCITY_SHARE = 0.3
 _NOISE_RAD = 0.3
@@ -127,7 +128,8 @@ class PoseWatch:
             reach_m = 6.0 * noise_m + min(0.5 * bounds.max_acceleration_m_s2 * gap_s, bounds.max_speed_m_s) * gap_s
             cosine = abs(sum(map(mul, quaternion_wxyz, self._quaternion)))  # of half the angle between both
             turn_rad = min(_NOISE_RAD + bounds.max_turn_rad_s * gap_s, math.pi)
-            is_doubted = self.jumps > 0 and is_contradicted
+            is_on_its_way = miss_m < _ON_ITS_WAY_M and gap_s < _ON_ITS_WAY_S
+            is_doubted = self.jumps > 0 and is_contradicted and not is_on_its_way
             if is_doubted or miss_m > reach_m or cosine < math.cos(0.5 * turn_rad):
                 self.jumps += 1
                 self.jumped_to_enu_m = position_enu_m

@@ -28,7 +28,8 @@ def circle(tick: int, rng: np.random.Generator, noise_m: float = 0.003) -> tuple
 def hear(watch: PoseWatch, tick: int, position: tuple[float, float, float], **changes: object) -> Fault:
     stamp_ns = int(changes.pop("stamp_ns", START_NS + tick * TICK_NS))  # type: ignore[call-overload]
     received_ns = int(changes.pop("received_ns", stamp_ns + TICK_NS))  # type: ignore[call-overload]
-    return watch.hear(position, changes.pop("attitude", LEVEL), stamp_ns, received_ns)  # type: ignore[arg-type]
+    attitude, is_contradicted = changes.pop("attitude", LEVEL), bool(changes.pop("is_contradicted", False))
+    return watch.hear(position, attitude, stamp_ns, received_ns, is_contradicted=is_contradicted)  # type: ignore[arg-type]
 
 
 def settled(ticks: int = 100, seed: int = 0, noise_m: float = 0.003) -> tuple[PoseWatch, np.random.Generator]:
@@ -59,6 +60,23 @@ def test_a_jump_is_called_one_at_its_first_sample_and_leaves_the_expectation(way
     assert watch.jumped_to_enu_m == (x + way_m, y, z)
     assert hear(watch, 101, circle(101, rng)) is Fault.NONE
     assert watch.jumps == 0
+
+
+def test_after_a_jump_for_good_the_new_place_is_believed_only_where_nobody_contradicts() -> None:
+    for is_contradicted in (True, False):
+        watch, rng = settled()
+        faults = []
+        for tick in range(100, 250):
+            x, y, z = circle(tick, rng)
+            faults.append(hear(watch, tick, (x + 1.0, y - 1.0, z), is_contradicted=is_contradicted))
+        assert (faults[-1] is Fault.JUMPED) == is_contradicted
+
+
+def test_a_single_wild_sample_costs_none_of_the_good_ones_after_it_whatever_another_source_says() -> None:
+    watch, rng = settled()
+    assert hear(watch, 100, (9.0, 9.0, 1.0)) is Fault.JUMPED
+    for tick in range(101, 110):
+        assert hear(watch, tick, circle(tick, rng), is_contradicted=True) is Fault.NONE
 
 
 def test_a_jump_that_lasts_is_three_in_a_row_within_a_tenth_of_a_second() -> None:
