@@ -232,7 +232,14 @@ def _code(condition: Condition) -> str:
 
 
 def fly(case: Case) -> Outcome:
-    """Fly one case."""
+    """Fly one case; an error of the flight is what is wrong with it, and not the end of all others."""
+    try:
+        return _fly(case)
+    except Exception as error:  # noqa: BLE001 - whatever it is
+        return Outcome(case, [f"ends with {type(error).__name__}: {error}"])
+
+
+def _fly(case: Case) -> Outcome:
     injection = next(one for one in INJECTIONS if one.name == case.injection)
     outcome = Outcome(case)
     with Lockstep(fleet_of(case.count), seed=case.tick) as flight:
