@@ -30,6 +30,7 @@ class Injection:
         is_silenced: whether the vehicle stops avoiding, so that its pairs are reported by themselves.
         is_cut_off: whether the ground may not hear why until it is over.
         may_leave_fence: PX4 flies it alone, or nobody does.
+        is_falling: it tumbles to the ground faster than anybody can go aside; who flies above it has not been touched.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Injection:
     is_silenced: bool = False
     is_cut_off: bool = False
     may_leave_fence: bool = False
+    is_falling: bool = False
 
 
 def _fault(kind: str, duration_s: float = 0.0, **parameters: float | str) -> Inject:
@@ -220,6 +222,6 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection("motor weak", _fault("motor_weak", 3.0, motor=2.0, effectiveness=0.85)),
     Injection("motor dead", _fault("motor_dead", motor=1.0),
               _f(C.ATTITUDE_NOT_FOLLOWED, C.NOT_CLIMBING, C.FALLEN, C.DISARMED, C.PX4_FAILSAFE, C.LEFT_OFFBOARD),
-              is_silenced=True, may_leave_fence=True),
+              is_silenced=True, may_leave_fence=True, is_falling=True),
     Injection("PX4's own vision lost", _fault("vision_lost", 3.0)),
 )  # fmt: skip

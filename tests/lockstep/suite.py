@@ -273,8 +273,9 @@ def _fly(case: Case) -> Outcome:
             outcome.seen.update({condition.value: ticks for condition, ticks in counts.items()})
         outcome.min_separation_m, outcome.min_silenced_m = judge.smallest[False], judge.smallest[True]
         body_m = flight.config.fleet.body_diameter_m
-        if min(judge.smallest.values()) < body_m:
-            outcome.wrong.append(f"bodies touch: {min(judge.smallest.values()):.2f} m")
+        nearest_m = judge.smallest[False] if injection.is_falling else min(judge.smallest.values())
+        if nearest_m < body_m:
+            outcome.wrong.append(f"bodies touch: {nearest_m:.2f} m")
     return outcome
 
 
