@@ -74,10 +74,15 @@ class Canvas:
         if not 0 <= row < self.height:
             return
         kind = _index(colour, bold)
+        line = self._chars[row]
         for char in text:
             width = get_character_cell_size(char)
             if width and column >= 0 and column + width <= self.width:
-                self._chars[row, column : column + width] = [ord(char), _TAIL][:width]
+                if line[column] == _TAIL:  # half of a wide character would be left
+                    line[column - 1] = _SPACE
+                if column + width < self.width and line[column + width] == _TAIL:
+                    line[column + width] = _SPACE
+                line[column : column + width] = [ord(char), _TAIL][:width]
                 self.colours[row, column : column + width] = kind
             column += width
 

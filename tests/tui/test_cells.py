@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
@@ -43,6 +44,14 @@ def test_a_picture_is_as_wide_as_it_is_whatever_is_written_on_it(texts: list[tup
         canvas.text(column, row, look.clean(text), look.TEXT)
     assert [strip.cell_length for strip in canvas.strips()] == [width] * 4
     assert [cell_len(strip.text) for strip in canvas.strips()] == [width] * 4
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_half_of_a_wide_character_is_not_left_beside_what_covers_the_other(place: int) -> None:
+    canvas = Canvas(4, 1)
+    canvas.text(0, 0, "\u4e2d\u4e2d", look.TEXT)
+    canvas.text(1 + place, 0, "x", look.TEXT)
+    assert canvas.strips()[0].text == (" x\u4e2d", "\u4e2dx ")[place]
 
 
 @SOME
