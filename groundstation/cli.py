@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from onboard.config import ConfigError
+from onboard.config.fleet import ConfigError
 
 EXIT_OK, EXIT_WRONG_INPUT, EXIT_INTERRUPTED = 0, 2, 130
 LAWS = ("covey", "paper", "off")
@@ -22,30 +22,33 @@ EXIT_HELP = (
 # commands with a command line of their own: what `covey --help` says of them, and whose main() takes the words after
 _PASSED_ON = {
     "sitl": ("emulated PX4s for a fleet file", "sitl.server"),
-    "agent": ("one vehicle's agent", "onboard.agent.__main__"),
+    "agent": ("one vehicle's agent", "onboard.agent.main"),
     "mocap": ("the relay from a motion capture to the fleet's bus", "onboard.mocap.__main__"),
-    "preflight": ("go or no-go of every vehicle, check by check", "groundstation.preflight"),
-    "px4": ("PX4's parameters: what this fleet needs and why, read and set", "groundstation.px4"),
-    "check": ("whether fleet or mission files are right and can be flown", "groundstation.check"),
-    "simulate": ("the law over many perturbed flights, seeded", "sitl.campaign.cli"),
+    "preflight": ("go or no-go of every vehicle, check by check", "groundstation.client.preflight_page"),
+    "px4": ("PX4's parameters: what this fleet needs and why, read and set", "groundstation.commands.px4"),
+    "check": ("whether fleet or mission files are right and can be flown", "groundstation.commands.check"),
+    "simulate": ("the law over many perturbed flights, seeded", "sitl.monte_carlo.command"),
     "sitl-check": ("whether a MAVLink endpoint behaves as a real PX4", "sitl.conformance.__main__"),
-    "sitl-truth": ("ground truth of real PX4s with SIH, for verdicts", "sitl.truth"),
-    "identify": ("a vehicle's lag, drag, hover throttle and lean, flown or from a record", "groundstation.identify"),
-    "order": ("one order to a flying fleet, from a shell or a script", "groundstation.give"),
-    "plot": ("figures of a recorded flight", "groundstation.plot"),
-    "replay": ("a recorded flight in the console", "groundstation.replay"),
-    "web": ("the console in a browser of this machine", "groundstation.web.command"),
+    "sitl-truth": ("ground truth of real PX4s with SIH, for verdicts", "sitl.sih_truth"),
+    "identify": (
+        "a vehicle's lag, drag, hover throttle and lean, flown or from a record",
+        "groundstation.commands.identify",
+    ),
+    "order": ("one order to a flying fleet, from a shell or a script", "groundstation.commands.order"),
+    "plot": ("figures of a recorded flight", "groundstation.commands.plot"),
+    "replay": ("a recorded flight in the console", "groundstation.recording.replay"),
+    "web": ("the console in a browser of this machine", "groundstation.commands.web"),
 }
 _BENCHES = {
-    "lockstep": ("how much faster than time flights in lockstep are, and where the time goes", "sitl.lockstep.bench"),
-    "demo": ("fly the demo several times and write a table", "groundstation.bench"),
-    "console": ("what the console costs and how quickly it answers", "groundstation.bench_console"),
-    "sitl": ("what the emulated PX4s cost", "sitl.bench"),
-    "responses": ("the emulator beside PX4: steps, closed loop, errors", "sitl.response_page"),
-    "silence": ("how soon the wire to PX4 is silent after an agent hangs", "tests.silence.bench"),
-    "agents": ("period, processor and memory of agents in flight", "groundstation.bench_agents"),
-    "soak": ("memory, orders and late ticks of a long flight", "groundstation.bench_soak"),
-    "law": ("the law beside other methods, and without each of its ideas", "tests.peers.bench"),
+    "lockstep": ("how much faster than time flights in lockstep are, and where the time goes", "tests.bench.lockstep"),
+    "demo": ("fly the demo several times and write a table", "tests.bench.demo"),
+    "console": ("what the console costs and how quickly it answers", "tests.bench.console"),
+    "sitl": ("what the emulated PX4s cost", "tests.bench.sitl"),
+    "responses": ("the emulator beside PX4: steps, closed loop, errors", "tests.bench.responses"),
+    "silence": ("how soon the wire to PX4 is silent after an agent hangs", "tests.bench.silence.bench"),
+    "agents": ("period, processor and memory of agents in flight", "tests.bench.agents"),
+    "soak": ("memory, orders and late ticks of a long flight", "tests.bench.soak"),
+    "law": ("the law beside other methods, and without each of its ideas", "tests.bench.peers.bench"),
 }
 _BUS_OPTIONS = {
     "delay_s": ("shortest time from sender to receiver", 0.001),
@@ -155,7 +158,7 @@ def _fly(options: argparse.Namespace) -> int:
 
 
 def _flight(options: argparse.Namespace, mission: str, *, is_simulated: bool, has_free_ports: bool) -> int:
-    from groundstation.flight import Flight, clock_say, prepare
+    from groundstation.commands.flight import Flight, clock_say, prepare
 
     if options.seed < 0:
         raise ConfigError(f"--seed is {options.seed}; it must be 0 or more.")
@@ -179,7 +182,7 @@ def _flight(options: argparse.Namespace, mission: str, *, is_simulated: bool, ha
 
 
 def _lockstep(options: argparse.Namespace, mission: str, bus: dict[str, float]) -> int:
-    from groundstation.flight import prepare
+    from groundstation.commands.flight import prepare
     from sitl.lockstep.bus import BusSettings
     from sitl.lockstep.command import fly_mission
 
@@ -198,10 +201,10 @@ def _lockstep(options: argparse.Namespace, mission: str, bus: dict[str, float]) 
 
 
 def _tui(options: argparse.Namespace) -> int:
-    from groundstation.client import FleetClient
-    from groundstation.tui.app import run_console
-    from groundstation.watching import Watching
-    from onboard.config import load_fleet
+    from groundstation.client.client import FleetClient
+    from groundstation.client.read_only import Watching
+    from groundstation.console.app import run_console
+    from onboard.config.fleet import load_fleet
 
     fleet = load_fleet(options.fleet)
     if not (sys.stdout.isatty() or "TEXTUAL_DRIVER" in os.environ):  # in a browser the page is the terminal

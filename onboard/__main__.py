@@ -2,7 +2,7 @@
 
 import sys
 
-from onboard.agent.__main__ import main
+from onboard.agent.main import main
 
 if __name__ == "__main__":
     sys.exit(main())

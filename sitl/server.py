@@ -18,15 +18,17 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 
-from onboard.bus.clock_node import ClockNode
+from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import FaultOrder, MocapPose, OrderReply, Truth
 from onboard.bus.session import BusError, BusSession
 from onboard.bus.topics import Topic
-from onboard.config import ConfigError, FleetConfig, Vehicle, load_fleet
-from sitl import faults
-from sitl.emulator import Emulator, Environment, VehicleSpec
-from sitl.endpoints import (
+from onboard.config.fleet import ConfigError, FleetConfig, Vehicle, load_fleet
+from sitl.emulator.emulator import Emulator, Environment, VehicleSpec
+from sitl.emulator.mocap import Mocap, MocapSettings
+from sitl.faults import catalogue
+from sitl.faults.catalogue import Fault, FaultError
+from sitl.mavlink.endpoints import (
     GROUND_STATION,
     Address,
     Ports,
@@ -39,13 +41,11 @@ from sitl.endpoints import (
     read_all,
     station_of,
 )
-from sitl.faults import Fault, FaultError
-from sitl.mocap import Mocap, MocapSettings
-from sitl.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ
-from sitl.vehicle import STEP_S, VehicleProfile
-from sitl.wind import WindSettings
-from sitl.wired_link import WiredLink
-from sitl.world import SpawnError
+from sitl.mavlink.lossy_link import WiredLink
+from sitl.mavlink.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ
+from sitl.physics.contacts import SpawnError
+from sitl.physics.vehicle import STEP_S, VehicleProfile
+from sitl.physics.wind import WindSettings
 
 EXIT_OK, EXIT_WRONG_INPUT = 0, 2
 # A busy machine holds the process up now and then: up to this much it catches up (below PX4's shortest COM_OF_LOSS_T in
@@ -89,7 +89,7 @@ def answer_fault(emulator: Emulator, order: FaultOrder | Malformed) -> OrderRepl
     try:
         if not 0.0 <= order.after_s <= 1e6:
             raise FaultError(f"{order.fault}: after_s is {order.after_s:g}; it must be 0 or more.")
-        taken = faults.check(fault, names) if order.is_rehearsal else emulator.inject(fault)
+        taken = catalogue.check(fault, names) if order.is_rehearsal else emulator.inject(fault)
     except FaultError as error:
         return OrderReply(order_id=order.order_id, vehicle=order.vehicle, is_accepted=False, reason=str(error))
     return OrderReply(order_id=order.order_id, vehicle=order.vehicle, is_accepted=True, reason=taken.sentence)
@@ -327,7 +327,7 @@ def _take_precedence() -> None:
 
 class _ListFaults(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        print(faults.listing())
+        print(catalogue.listing())
         parser.exit(EXIT_OK)
 
 
@@ -382,7 +382,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         ground_station = _station(fleet, names, arguments.gcs, is_wanted=not arguments.no_gcs)
         environment = _environment(arguments)
-        injected = [faults.parse(line) for line in arguments.fault]
+        injected = [catalogue.parse(line) for line in arguments.fault]
     except (StartError, FaultError) as error:
         print(f"sitl: {error}", file=sys.stderr, flush=True)
         return EXIT_WRONG_INPUT

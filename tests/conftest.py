@@ -12,19 +12,18 @@ import pytest
 _HERE = Path(__file__).parent
 # folders and files whose tests wait for real processes, real time or a terminal
 _REAL_TIME = (
-    "agent/test_process.py",
-    "agent/test_service.py",
-    "bus",
+    "bench/silence",
     "clients",
     "flight",
-    "groundstation/test_processes.py",
-    "groundstation/test_px4_params.py",
-    "link",
-    "mocap/test_relay.py",
-    "silence",
-    "sitl/test_sitl_server.py",
+    "groundstation/commands/test_px4.py",
+    "groundstation/console/test_terminal.py",
+    "groundstation/processes/test_supervisor.py",
+    "onboard/bus",
+    "onboard/mocap/test_relay.py",
+    "onboard/process",
+    "onboard/px4",
     "sitl/test_mavsdk_client.py",
-    "tui/test_terminal.py",
+    "sitl/test_server.py",
 )
 
 

@@ -6,13 +6,13 @@ import asyncio
 import math
 from collections.abc import Callable, Sequence
 
-from groundstation.client import FleetClient
-from groundstation.fleet import FleetState
-from groundstation.handle import VehicleResult
+from groundstation.client.client import FleetClient
+from groundstation.fleet.state import FleetState
 from groundstation.missions.verdict import Arrival, StepResult, is_landed, smallest
-from groundstation.orders import DEFAULT_HEIGHT_M, Intent, OrderError
+from groundstation.orders.grammar import DEFAULT_HEIGHT_M, Intent, OrderError
+from groundstation.orders.result import VehicleResult
 from onboard.bus.schema import Vec3
-from onboard.config import ConfigError, FleetConfig
+from onboard.config.fleet import ConfigError, FleetConfig
 
 READY_STATES = ("ready", "landed", "armed", "flying", "holding")
 ARRIVED_M = 0.15

@@ -9,8 +9,8 @@ from typing import Any, Literal, cast
 
 import msgspec
 
-from groundstation.orders import Intent, plan
-from onboard.config import ConfigError, FleetConfig, Vec3, check_schema, convert, load_fleet, read_toml
+from groundstation.orders.grammar import Intent, plan
+from onboard.config.fleet import ConfigError, FleetConfig, Vec3, check_schema, convert, load_fleet, read_toml
 
 Names = str | list[str]
 

@@ -9,13 +9,13 @@ import traceback
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from groundstation.client import FaultRefused, FleetClient
-from groundstation.fleet import FleetState
+from groundstation.client.client import FaultRefused, FleetClient
+from groundstation.client.preflight_page import advice_of
+from groundstation.fleet.state import FleetState
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
 from groundstation.missions.files import ExpectStep, FaultStep, Mission, WaitStep, intent_of
 from groundstation.missions.verdict import Flown, Verdict, check, is_landed, judge, smallest
-from groundstation.preflight import advice_of
-from onboard.config import ConfigError
+from onboard.config.fleet import ConfigError
 
 LAND_TIMEOUT_S = 40.0
 READY_TIMEOUT_SIM_S = 60.0  # for the first step, when emulator and agents start with the mission

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from groundstation.fleet import FleetState, Separation
+from groundstation.fleet.state import FleetState, Separation
 from groundstation.missions.files import Expect
 from groundstation.recording.report import PERIOD_NOMINAL_MS, FlightReport
-from onboard.config import FleetConfig
+from onboard.config.fleet import FleetConfig
 
 EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT, EXIT_NO_ANSWER, EXIT_MIXED, EXIT_INTERRUPTED = 0, 1, 2, 10, 50, 130
 

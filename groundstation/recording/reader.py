@@ -15,7 +15,7 @@ from mcap.stream_reader import StreamReader
 from zstandard import ZstdError
 
 from groundstation.recording.writer import RECORD_NAME
-from onboard.config import ConfigError
+from onboard.config.fleet import ConfigError
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.fleet import Separation
+from groundstation.fleet.state import Separation
 from groundstation.recording.reader import read
 
 MAX_GAP_S = 0.25

@@ -23,7 +23,7 @@ import zstandard
 from groundstation.recording.channels import KINDS, REPLY, from_json
 from groundstation.recording.reader import record_path
 from onboard.bus.schema import Event, Message
-from onboard.config import ConfigError
+from onboard.config.fleet import ConfigError
 
 MAX_EVENTS = 20_000
 MAX_CHUNK_BYTES = 256 * 1024 * 1024

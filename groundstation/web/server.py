@@ -22,7 +22,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 from textual_serve.app_service import AppService
 from textual_serve.download_manager import DownloadManager
 
-from onboard.config import ConfigError
+from onboard.config.fleet import ConfigError
 
 MAX_PAGES = 12
 MAX_CELLS = 1000

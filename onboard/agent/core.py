@@ -11,8 +11,16 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from onboard.agent import messages, orders, takeover
-from onboard.agent.events import (
+from onboard.agent import messages
+from onboard.agent.telemetry import Report
+from onboard.autopilot import Landed, Snapshot, Vec3
+from onboard.bus.authority import Roles
+from onboard.bus.schema import Order, OrderReply, StateMessage
+from onboard.bus.topics import Topic
+from onboard.config.fleet import FleetConfig
+from onboard.control import pipeline
+from onboard.control.pipeline import Phase, PipelineMemory
+from onboard.events import (
     AutopilotHeard,
     Command,
     DiskChecked,
@@ -33,27 +41,20 @@ from onboard.agent.events import (
     TickFailed,
     WatchBodies,
 )
-from onboard.agent.flight import Flight
-from onboard.agent.guard import Guard
-from onboard.agent.interest import CHOOSE_TICKS
-from onboard.agent.neighbours import NeighbourTable
-from onboard.agent.odometry import OdometryFeed
-from onboard.agent.own_state import OwnState
-from onboard.agent.readiness import Readiness
-from onboard.agent.report import Report
-from onboard.agent.response import ResponseWatch
-from onboard.agent.steps import Step, View
-from onboard.agent.watch import PERIOD_S, POSITION_LOST_S, Doing
-from onboard.bus.operator import Roles
-from onboard.bus.schema import Order, OrderReply, StateMessage
-from onboard.bus.topics import Topic
-from onboard.config import FleetConfig
-from onboard.control import pipeline
-from onboard.control.pipeline import Phase, PipelineMemory
-from onboard.link.autopilot import Landed, Snapshot, Vec3
-from onboard.link.params import required_params
-from onboard.safety.failsafe import Action, Situation
-from onboard.safety.wire import is_sendable
+from onboard.flight import order_checks, takeover
+from onboard.flight.state_machine import Flight
+from onboard.flight.types import Step, View
+from onboard.localization.odometry_forwarding import OdometryFeed
+from onboard.localization.own_state import OwnState
+from onboard.neighbours.subscription import CHOOSE_TICKS
+from onboard.neighbours.table import NeighbourTable
+from onboard.px4.required_params import required_params
+from onboard.safety.failsafe_table import Action, Situation
+from onboard.safety.setpoint_check import is_sendable
+from onboard.supervision.conditions import PERIOD_S, POSITION_LOST_S, Doing
+from onboard.supervision.failsafe_executor import Guard
+from onboard.supervision.model_mismatch_reporter import ResponseWatch
+from onboard.supervision.preflight_reporter import Readiness
 from onboard.types import AttitudeSetpoint, Goal, Neighbours, State, Tick
 
 _CONFLICT_CHECK_S = 0.6
@@ -210,11 +211,11 @@ class AgentCore:
         return [Reply(reply), *self._drain()]
 
     def _refusal(self, order: Order, view: View) -> str | None:
-        late = orders.late_sentence(order, view.now_ns)
+        late = order_checks.late_sentence(order, view.now_ns)
         if late is None and order.kind == "hold" and self.flight.state == "failed":
             not_ready = self.readiness.reasons_in_air(view, self._hover_frac)
             return takeover.refusal(view, not_ready, self._distances, self.fleet)
-        refusal = orders.refusal(
+        refusal = order_checks.refusal(
             order,
             view.now_ns,
             flight=self.flight,
@@ -236,7 +237,7 @@ class AgentCore:
             case "arm":
                 flight.begin_start(view, order, None)
             case "takeoff":
-                height = orders.DEFAULT_HEIGHT_M if order.height_m is None else order.height_m
+                height = order_checks.DEFAULT_HEIGHT_M if order.height_m is None else order.height_m
                 flight.begin_start(view, order, height)
             case "move":
                 assert order.position_enu_m is not None
@@ -416,7 +417,7 @@ class AgentCore:
         if flight.step is not Step.LEG or flight.order is None:
             return
         # By now all vehicles of the same order have announced their goals; before, a swap looked like a conflict.
-        sentence = orders.goal_conflict(
+        sentence = order_checks.goal_conflict(
             flight.goal_position_enu_m, self.neighbours.telemetries(), self.fleet.fleet.safety_distance_m
         )
         if sentence is not None:

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 
 from msgspec.structs import replace
 
-from onboard.agent.events import LoopTimed
-from onboard.agent.flight import Flight
-from onboard.agent.second_opinion import STD_M, STD_M_S
-from onboard.agent.steps import View
-from onboard.bus.operator import Roles
+from onboard.bus.authority import Roles
 from onboard.bus.schema import StateMessage, Telemetry, TickSample, Vec3, Vec4
-from onboard.config import Vehicle
+from onboard.config.fleet import Vehicle
+from onboard.events import LoopTimed
+from onboard.flight.state_machine import Flight
+from onboard.flight.types import View
+from onboard.localization.px4_position_check import STD_M, STD_M_S
 from onboard.types import Array, LawStatus, Tick
 
 

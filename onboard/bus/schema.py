@@ -250,7 +250,7 @@ class HeardClock(msgspec.Struct, frozen=True, array_like=True):
 
 
 class ClockMessage(Message, frozen=True, array_like=True, kw_only=True):
-    """A node's monotonic clock, and what it heard of the others': twice a second, ``onboard/bus/clocks.py``.
+    """A node's monotonic clock, and what it heard of the others': twice a second, ``onboard/bus/clock_offsets.py``.
 
     host: what shares one clock has the same; another boot is another host.
     """

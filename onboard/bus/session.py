@@ -17,7 +17,7 @@ import zenoh
 from onboard.bus.codec import Malformed, decode, encode
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
 from onboard.bus.topics import TOPICS, Delivery, Topic, key, topic_and_name
-from onboard.foreign import keep_thread_state
+from onboard.native_threads import keep_thread_state
 
 LEASE_MS = 1000
 # One thread for all of the network: by itself zenoh has one that is told of what has arrived and wakes up another that
@@ -267,7 +267,7 @@ class BusSession:
         )
 
     def claim(self, token: str) -> None:
-        """Be seen under another name too, as long as this node lives: a role, see :mod:`onboard.bus.operator`."""
+        """Be seen under another name too, as long as this node lives: a role, see :mod:`onboard.bus.authority`."""
         if token not in self._claims:
             self._claims[token] = self._open.liveliness().declare_token(key(self.namespace, Topic.ALIVE, token))
 

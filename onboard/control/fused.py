@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from onboard.control import compiled, guidance, oist
-from onboard.control.disturbance import ObserverMemory
-from onboard.control.hover_thrust import HoverThrustMemory
-from onboard.control.prediction import CommandHistory
+from onboard.avoidance import oist
+from onboard.avoidance.prediction import CommandHistory
+from onboard.control import trajectory
+from onboard.estimation.disturbance_observer import ObserverMemory
+from onboard.estimation.hover_thrust import HoverThrustMemory
+from onboard.rollout import compiled
 from onboard.types import (
     GRAVITY_M_S2,
     Array,
@@ -103,7 +105,7 @@ def step(
     if known is None:
         return None
     # which way a row goes must not depend on the other rows: a batch of one, and rows with a new leg, go through here
-    leg = guidance.planned(leg, goal, params=params.guidance)
+    leg = trajectory.planned(leg, goal, params=params.guidance)
     flat = compiled.flat
     slots, kept = observer.commands_enu_m_s2.shape[-2], law.history.duration_s.shape[-1]
     history = flat(law.history.acceleration_enu_m_s2, size, 3 * kept), flat(law.history.duration_s, size, kept)
@@ -142,7 +144,7 @@ def step(
     thrust, acceleration, command = sent.reshape(3, *shape, 3)
     relaxed, held_s, throttle, cos_tilt, activity, moved = told.reshape(6, *shape)
     after = type(memory)(
-        guidance.GuidanceMemory(*way, *scalars[:2], elapsed, np.clip(clock, 0.0, 1.0), leg.sequence),
+        trajectory.GuidanceMemory(*way, *scalars[:2], elapsed, np.clip(clock, 0.0, 1.0), leg.sequence),
         oist.LawMemory(
             CommandHistory(recorded[0].reshape(*shape, kept, 3), recorded[1].reshape(*shape, kept)), relaxed, held_s
         ),

@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from onboard.avoidance.kernels import HUGE, MAX_MESSAGE_AGE_S, held_on
 from onboard.control import kernel_motion as motion
 from onboard.control.kernel_motion import Vec3
-from onboard.control.kernels import HUGE, MAX_MESSAGE_AGE_S, held_on
 
 _GRAVITY_M_S2 = 9.80665
 

@@ -17,8 +17,10 @@ from enum import IntEnum
 import msgspec
 import numpy as np
 
-from onboard.config import FleetConfig, LawName
-from onboard.control import allocation, backstepping, disturbance, fused, guidance, hover_thrust, oist
+from onboard.avoidance import oist
+from onboard.config.fleet import FleetConfig, LawName
+from onboard.control import allocation, backstepping, fused, trajectory
+from onboard.estimation import disturbance_observer, hover_thrust
 from onboard.types import (
     GRAVITY_M_S2,
     Array,
@@ -53,10 +55,10 @@ class PipelineParams:
     behind the setpoint at which the clock begins to slow and stands still while the law is active.
     """
 
-    guidance: guidance.GuidanceParams
+    guidance: trajectory.GuidanceParams
     backstepping: backstepping.BacksteppingParams
     law: oist.LawParams
-    observer: disturbance.ObserverParams
+    observer: disturbance_observer.ObserverParams
     hover_thrust: hover_thrust.HoverThrustParams
     allocation: allocation.AllocationParams
     drag_1_s: float
@@ -75,9 +77,9 @@ class PipelineMemory:
     clock_rate and activity (...): state of the anti-windup. thrust_frac, cos_tilt (...): last attitude setpoint.
     """
 
-    guidance: guidance.GuidanceMemory
+    guidance: trajectory.GuidanceMemory
     law: oist.LawMemory
-    observer: disturbance.ObserverMemory
+    observer: disturbance_observer.ObserverMemory
     hover_thrust: hover_thrust.HoverThrustMemory
     sent_enu_m_s2: Array
     clock_rate: Array
@@ -99,7 +101,7 @@ def pipeline_params(fleet: FleetConfig, vehicle_name: str, *, law: str | None = 
     lift_reserve = (1.0 / vehicle.hover_thrust_frac - 1.0) * GRAVITY_M_S2
     limits = allocation.params_from_degrees(vehicle.max_tilt_deg, vehicle.hover_thrust_frac)
     return PipelineParams(
-        guidance=guidance.GuidanceParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2, lag_s),
+        guidance=trajectory.GuidanceParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2, lag_s),
         backstepping=backstepping.BacksteppingParams(
             max_acceleration_m_s2=GRAVITY_M_S2 * math.tan(tilt_rad),
             max_vertical_acceleration_m_s2=min(2.5, 0.4 * lift_reserve),  # the rest stays for separation
@@ -115,7 +117,7 @@ def pipeline_params(fleet: FleetConfig, vehicle_name: str, *, law: str | None = 
             fence_enu_m=(*fleet.fleet.geofence_m.x, *fleet.fleet.geofence_m.y),
             capsules_enu_m=tuple(capsule for obstacle in fleet.obstacles for capsule in obstacle.capsules_enu_m),
         ),
-        observer=disturbance.ObserverParams(
+        observer=disturbance_observer.ObserverParams(
             delay_s=vehicle.attitude_delay_s,
             wn_rad_s=vehicle.attitude_wn_rad_s,
             zeta=vehicle.attitude_zeta,
@@ -133,9 +135,9 @@ def initial(params: PipelineParams, position_enu_m: Array) -> PipelineMemory:
     position = np.asarray(position_enu_m, dtype=np.float64)
     batch = position.shape[:-1]
     return PipelineMemory(
-        guidance=guidance.initial(position),
+        guidance=trajectory.initial(position),
         law=oist.initial(batch),
-        observer=disturbance.initial(np.zeros_like(position), params=params.observer),
+        observer=disturbance_observer.initial(np.zeros_like(position), params=params.observer),
         hover_thrust=hover_thrust.initial(batch, params=params.hover_thrust),
         sent_enu_m_s2=np.zeros_like(position),
         clock_rate=np.ones(batch),
@@ -176,7 +178,7 @@ def step(
     is_usable = np.asarray(oist.is_plausible(state.position_enu_m) & oist.is_plausible(state.velocity_enu_m_s))
     given, state = state, _mended(state, is_usable, memory)
     is_frozen = phase == Phase.LIFTOFF
-    observer = disturbance.observe(
+    observer = disturbance_observer.observe(
         memory.observer,
         state.velocity_enu_m_s,
         memory.sent_enu_m_s2,
@@ -196,7 +198,9 @@ def step(
     )
     position, velocity = oist.predict(memory.law, state, params=params.law)
     rate = clock_rate(memory, position, goal, params=params, dt_s=dt_s)
-    guidance_memory, setpoint = guidance.step(memory.guidance, goal, params=params.guidance, dt_s=dt_s, clock_rate=rate)
+    guidance_memory, setpoint = trajectory.step(
+        memory.guidance, goal, params=params.guidance, dt_s=dt_s, clock_rate=rate
+    )
     share = oist.speed_share(memory.law, params=params.law)
     baseline = backstepping.step(
         position, velocity, _slowed(setpoint, share), params=_pursuit(params, setpoint, share, is_frozen)
@@ -246,7 +250,7 @@ def _mended(state: State, is_usable: BoolArray, memory: PipelineMemory) -> State
     usable = is_usable[..., None]
     return replace(
         state,
-        position_enu_m=np.where(usable, state.position_enu_m, guidance.setpoint(memory.guidance).position_enu_m),
+        position_enu_m=np.where(usable, state.position_enu_m, trajectory.setpoint(memory.guidance).position_enu_m),
         velocity_enu_m_s=np.where(usable, state.velocity_enu_m_s, 0.0),
         acceleration_enu_m_s2=np.where(usable, state.acceleration_enu_m_s2, np.nan),  # freezes the hover estimate
     )
@@ -260,7 +264,7 @@ def clock_rate(
     The lag is counted along the way to the goal only: a vehicle pushed aside or ahead waits for nothing.
     DEVIATION D7.
     """
-    ahead = guidance.setpoint(memory.guidance).position_enu_m
+    ahead = trajectory.setpoint(memory.guidance).position_enu_m
     if ahead.ndim == 1:
         return _clock_rate_one(memory, ahead, position_enu_m, goal, params, dt_s)
     way = (goal.position_enu_m - ahead)[..., :2]

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from typing import get_args
 
 from onboard.bus.session import BusError
-from onboard.config import ConfigError, load_fleet
-from onboard.mocap.check import Check
-from onboard.mocap.relay import Relay, with_source
-from onboard.mocap_config import SystemType, problems
+from onboard.config.fleet import ConfigError, load_fleet
+from onboard.config.mocap import SystemType, problems
+from onboard.mocap.relay.check import Check
+from onboard.mocap.relay.relay import Relay, with_source
 
 EXIT_WRONG_INPUT = 2
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from onboard.bus.schema import Vec3, Vec4
-from onboard.mocap_config import MocapConfig
+from onboard.config.mocap import MocapConfig
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """One interface of all sources of poses: a source calls back with each pose in the fleet's frame.
 
 Callbacks come on a thread of the source and must only hand over. A source judges nothing: a pose that jumps, stands
-still or belongs to another body is passed on, and who flies decides (``onboard/safety/health.py``).
+still or belongs to another body is passed on, and who flies decides (``onboard/localization/pose_validator.py``).
 """
 
 from __future__ import annotations

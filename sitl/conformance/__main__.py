@@ -8,9 +8,9 @@ import re
 import sys
 from collections.abc import Sequence
 
+from sitl.conformance.endpoint import UdpPort
 from sitl.conformance.facts import Fact, Finding, Report, Verdict, chosen
 from sitl.conformance.suite import FACTS, NobodyAnsweredError, Terms, check
-from sitl.conformance.wire import UdpPort
 
 EXIT_OK, EXIT_DIFFERS, EXIT_WRONG_INPUT, EXIT_NOBODY, EXIT_INTERRUPTED = 0, 1, 2, 10, 130
 _ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*):(\d{1,5})")

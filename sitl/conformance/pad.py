@@ -8,10 +8,10 @@ import statistics
 
 from pymavlink.dialects.v20 import common
 
+from sitl.conformance.endpoint import NAMES, Packet
 from sitl.conformance.facts import Fact, Report, number, word
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import MODES, STATUS, Pilot
-from sitl.conformance.wire import NAMES, Packet
 
 _WATCH_S = 10.0
 _READY_S = 6.0

@@ -10,7 +10,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common
 
-from sitl.conformance.wire import Packet, Port, Recording, VehicleClock
+from sitl.conformance.endpoint import Packet, Port, Recording, VehicleClock
 
 MODES = {
     65536: "MANUAL",

@@ -6,10 +6,10 @@ import math
 import statistics
 from functools import partial
 
+from sitl.conformance.endpoint import Packet
 from sitl.conformance.facts import Report, number, word
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import REQUEST, SET_INTERVAL, Pilot, common_id
-from sitl.conformance.wire import Packet
 
 _WATCH_S = 3.0
 _GET_INTERVAL = 510

@@ -20,11 +20,11 @@ from sitl.conformance import (
     setpoints,
     vision,
 )
+from sitl.conformance.endpoint import Port
 from sitl.conformance.facts import Fact, Report
 from sitl.conformance.hover import default_streams, grounded
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import Gone, Pilot, Stuck
-from sitl.conformance.wire import Port
 
 # Streams are watched before anybody has spoken and before any rate was changed: both last until the vehicle restarts.
 PHASES: tuple[Phase, ...] = (

@@ -1,4 +1,4 @@
-"""An agent's shell in simulated time: what ``onboard.agent.run`` does with threads and sockets, done here by calls.
+"""An agent's shell in simulated time: what ``onboard.agent.loop`` does with threads and sockets, done here by calls.
 
 The core is the real one. Between two ticks messages wait in the inbox, orders are answered at once, and commands are
 executed in their order. The process around the core can be stopped, continued, killed and started anew.
@@ -13,19 +13,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from onboard.agent import events as ev
+from onboard import events as ev
 from onboard.agent.core import AgentCore, Pass
-from onboard.agent.interest import is_slow
-from onboard.agent.neighbours import NeighbourTable
-from onboard.agent.tables import Round, Tables
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessage, Telemetry
 from onboard.bus.topics import Topic
-from onboard.config import FleetConfig
+from onboard.config.fleet import FleetConfig
 from onboard.control.pipeline import PipelineMemory
+from onboard.neighbours.subscription import is_slow
+from onboard.neighbours.table import NeighbourTable
 from onboard.types import Neighbours, Tick
 from sitl.lockstep.bus import Node, SimBus
 from sitl.lockstep.link import EmulatedLink
+from sitl.lockstep.neighbour_tables import Round, Tables
 
 CONNECT_AFTER_NS = 1_000_000_000  # discovery and parameters of a real link
 BULK_FROM = 8  # vehicles, from which it is cheaper to take what the others say all at once

@@ -21,7 +21,7 @@ from onboard.bus.codec import Malformed
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
 from onboard.bus.session import LEASE_MS, OnAlive, OnFault, OnMessage, OnOrder
 from onboard.bus.topics import TOPICS, Delivery, Topic
-from onboard.config import ConfigError
+from onboard.config.fleet import ConfigError
 
 _LEASE_NS = LEASE_MS * 1_000_000
 _RECONNECT_NS = 300_000_000

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from groundstation.missions.files import Mission, mission_from_mapping
-from onboard.config import FleetConfig, fleet_from_mapping
+from onboard.config.fleet import FleetConfig, fleet_from_mapping
 
 _SPACING_M = 1.7
 _HEIGHT_M = 1.0

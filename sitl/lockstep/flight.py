@@ -12,27 +12,27 @@ from typing import Any, TypeVar, cast
 
 import msgspec
 
-from groundstation.client import FleetClient
-from groundstation.direct import DirectKind, DirectResult
-from groundstation.fleet import FleetState
-from groundstation.handle import VehicleResult
+from groundstation.client.client import FleetClient
+from groundstation.client.direct_mavlink import DirectKind, DirectResult
+from groundstation.fleet.state import FleetState
 from groundstation.missions.api import Fleet
 from groundstation.missions.files import Mission, load_mission
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
 from groundstation.missions.verdict import Verdict, judge
+from groundstation.orders.result import VehicleResult
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.report import FlightReport, report
 from groundstation.recording.writer import write_json
 from onboard.bus.schema import Event
-from onboard.config import ConfigError, FleetConfig, load_fleet
-from sitl.faults import Fault
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from sitl.emulator.mocap import MocapSettings
+from sitl.faults.catalogue import Fault
 from sitl.lockstep.agents import AgentShell
 from sitl.lockstep.bus import BusSettings, SimBus
 from sitl.lockstep.loop import VirtualLoop
 from sitl.lockstep.record import LockstepRecord
 from sitl.lockstep.simulation import EPOCH_NS, Simulation
-from sitl.mocap import MocapSettings
-from sitl.modes import Mode, Result
+from sitl.px4.modes import Mode, Result
 
 GROUND = "ground-1"
 _DIRECT_DELAY_S = 0.01
@@ -225,7 +225,7 @@ class Lockstep:
     async def _send_directly(
         self, endpoint: str, system_id: int, kind: DirectKind, *, timeout_s: float = 3.0, watch_s: float = 0.0
     ) -> DirectResult:
-        """The second way to PX4, in simulated time; see ``groundstation.direct``."""
+        """The second way to PX4, in simulated time; see ``groundstation.client.direct_mavlink``."""
         emulator = self.simulation.emulator
         ids = [spec.system_id for spec in emulator.specs]
         px4 = emulator.autopilots[ids.index(system_id)]

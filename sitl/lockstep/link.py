@@ -16,17 +16,17 @@ from typing import Any, cast
 
 import numpy as np
 
-from onboard.config import Vehicle
+from onboard.autopilot import Landed, Snapshot, Vec3, Vec4
+from onboard.config.fleet import Vehicle
 from onboard.frames import changed_frame_wxyz
-from onboard.link import modes
-from onboard.link.autopilot import Landed, Snapshot, Vec3, Vec4
-from onboard.link.params import differences, required_params
+from onboard.px4 import modes
+from onboard.px4.required_params import differences, required_params
 from onboard.types import AttitudeSetpoint
-from sitl.emulator import Emulator
-from sitl.modes import MODES, Mode
-from sitl.sensors import POSITION_ACCURACY_M
-from sitl.vehicle import STEP_S
-from sitl.view import View
+from sitl.emulator.emulator import Emulator
+from sitl.mavlink.view import View
+from sitl.physics.vehicle import STEP_S
+from sitl.px4.estimator import POSITION_ACCURACY_M
+from sitl.px4.modes import MODES, Mode
 
 _ATTITUDE_EVERY_STEPS, _ATTITUDE_PHASE_STEPS = 5, 3  # sampled 8 ms before the tick that uses it
 _LANDED_EVERY_STEPS = 25
@@ -175,7 +175,7 @@ class LinkBank:
 
 
 class EmulatedLink:
-    """One agent's link; an :class:`onboard.link.autopilot.Autopilot`."""
+    """One agent's link; an :class:`onboard.autopilot.Autopilot`."""
 
     def __init__(self, bank: LinkBank, index: int, vehicle: Vehicle) -> None:
         self._bank, self._index, self._vehicle = bank, index, vehicle

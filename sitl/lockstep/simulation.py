@@ -13,17 +13,17 @@ from collections.abc import Callable
 
 from onboard.bus.schema import MocapPose, Truth
 from onboard.bus.topics import Topic
-from onboard.config import FleetConfig
-from sitl.emulator import Emulator, VehicleSpec
-from sitl.faults import Fault
+from onboard.config.fleet import FleetConfig
+from sitl.emulator.emulator import Emulator, VehicleSpec
+from sitl.emulator.mocap import Mocap, MocapSettings
+from sitl.faults.catalogue import Fault
 from sitl.lockstep.agents import AgentShell, Hall, sorted_news
 from sitl.lockstep.batch import Batch
 from sitl.lockstep.bus import BusSettings, SimBus
 from sitl.lockstep.link import LinkBank
-from sitl.mocap import Mocap, MocapSettings
+from sitl.physics.contacts import Collision
+from sitl.physics.vehicle import STEP_S
 from sitl.server import answer_fault, profile_of
-from sitl.vehicle import STEP_S
-from sitl.world import Collision
 
 STEP_NS = round(STEP_S * 1e9)
 EPOCH_NS = 1_000_000_000  # zero means never, to everybody

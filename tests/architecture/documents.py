@@ -6,10 +6,10 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from groundstation import alarm_table
-from onboard.link import params
-from onboard.safety import preflight
-from onboard.safety.failsafe import table_text
+from groundstation.alarms import table
+from onboard.px4 import required_params
+from onboard.safety import preflight_rules
+from onboard.safety.failsafe_table import table_text
 from tests.architecture.import_graph import mermaid
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -17,9 +17,9 @@ DOCS = Path(__file__).parents[2] / "docs"
 PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "imports": ("architecture.md", mermaid),
     "failsafe": ("failsafe.md", table_text),
-    "alarms": ("alarms.md", alarm_table.table_text),
-    "preflight": ("preflight.md", preflight.page),
-    "parameters": ("deployment.md", params.page),
+    "alarms": ("alarms.md", table.table_text),
+    "preflight": ("preflight.md", preflight_rules.page),
+    "parameters": ("deployment.md", required_params.page),
 }
 
 

@@ -12,7 +12,7 @@ import pytest
 from onboard import types
 from onboard.bus import schema
 from onboard.bus.topics import TOPICS
-from onboard.config import FleetSection, LawConfig, SitlProfile, Vehicle
+from onboard.config.fleet import FleetSection, LawConfig, SitlProfile, Vehicle
 from tests.architecture import documents, import_graph
 
 ROOT = Path(__file__).parents[2]

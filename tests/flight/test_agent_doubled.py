@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.ports import toml_text
-from groundstation.stage import Stage, fleet_data
+from groundstation.processes.free_ports import toml_text
+from tests.bench.fixture import Stage, fleet_data
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(180)]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from pymavlink import mavutil
 
-from groundstation.stage import Stage, fleet_data
+from tests.bench.fixture import Stage, fleet_data
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(180)]
 

@@ -16,12 +16,12 @@ from typing import Any
 
 import pytest
 
-from groundstation.client import FleetClient
-from groundstation.fleet import FleetState
-from groundstation.ports import toml_text, with_free_ports
+from groundstation.client.client import FleetClient
+from groundstation.fleet.state import FleetState
+from groundstation.processes.free_ports import toml_text, with_free_ports
 from onboard.bus.schema import Message, Truth
 from onboard.bus.topics import Topic
-from onboard.config import FleetConfig, load_fleet
+from onboard.config.fleet import FleetConfig, load_fleet
 
 ROOT = Path(__file__).resolve().parents[2]
 SOLO = "mav0"

@@ -16,14 +16,14 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.ports import toml_text, with_free_ports
+from groundstation.processes.free_ports import toml_text, with_free_ports
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Message, MocapPose, Telemetry
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
-from onboard.config import FleetConfig, fleet_from_mapping, load_fleet
+from onboard.config.fleet import FleetConfig, fleet_from_mapping, load_fleet
 from tests.flight.judge import min_separation_m
-from tests.mocap.natnet import NatNetServer, Pose
+from tests.onboard.mocap.natnet import NatNetServer, Pose
 
 _PAPER = Path(__file__).parents[2] / "configs/fleets/paper.toml"
 _SHIFT_S = 5000

@@ -12,10 +12,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from onboard.bus.operator import Roles
+from onboard.bus.authority import Roles
 from onboard.bus.schema import Event, Order, OrderReply, Telemetry, Truth
 from onboard.bus.topics import Topic
-from onboard.config import FleetConfig, load_fleet
+from onboard.config.fleet import FleetConfig, load_fleet
 
 ROOT = Path(__file__).resolve().parents[2]
 ZERO = (0.0, 0.0, 0.0)
@@ -193,7 +193,7 @@ async def bus(fleet: FleetConfig) -> Any:
 @pytest.fixture
 async def client(fleet: FleetConfig, bus: FakeBus) -> Any:
     """A started client on the fake bus."""
-    from groundstation.client import FleetClient
+    from groundstation.client.client import FleetClient
 
     found = FleetClient(fleet, author="tester", bus=bus)
     await found.start()

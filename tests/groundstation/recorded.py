@@ -9,7 +9,7 @@ from pathlib import Path
 from groundstation.recording.writer import RecordFiles
 from onboard.bus.schema import Event, Message, TickSample, Truth
 from onboard.bus.topics import Topic
-from tests.tui.fake import telemetry
+from tests.groundstation.console.fake import telemetry
 
 FLEET = Path(__file__).parents[2] / "configs" / "fleets" / "paper.toml"
 SECOND = 1_000_000_000

@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from sitl.emulator import Emulator, VehicleSpec
-from sitl.link import Link
-from sitl.mavlink import Decoder, Encoder, Message
-from sitl.streams import ONBOARD_RATES_HZ
-from sitl.vehicle import VehicleProfile
+from sitl.emulator.emulator import Emulator, VehicleSpec
+from sitl.mavlink.codec import Decoder, Encoder, Message
+from sitl.mavlink.link import Link
+from sitl.mavlink.streams import ONBOARD_RATES_HZ
+from sitl.physics.vehicle import VehicleProfile
 
 SIH = VehicleProfile()
 ARDRONE = VehicleProfile(

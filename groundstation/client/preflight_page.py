@@ -1,0 +1,208 @@
+"""``covey preflight``: go or no-go of every vehicle, as its own agent judges it, and what only the ground can see."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from groundstation.client.client import FleetClient
+from groundstation.fleet.state import FleetState, VehicleView
+from onboard.bus.session import BusError
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+
+EXIT_GO, EXIT_NO_GO, EXIT_NOBODY = 0, 1, 10
+_MARKS = {"ok": "ok", "advice": "advice", "no-go": "NO-GO"}
+_WIDTH = 118
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One check of one vehicle, as on the page."""
+
+    name: str
+    is_ok: bool
+    sentence: str
+    remedy: str
+
+    @property
+    def status(self) -> str:
+        """ok, advice or no-go."""
+        return "no-go" if not self.is_ok else "advice" if self.remedy else "ok"
+
+
+@dataclass(frozen=True, slots=True)
+class VehiclePage:
+    """All lines of one vehicle; ``answers``: whether its agent was heard."""
+
+    name: str
+    answers: bool
+    lines: tuple[Line, ...]
+
+    @property
+    def is_go(self) -> bool:
+        """Whether nothing refuses take-off."""
+        return self.answers and all(line.is_ok for line in self.lines)
+
+
+def page_of(view: VehicleView, fleet: FleetConfig, now_ns: int) -> VehiclePage:
+    """What is known of one vehicle now."""
+    vehicle, told = fleet.vehicles[view.name], view.telemetry
+    if told is None or not view.is_fresh(now_ns):
+        silent = Line("agent", False, f"{view.name}'s agent does not answer.", "Start it: covey agent.")
+        return VehiclePage(view.name, False, (silent,))
+    lines: list[Line] = []
+    if told.config_hash != fleet.config_hash:
+        lines.append(
+            Line(
+                "ground's file",
+                False,
+                f"{view.name} flies with another fleet file than {fleet.path} ({told.config_hash}, "
+                f"here {fleet.config_hash}).",
+                "Give the vehicle's computer this file and restart its agent, or give this command the vehicle's file.",
+            )
+        )
+    if view.preflight is not None and view.has_preflight(now_ns) and view.preflight.boot_id == told.boot_id:
+        lines += [Line(*check) for check in view.preflight.checks]
+    else:
+        lines.append(
+            Line("report", False, f"It is {told.state}, where no preflight is made.", "Wait until it has landed.")
+            if told.is_airborne or told.is_armed
+            else Line("report", False, "Its agent sends no report.", "Restart it with this version of Covey.")
+        )
+    if vehicle.direct is None:
+        lines.append(
+            Line(
+                "second way",
+                True,
+                "The fleet file gives no direct endpoint: kill and land end with the agent.",
+                f"Set vehicles.{view.name}.direct to PX4's ground link.",
+            )
+        )
+    else:
+        lines.append(Line("second way", True, f"Kill and land can go straight to PX4 at {vehicle.direct}.", ""))
+    return VehiclePage(view.name, True, tuple(lines))
+
+
+def pages_of(state: FleetState, fleet: FleetConfig, names: Sequence[str], now_ns: int) -> tuple[VehiclePage, ...]:
+    """The pages of several vehicles."""
+    return tuple(page_of(state.vehicles[name], fleet, now_ns) for name in names)
+
+
+def has_reported(state: FleetState, names: Sequence[str], now_ns: int) -> bool:
+    """Whether each has said what it can say: a report, or that it flies."""
+    views = [state.vehicles[name] for name in names]
+    return all(view.has_preflight(now_ns) or (view.is_fresh(now_ns) and view.is_airborne) for view in views)
+
+
+def advice_of(state: FleetState, names: Sequence[str]) -> dict[str, list[str]]:
+    """Each advice of the newest reports, and whom it concerns; nobody has to hold a switch for emulated vehicles."""
+    untold = {"kill switch"} if state.is_simulated else set()
+    found: dict[str, list[str]] = {}
+    for name in names:
+        report = state.vehicles[name].preflight
+        for check, is_ok, sentence, remedy in report.checks if report is not None else ():
+            if is_ok and remedy and check not in untold:
+                found.setdefault(f"{sentence} {remedy}", []).append(name)
+    return found
+
+
+def exit_status(pages: Sequence[VehiclePage]) -> int:
+    """0 all are go, 10 nobody answered, else 1."""
+    if not any(page.answers for page in pages):
+        return EXIT_NOBODY
+    return EXIT_GO if all(page.is_go for page in pages) else EXIT_NO_GO
+
+
+def as_text(pages: Sequence[VehiclePage]) -> str:
+    """The page for people."""
+    width = max((len(line.name) for page in pages for line in page.lines), default=0)
+    rows: list[str] = []
+    for page in pages:
+        rows.append(f"{page.name}: {'go' if page.is_go else 'NO-GO'}")
+        for line in page.lines:
+            first = f"  {_MARKS[line.status]:<7}{line.name:<{width}}  "
+            text = f"{line.sentence} {line.remedy}".strip()
+            rows += textwrap.wrap(text, _WIDTH, initial_indent=first, subsequent_indent=" " * len(first))
+    against = [
+        f"{page.name} ({', '.join(line.name for line in page.lines if not line.is_ok)})"
+        for page in pages
+        if not page.is_go
+    ]
+    names = ", ".join(page.name for page in pages)
+    rows.append(f"Do not fly: {'; '.join(against)}." if against else f"Go: {names}.")
+    return "\n".join(rows)
+
+
+def as_mapping(pages: Sequence[VehiclePage]) -> Mapping[str, Any]:
+    """The same for programs."""
+    return {
+        "is_go": bool(pages) and all(page.is_go for page in pages),
+        "vehicles": {
+            page.name: {
+                "is_go": page.is_go,
+                "answers": page.answers,
+                "checks": [
+                    {
+                        "name": line.name,
+                        "status": line.status,
+                        "is_ok": line.is_ok,
+                        "sentence": line.sentence,
+                        "remedy": line.remedy,
+                    }
+                    for line in page.lines
+                ],
+            }
+            for page in pages
+        },
+    }
+
+
+async def ask(client: FleetClient, names: Sequence[str], timeout_s: float) -> tuple[VehiclePage, ...]:
+    """The pages, as soon as every vehicle has reported, or after the timeout."""
+    await client.wait_for(lambda state: has_reported(state, names, client.now_ns()), timeout_s)
+    return pages_of(client.state, client.fleet, names, client.now_ns())
+
+
+async def _run(fleet: FleetConfig, names: Sequence[str], timeout_s: float) -> tuple[VehiclePage, ...]:
+    client = FleetClient(fleet, operates=False)
+    await client.start()
+    try:
+        return await ask(client, names, timeout_s)
+    finally:
+        await client.stop()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Ask and print; the exit status. ConfigError where nobody could be asked."""
+    parser = argparse.ArgumentParser(
+        prog="covey preflight",
+        description="Say for every vehicle whether it may take off, check by check, each fault with its remedy.",
+        epilog="Exit status: 0 all are go; 1 at least one is not; 2 wrong input; 10 nobody answered. "
+        "docs/preflight.md explains each check.",
+    )
+    parser.add_argument("--fleet", metavar="FILE", required=True, help="fleet file")
+    parser.add_argument("--vehicles", metavar="NAMES", help="only these: names or places, a,b or 0-2 (default all)")
+    parser.add_argument("--exclude", metavar="NAMES", help="all but these")
+    parser.add_argument("--timeout", metavar="S", type=float, default=5.0, help="wait so long for answers (default 5)")
+    parser.add_argument("--json", action="store_true", help="one object instead of the page")
+    options = parser.parse_args(argv)
+    fleet = load_fleet(options.fleet)
+    names = fleet.select(options.vehicles, options.exclude)
+    unknown = [name for name in names if name not in fleet.enabled_names]
+    if unknown:
+        raise ConfigError(f"{unknown[0]} is not enabled in the fleet file. Set enabled = true to fly it.")
+    if not names:
+        raise ConfigError("No vehicle is selected. Set enabled = true for one, or change --vehicles and --exclude.")
+    if not 0.0 < options.timeout <= 600.0:
+        raise ConfigError(f"--timeout is {options.timeout:g}; give 0 to 600 s.")
+    try:
+        pages = asyncio.run(_run(fleet, names, options.timeout))
+    except BusError as error:
+        raise ConfigError(str(error)) from None
+    print(json.dumps(as_mapping(pages), indent=2) if options.json else as_text(pages))
+    return exit_status(pages)

@@ -1,0 +1,277 @@
+"""One flight from the command line: folder, processes, client, record, mission, verdict; and all ended after it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import sys
+import time
+import tomllib
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from groundstation.client.client import FleetClient
+from groundstation.commands.check import refuse_unflyable
+from groundstation.missions.files import Mission, load_mission
+from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
+from groundstation.missions.verdict import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_WRONG_INPUT, Verdict, judge
+from groundstation.processes.free_ports import busy_ports, toml_text, with_free_ports
+from groundstation.processes.supervisor import ProcessError, Processes, agent_command, leaves_room
+from groundstation.recording.channels import RECORDED
+from groundstation.recording.report import FlightReport, report
+from groundstation.recording.writer import FLUSH_PERIOD_S, RECORD_NAME, RecordWriter, write_json
+from onboard.bus.schema import Event
+from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping
+
+EMULATOR = "sitl"
+READY_TIMEOUT_S = 10.0
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """A flight, checked: what to fly, where to write, and whether emulator and agents are ours to start."""
+
+    mission: Mission
+    folder: Path
+    is_simulated: bool
+    is_headless: bool
+    seed: int
+
+
+def prepare(
+    mission_path: str,
+    folder: Path,
+    *,
+    fleet_path: str | None,
+    law: str | None,
+    is_simulated: bool,
+    has_free_ports: bool,
+    is_headless: bool,
+    seed: int,
+    needs_ports: bool = True,
+) -> Settings:
+    """Check everything before anything starts, and put the files that are really used into the folder.
+
+    Args:
+        needs_ports: False for a flight without sockets.
+    Raises:
+        ConfigError: wrong files, wrong combination, ports in use, no terminal, a folder that cannot be used.
+    """
+    if law is not None and not is_simulated:
+        raise ConfigError("--law is for simulated flights: agents that run already fly the law of their fleet file.")
+    mission = load_mission(mission_path, fleet_path)
+    if is_simulated:
+        fleet = _own_fleet(mission.fleet, folder, law, has_free_ports)
+        mission = load_mission(mission_path, fleet)
+        busy = busy_ports(fleet) if needs_ports else []
+        if busy:
+            more = f" ({len(busy)} ports are in use)" if len(busy) > 1 else ""
+            raise ConfigError(
+                f"{mission.fleet.path}: {busy[0]}{more} Another emulator or fleet runs here: stop it, change the "
+                "endpoints, or fly with covey demo, which picks free ones."
+            )
+    refuse_unflyable(mission, is_simulated)
+    if not is_headless and not sys.stdout.isatty():
+        raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
+    if (folder / RECORD_NAME).exists():
+        raise ConfigError(f"{folder}: this folder holds a flight already. Choose another with --record.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "fleet.toml").write_text(mission.fleet.text, encoding="utf-8")
+        (folder / f"mission{Path(mission.path).suffix}").write_text(mission.text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot be written ({error.strerror}). Choose another with --record.") from None
+    return Settings(mission, folder, is_simulated, is_headless, seed)
+
+
+def _own_fleet(fleet: FleetConfig, folder: Path, law: str | None, has_free_ports: bool) -> FleetConfig:
+    data = tomllib.loads(fleet.text)
+    if law is not None:
+        data["law"] = {**data.get("law", {}), "name": law}
+    if has_free_ports:
+        data = with_free_ports(data, fleet)
+    text = toml_text(
+        data, f"Made from {fleet.path} for this flight; attach with: covey tui --fleet {folder}/fleet.toml"
+    )
+    return fleet_from_mapping(data, path=str(folder / "fleet.toml"), text=text)
+
+
+def start_processes(settings: Settings, processes: Processes) -> None:
+    """Emulator and agents, all at once: they find each other whatever the order. ProcessError when one cannot start."""
+    path = str(settings.folder / "fleet.toml")
+    processes.start(EMULATOR, ["sitl", "--fleet", path, "--seed", str(settings.seed)])
+    names = settings.mission.fleet.enabled_names
+    for name in names:
+        processes.start(name, agent_command(path, name, is_realtime=leaves_room(len(names))))
+
+
+class Flight:
+    """A flight under way; :meth:`fly` is the one thing to call."""
+
+    def __init__(self, settings: Settings, *, say: Say) -> None:
+        self.settings = settings
+        self._fleet = settings.mission.fleet
+        self._print = say
+        self._last_line = ""
+        self._processes = Processes(settings.folder)
+        self._client: FleetClient | None = None
+        self._record: RecordWriter | None = None
+        self._run: MissionRun | None = None
+        self._main: asyncio.Task[int] | None = None
+        self._signals = 0
+
+    async def fly(self) -> int:
+        """From the first process to the verdict; the exit status."""
+        self._main = asyncio.current_task()
+        loop = asyncio.get_running_loop()
+        self._listen()
+        try:
+            return await self._fly()
+        except ProcessError as error:
+            self._print(str(error))
+            return EXIT_WRONG_INPUT if self._run is None else EXIT_FAILED
+        except asyncio.CancelledError:
+            if self._signals < 2:
+                raise
+            self._print("Ended at once; no process is left.")
+            return EXIT_INTERRUPTED
+        finally:
+            for number in (signal.SIGINT, signal.SIGTERM):
+                loop.remove_signal_handler(number)
+
+    async def _fly(self) -> int:
+        async with self._open() as client:
+            run = self._run = MissionRun(
+                self.settings.mission,
+                client,
+                say=self._say,
+                ready_timeout_s=READY_TIMEOUT_SIM_S if self.settings.is_simulated else READY_TIMEOUT_S,
+            )
+            if self._signals:
+                run.interrupt()
+            watch = asyncio.create_task(self._watch_processes(run))
+            try:
+                if self.settings.is_headless:
+                    client.add_event_listener(self._print_event)
+                    verdict = await self._mission()
+                    for line in verdict.sentences:
+                        self._print(line)
+                    return verdict.exit_status
+                from groundstation.console.app import run_console
+
+                title = f"{self.settings.mission.name} - law {self._fleet.law.name}"
+                try:
+                    return await run_console(
+                        self._fleet, client, mission=self._mission, title=title, progress=lambda: self._last_line
+                    )
+                finally:
+                    self._listen()  # the console has listened instead
+            finally:
+                watch.cancel()
+
+    @contextlib.asynccontextmanager
+    async def _open(self) -> AsyncIterator[FleetClient]:
+        client = self._client = FleetClient(self._fleet, extra_topics=RECORDED)
+        record = self._record = RecordWriter(
+            self.settings.folder,
+            on_failure=self._record_failed,
+        )
+        try:
+            if self.settings.is_simulated:
+                names = self._fleet.enabled_names
+                self._say(f"Starting the emulator and {len(names)} agents; everything goes to {self.settings.folder}.")
+                start_processes(self.settings, self._processes)
+            record.start()
+            client.add_sink(record.put)
+            await client.start()
+            client.tell_recording(record.failure is None)
+            yield client
+        finally:
+            # Whatever interrupts the clearing up, the processes end: kill() runs even if an await here is cancelled.
+            try:
+                await self._processes.stop()
+                await client.stop()
+                await asyncio.to_thread(record.stop)
+            finally:
+                self._processes.kill()
+
+    def _record_failed(self, sentence: str) -> None:
+        if self._client is not None:
+            self._client.publish_event("critical", "record_failed", sentence)
+            if self._client.is_started:
+                self._client.tell_recording(False)
+
+    async def _mission(self) -> Verdict:
+        assert self._run is not None
+        assert self._record is not None
+        live = await self._run.run()
+        if self.settings.is_headless and self._client is not None:
+            # The record ends with the flight; in the console it goes on until the operator leaves.
+            await asyncio.to_thread(self._record.stop)
+        else:
+            await asyncio.sleep(FLUSH_PERIOD_S + 0.3)
+        found: FlightReport | None = None
+        with contextlib.suppress(ConfigError):
+            found = await asyncio.to_thread(report, self.settings.folder)
+        verdict = judge(self._run.flown(), self.settings.mission.expect, found, str(self.settings.folder))
+        if found is None:
+            verdict = live
+        failure = await asyncio.to_thread(write_json, self.settings.folder / "verdict.json", verdict)
+        if failure is not None:
+            self._say(failure)
+        return verdict
+
+    async def _watch_processes(self, run: MissionRun) -> None:
+        while True:  # the kernel sets no asyncio.Event when a child ends
+            await asyncio.sleep(0.2)
+            dead = self._processes.dead()
+            if dead:
+                names = [one.name for one in dead]
+                reason = ". ".join(one.ending for one in dead)
+                if self._client is not None:
+                    self._client.publish_event("critical", "process_ended", reason)
+                run.abort(reason, can_land=EMULATOR not in names)
+                return
+            if run.abort_if_silent():
+                return
+
+    def _listen(self) -> None:
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, self._on_signal)
+
+    def _on_signal(self) -> None:
+        self._signals += 1
+        if self._signals == 1:
+            self._print("Interrupt again to end at once, without waiting for a landing.")
+            if self._run is not None:
+                self._run.interrupt()
+        else:
+            self._processes.kill()
+            if self._main is not None:
+                self._main.cancel()
+
+    def _say(self, line: str) -> None:
+        self._last_line = line.strip()
+        if self.settings.is_headless:
+            self._print(line)
+        if self._client is not None:
+            self._client.publish_event("info", "mission", line.strip())
+
+    def _print_event(self, event: Event) -> None:
+        if event.severity in ("warning", "critical"):
+            self._print(f"  [{event.vehicle}] {event.severity}: {event.sentence}")
+
+
+def clock_say() -> Say:
+    """Print lines with seconds since now."""
+    begin_s = time.monotonic()
+
+    def say(line: str) -> None:
+        print(f"{time.monotonic() - begin_s:6.1f} s  {line}", flush=True)
+
+    return say

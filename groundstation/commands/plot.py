@@ -1,0 +1,98 @@
+"""``covey plot DIR``: the paper's Figs. 2 and 4-6 for a recorded flight, as PNG and SVG."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+
+from groundstation.recording.reader import read, record_path
+from onboard.config.fleet import ConfigError, load_fleet
+
+_MAGIC = b"\x89MCAP0\r\n"
+_DEFAULT_SAFETY_DISTANCE_M = 0.80
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw the figures of one flight folder.
+
+    Returns:
+        0 when all was drawn; 2 when there is nothing to draw, or when the record breaks off (what it has is drawn).
+    """
+    parser = argparse.ArgumentParser(prog="covey plot", description="Draw the figures of a recorded flight.")
+    parser.add_argument("folder", metavar="DIR", type=Path, help="flight folder, or its flight.mcap")
+    parser.add_argument("--out", metavar="DIR", type=Path, help="where to write (default: DIR/figures)")
+    options = parser.parse_args(argv)
+    try:
+        paths, is_whole = plot(options.folder, options.out)
+    except ConfigError as error:
+        print(f"covey: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"covey: the figures cannot be written: {error}. Give another place with --out.", file=sys.stderr)
+        return 2
+    for path in paths:
+        print(path)
+    if not is_whole:
+        print(
+            f"covey: {options.folder}: the record breaks off before its end, for instance because the recording "
+            "process was killed. The figures show what it has.",
+            file=sys.stderr,
+        )
+        return 2
+    return 0
+
+
+def plot(folder: Path, out: Path | None = None) -> tuple[list[Path], bool]:
+    """Write all figures; returns their paths and whether the record was complete.
+
+    Raises:
+        ConfigError: no record, or none with a flight in it.
+    """
+    path = record_path(folder)
+    home = folder if folder.is_dir() else folder.parent
+    from groundstation.figures import attitude, avoidance, plan, tracking
+    from groundstation.figures.data import TOPICS, from_samples
+    from groundstation.figures.style import save, styled
+
+    title = home.resolve().name
+    flight = from_samples(read(path, TOPICS), title=title, safety_distance_m=_safety_distance_m(home))
+    if flight is None:
+        raise ConfigError(
+            f"{path}: no vehicle's ticks are in this record, so there is nothing to draw. It was cut off at its "
+            "beginning, or no agent ran. Record a flight with `covey demo --record DIR`."
+        )
+    target = out or home / "figures"
+    target.mkdir(parents=True, exist_ok=True)
+    drawn = {"fig2_attitude": attitude, "fig4_plan": plan, "fig5_tracking": tracking, "fig6_avoidance": avoidance}
+    with styled():
+        paths = [found for name, module in drawn.items() for found in save(module.draw(flight), target, name)]
+    return paths, is_complete(path)
+
+
+def is_complete(path: Path) -> bool:
+    """Whether an MCAP file ends as it should."""
+    with path.open("rb") as file:
+        file.seek(0, 2)
+        size = file.tell()
+        file.seek(max(0, size - len(_MAGIC)))
+        return size > 2 * len(_MAGIC) and file.read() == _MAGIC
+
+
+def _safety_distance_m(home: Path) -> float:
+    """From the fleet file in the flight folder; the paper's without one."""
+    for path in sorted(home.glob("*.toml")):
+        try:
+            with path.open("rb") as file:
+                is_fleet = "vehicles" in tomllib.load(file)
+            if is_fleet:
+                return load_fleet(path).fleet.safety_distance_m
+        except (ConfigError, tomllib.TOMLDecodeError, UnicodeDecodeError):
+            continue
+    return _DEFAULT_SAFETY_DISTANCE_M
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

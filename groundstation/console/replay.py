@@ -1,0 +1,188 @@
+"""The console on a recorded flight: the same screens, and a bar to walk about in time."""
+
+from __future__ import annotations
+
+import time
+from typing import ClassVar
+
+from rich.cells import cell_len
+from rich.segment import Segment
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.widgets import Input
+
+from groundstation.console import theme
+from groundstation.console.app import ConsoleApp
+from groundstation.console.theme import BAD, CALM, FAINT, GOOD, RULE, TEXT, WARN
+from groundstation.console.widgets.bars import Bar
+from groundstation.recording.replay import Replay
+
+KEYS = "space play  , . step  ← → 5 s  n N event  < > speed"
+_SKIP_S = 5.0
+_STEP_S = 0.1
+_MARKS = {"warning": ("┃", WARN), "critical": ("┃", BAD)}
+
+
+class ReplayBar(Bar):
+    """Where in the flight this is; a mark where something happened."""
+
+    def __init__(self, replay: Replay) -> None:
+        super().__init__("replay")
+        self.replay = replay
+
+    def show(self) -> None:
+        """Update the line."""
+        replay = self.replay
+        sign, colour = ("▶", GOOD) if replay.is_playing else ("■" if replay.is_at_end else "‖", WARN)
+        if replay.seeking is not None:
+            sign, colour = f"… {100.0 * replay.seeking:.0f} %", CALM
+        place = f"{clock(replay.position_s)} / {clock(replay.length_s)}"
+        cut = "  ✂ cut off" if replay.timeline.broken else ""
+        left = f" {sign} {replay.speed:g}×  {place}{cut}  "
+        keys = f"  {KEYS} " if self.size.width >= cell_len(left) + len(KEYS) + 24 else " "
+        room = max(0, self.size.width - cell_len(left) - cell_len(keys))
+        self.put(
+            [
+                Segment(left, theme.style(colour, bold=True)),
+                *self._track(room),
+                Segment(keys, theme.style(FAINT)),
+            ]
+        )
+
+    def _track(self, width: int) -> list[Segment]:
+        if width < 5:
+            return []
+        timeline = self.replay.timeline
+        per_ns = (width - 1) / max(1, timeline.end_ns - timeline.begin_ns)
+        here = round((self.replay.now_ns() - timeline.begin_ns) * per_ns)
+        cells = [("━", CALM) if place < here else ("─", RULE) for place in range(width)]
+        for severity in ("info", "warning", "critical"):  # the worst of a cell is seen
+            for stamp_ns, event in timeline.events:
+                if event.severity == severity:
+                    place = min(width - 1, max(0, round((stamp_ns - timeline.begin_ns) * per_ns)))
+                    cells[place] = _MARKS.get(severity, ("┿" if place < here else "┼", cells[place][1]))
+        cells[max(0, min(width - 1, here))] = ("●", TEXT)
+        return [Segment(sign, theme.style(colour)) for sign, colour in cells]
+
+
+class ReplayApp(ConsoleApp):
+    """The console with a record for a client."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space", "play_or_pause", "play", priority=True),
+        Binding("full_stop", "step(1)", "step", priority=True),
+        Binding("comma", "step(-1)", "step back", priority=True),
+        Binding("right", "skip(1)", "on", priority=True),
+        Binding("left", "skip(-1)", "back", priority=True),
+        Binding("n", "jump(1)", "next event", priority=True),
+        Binding("N,b", "jump(-1)", "event before", priority=True),
+        Binding("greater_than_sign", "speed(1)", "faster", priority=True),
+        Binding("less_than_sign", "speed(-1)", "slower", priority=True),
+        Binding("home", "go(0.0)", "begin", priority=True),
+        Binding("end", "go(1.0)", "end", priority=True),
+    ]
+
+    def __init__(self, replay: Replay, *, title: str, at_s: float = 0.0) -> None:
+        super().__init__(replay.fleet, replay, title=title)
+        self.replay = replay
+        self._at_s = at_s
+        self._bar = ReplayBar(replay)
+        line = self._order_line
+        line.placeholder = line.resting = line.writing = "a recorded flight: there is nobody to order"
+        self._played_s = time.monotonic()
+        replay.add_listener(self._history.add, self._forget)
+
+    def compose(self) -> ComposeResult:
+        """The console, and the bar above its last line."""
+        for widget in super().compose():
+            if widget is self._status_bar:
+                yield self._bar
+            yield widget
+
+    def on_mount(self) -> None:
+        """Begin where it was asked for; the console's own beginning comes by itself."""
+        if self.replay.timeline.broken:
+            self._event_log.write(self.replay.timeline.broken, severity="warning")
+        if self._at_s > 0.0:
+            self._seek(self._at_s)
+
+    def refresh_fleet(self) -> None:
+        """Play on, then draw."""
+        now_s = time.monotonic()
+        elapsed_s, self._played_s = now_s - self._played_s, now_s
+        self.replay.play(elapsed_s)
+        super().refresh_fleet()
+        self._bar.show()
+
+    def time_text(self, stamp_ns: int) -> str:
+        """Times of the events count from the record's begin."""
+        return f"{clock((stamp_ns - self.replay.timeline.begin_ns) * 1e-9):>8}"
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Where words are written, the keys of the replay are letters."""
+        if action in ("play_or_pause", "step", "skip", "jump", "speed", "go") and self._is_writing:
+            return False
+        return super().check_action(action, parameters)
+
+    @property
+    def _is_writing(self) -> bool:
+        return isinstance(self.focused, Input) or self._fleet_table.is_writing
+
+    def action_play_or_pause(self) -> None:
+        """Play, or pause; from the end it begins again."""
+        if self.replay.is_at_end and not self.replay.is_playing:
+            self._seek(0.0)
+        self.replay.is_playing = not self.replay.is_playing
+
+    def action_step(self, direction: int) -> None:
+        """One picture on or back, and pause."""
+        self.replay.is_playing = False
+        self._seek(self.replay.position_s + direction * _STEP_S)
+
+    def action_skip(self, direction: int) -> None:
+        """Some seconds on or back."""
+        self._seek(self.replay.position_s + direction * _SKIP_S)
+
+    def action_jump(self, direction: int) -> None:
+        """To the next event, or the one before."""
+        self.run_worker(self.replay.jump(direction), group="jump", exclusive=True)
+
+    def action_speed(self, steps: int) -> None:
+        """Faster or slower."""
+        self.replay.change_speed(steps)
+
+    def action_go(self, share: float) -> None:
+        """To a share of the record."""
+        self._seek(share * self.replay.length_s)
+
+    async def action_leave(self) -> None:
+        """Nothing flies here: quit without a question."""
+        self.exit(0)
+
+    async def action_interrupt(self) -> None:
+        """The same with ctrl+c."""
+        self.exit(0)
+
+    def _seek(self, position_s: float) -> None:
+        self.run_worker(self.replay.seek(position_s), group="seek")
+
+    def _forget(self) -> None:
+        """Before the record is turned back: what the console remembers lies in the future now."""
+        self._history.clear()
+        self._event_log.clear()
+        self._last_event = None
+
+
+def clock(seconds: float) -> str:
+    """Minutes and seconds as on a player."""
+    tenths = round(max(0.0, seconds) * 10)
+    minutes, rest = divmod(tenths, 600)
+    hours, minutes = divmod(minutes, 60)
+    text = f"{minutes:02d}:{rest / 10:04.1f}" if hours else f"{minutes}:{rest / 10:04.1f}"
+    return f"{hours}:{text}" if hours else text
+
+
+async def run_replay(replay: Replay, *, title: str, at_s: float = 0.0) -> int:
+    """Show a record until the operator quits; 0."""
+    status = await ReplayApp(replay, title=title, at_s=at_s).run_async()
+    return 0 if status is None else status

@@ -1,0 +1,143 @@
+"""The page of one vehicle: the one under the fleet table's cursor, so that the kill key means who is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar
+
+from textual.binding import Binding, BindingType
+from textual.geometry import Size
+from textual.scroll_view import ScrollView
+from textual.strip import Strip
+from textual.widget import Widget
+
+from groundstation.alarms.alarms import Alarms
+from groundstation.console.screens.live import LiveScreen
+from groundstation.console.vehicle_drawing import Subject, blocks, heading
+from groundstation.console.widgets.lines import Lines
+from groundstation.fleet.state import FleetState
+from groundstation.fleet.tick_stream import Ticks
+from onboard.config.fleet import FleetConfig
+
+_COLUMN_WIDTH = 58
+_ORDERS = {1: ((0, 1, 2, 3, 4, 5, 6),), 2: ((0, 1, 5, 6), (2, 3, 4)), 3: ((0, 1), (2, 3, 4), (5, 6))}
+
+
+class VehicleScreen(LiveScreen):
+    """Everything about one vehicle. Escape or enter goes back; ``]`` and ``[`` show the next one and the one before."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,enter,q", "back", "back", show=False),
+        Binding("right_square_bracket,tab,l", "other(1)", "next vehicle", show=False),
+        Binding("left_square_bracket,shift+tab,h", "other(-1)", "vehicle before", show=False),
+    ]
+
+    def __init__(
+        self,
+        fleet: FleetConfig,
+        alarms: Alarms,
+        ticks: Ticks,
+        *,
+        selected: Callable[[], str | None],
+        move: Callable[[int], None],
+        time_text: Callable[[int], str],
+    ) -> None:
+        super().__init__(alarms)
+        self._fleet, self._ticks, self._selected, self._move = fleet, ticks, selected, move
+        self._page = VehiclePage(fleet, alarms, ticks, time_text)
+
+    @property
+    def vehicle_name(self) -> str | None:
+        """Whom the page shows, and whom keys mean while it is in front."""
+        return self._selected()
+
+    def body(self) -> Widget:
+        """The page."""
+        return self._page
+
+    def on_mount(self) -> None:
+        """Keys go to the page."""
+        self._page.focus()
+
+    def on_unmount(self) -> None:
+        """Nobody looks any more."""
+        self._ticks.follow(None)
+
+    def show_fleet(self, state: FleetState, now_ns: int, kill: str | None = None, *, can_order: bool = True) -> None:
+        """Draw the vehicle as it is now."""
+        super().show_fleet(state, now_ns, kill, can_order=can_order)
+        name = self._selected()
+        self._ticks.follow(name)
+        self._page.show(name, state, now_ns)
+
+    def action_back(self) -> None:
+        """Back to the fleet."""
+        self.dismiss()
+
+    def action_other(self, step: int) -> None:
+        """Another vehicle."""
+        self._move(step)
+        self._page.scroll_to(y=0, animate=False, force=True)
+
+
+class VehiclePage(Lines, ScrollView, can_focus=True):
+    """Blocks in one, two or three columns; what does not fit scrolls."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("down,j", "look(1, False)", "down", show=False),
+        Binding("up,k", "look(-1, False)", "up", show=False),
+        Binding("pagedown,space", "look(1, True)", "page down", show=False),
+        Binding("pageup", "look(-1, True)", "page up", show=False),
+    ]
+
+    def __init__(self, fleet: FleetConfig, alarms: Alarms, ticks: Ticks, time_text: Callable[[int], str]) -> None:
+        super().__init__(id="vehicle")
+        self._fleet, self._alarms, self._ticks, self._time_text = fleet, alarms, ticks, time_text
+        self._subject: Subject | None = None
+
+    def show(self, name: str | None, state: FleetState, now_ns: int) -> None:
+        """Draw this vehicle."""
+        view = state.vehicles.get(name or "")
+        if view is None:
+            self._subject, self.border_title = None, "no vehicle"
+        else:
+            place = list(state.vehicles).index(view.name)
+            lines = self._alarms.of(view.name)
+            ticks = list(self._ticks.values)
+            rows = 5 if self.size.height < 45 else 9
+            self._subject = Subject(view, place, state, self._fleet, now_ns, ticks, lines, self._time_text, rows)
+            self.border_title = "".join(text for text, _ in heading(self._subject)).replace("[", "(")
+        self.redraw()
+
+    def draw(self, width: int, height: int) -> list[Strip]:
+        """The whole page, also what lies below the window."""
+        if self._subject is None:
+            return []
+        count = max(1, min(3, width // _COLUMN_WIDTH))
+        each = (width - 2 * (count - 1)) // count
+        parts = blocks(self._subject, each)
+        columns = [[line for place in places for line in parts[place]] for places in _ORDERS[count]]
+        rows = []
+        for y in range(max(map(len, columns))):
+            cells = [column[y] if y < len(column) else Strip.blank(each) for column in columns]
+            gap = Strip.blank(2)
+            rows.append(Strip.join([part for cell in cells for part in (cell, gap)][:-1]).adjust_cell_length(width))
+        self.virtual_size = Size(width, len(rows))
+        top = min(self.scroll_offset.y, max(0, len(rows) - height))
+        more = "↓ more · " if top + height < len(rows) else ""
+        self.border_subtitle = f"{more}[ ] other vehicle · esc back".replace("[ ]", r"\[ ]")
+        return rows[top : top + height]
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """The page has the whole screen already: escape belongs to the screen, which goes back."""
+        return action not in ("alone", "together")
+
+    def action_look(self, step: int, is_page: bool) -> None:
+        """Scroll by lines or by pages."""
+        self.scroll_relative(y=step * (max(1, self.size.height - 2) if is_page else 1), animate=False, force=True)
+
+    def watch_scroll_y(self, old_value: float, new_value: float) -> None:
+        """Another part of the page is in the window."""
+        super().watch_scroll_y(old_value, new_value)
+        self._drawn = None
+        self.refresh()

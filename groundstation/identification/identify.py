@@ -1,0 +1,157 @@
+"""What a vehicle really is, from a short flight: hover throttle, tilt error, drag and lag, with uncertainties. Pure.
+
+Two fits. The attitude: commanded tilt through a dead time and a second-order response, times a static gain, plus a
+constant error, against the measured attitude (Gauss-Newton from the best of a grid). The motion: what that response and
+the throttle would do to a mass, integrated twice, against measured positions, in windows of two seconds whose initial
+position and velocity are free; it is linear in hover throttle, drag, lean and in the time by which the motion comes
+before the attitude's own time stamps. That time, together with what is known of the attitude's age, takes out of the
+lag L, from a command to the acceleration it causes, how old the attitude was when it was written down.
+
+Residuals are correlated (gusts, thrust noise, model error): standard deviations are a jackknife over windows, with
+Student's factor for their number, and never below a floor for what the model leaves out.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from groundstation.identification.attitude_fit import fit_attitude, unexplained_times_s
+from groundstation.identification.flight_log import MEMORY_S, Log, TooLittleFlown, tilt_vector_rad
+from groundstation.identification.motion_fit import POSITION_NOISE_M, WINDOW_S, fit_horizontal, fit_vertical
+from onboard.types import GRAVITY_M_S2, Array, BoolArray
+
+MIN_DURATION_S = 8.0
+MIN_TILT_RMS_DEG = 0.5
+# what the model leaves out: battery sag, the thrust curve, steady wind (which looks like tilt), the tick's own length
+_FLOOR = {"hover": 0.001, "lag": 0.003, "drag": 0.02, "tilt_deg": 0.1, "gain": 0.003}
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A value with its standard deviation and 95 % interval."""
+
+    value: float
+    std: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """The vehicle as flown.
+
+    lag_s is L, the sum of delay_s and 2 zeta / wn: known better than its three parts. tilt_error_x_deg and _y_deg:
+    where the thrust leans, in ENU, when level is asked: static error of the attitude loop and lean together.
+    """
+
+    hover_thrust_frac: Estimate
+    lag_s: Estimate
+    delay_s: Estimate
+    wn_rad_s: Estimate
+    zeta: Estimate
+    drag_1_s: Estimate
+    static_gain: Estimate
+    tilt_error_x_deg: Estimate
+    tilt_error_y_deg: Estimate
+    duration_s: float
+    attitude_rms_deg: float
+    position_rms_m: float
+
+
+def identify(log: Log) -> Identified:
+    """Parameters of the vehicle that flew ``log``. TooLittleFlown when it is too short or too still."""
+    begin_s, end_s = _span(log)
+    attitude = fit_attitude(log, begin_s, end_s)
+    bad_s = unexplained_times_s(log, attitude, begin_s, end_s)
+    if bad_s.size:
+        log = _without(log, bad_s)
+        attitude = fit_attitude(log, begin_s, end_s)
+    scale, scale_std = fit_vertical(log, attitude, begin_s, end_s)
+    if not scale > GRAVITY_M_S2:
+        raise TooLittleFlown(
+            "Throttle and height do not belong together in this log: full throttle would not lift the vehicle. "
+            "Check that commands and positions are of one vehicle and of one time."
+        )
+    motion = fit_horizontal(log, attitude, scale, begin_s, end_s)
+    delay_s, wn, zeta = attitude.theta[:3]
+    delay_s += motion.theta[1]
+    degree = math.degrees(1.0)
+    factor = _student(motion.clusters)
+    hover = GRAVITY_M_S2 / scale
+    hover_std = math.hypot(hover * scale_std / scale, _FLOOR["hover"] * hover)
+    lag_std = math.hypot(motion.std[1], _FLOOR["lag"])
+    part_std = np.hypot(attitude.std[:3], [lag_std, 0.0, 0.0])
+    tilt = attitude.theta[4:6] + motion.theta[2:4] / GRAVITY_M_S2
+    tilt_std = np.hypot(np.hypot(attitude.std[4:6], motion.std[2:4] / GRAVITY_M_S2), _FLOOR["tilt_deg"] / degree)
+
+    def estimate(value: float, std: float, scaled: float = 1.0) -> Estimate:
+        value, std = float(value) * scaled, float(std) * scaled
+        return Estimate(value, std, value - factor * std, value + factor * std)
+
+    return Identified(
+        hover_thrust_frac=estimate(hover, hover_std),
+        lag_s=estimate(delay_s + 2.0 * zeta / wn, lag_std),
+        delay_s=estimate(delay_s, part_std[0]),
+        wn_rad_s=estimate(wn, part_std[1]),
+        zeta=estimate(zeta, part_std[2]),
+        drag_1_s=estimate(motion.theta[0], math.hypot(motion.std[0], _FLOOR["drag"])),
+        static_gain=estimate(attitude.theta[3], math.hypot(attitude.std[3], _FLOOR["gain"])),
+        tilt_error_x_deg=estimate(tilt[0], tilt_std[0], degree),
+        tilt_error_y_deg=estimate(tilt[1], tilt_std[1], degree),
+        duration_s=end_s - begin_s,
+        attitude_rms_deg=attitude.rms * degree,
+        position_rms_m=motion.rms * POSITION_NOISE_M,
+    )
+
+
+def _without(log: Log, bad_s: Array) -> Log:
+    """The log without the times at which it does not tell the whole story, unless that is most of it.
+
+    A position counts until a whole window later, since the model of its window has integrated over the bad time.
+    """
+
+    def is_kept(time_s: Array, after_s: float) -> BoolArray:
+        place = np.searchsorted(bad_s, time_s + 0.1)
+        last = np.where(place > 0, bad_s[np.maximum(place - 1, 0)], -np.inf)
+        return np.asarray(time_s - last > after_s)
+
+    attitude, position = is_kept(log.attitude_time_s, 0.4), is_kept(log.position_time_s, WINDOW_S)
+    if min(attitude.mean(), position.mean()) < 0.5:
+        return log
+    return replace(
+        log,
+        attitude_time_s=log.attitude_time_s[attitude],
+        attitude_quaternion_wxyz=log.attitude_quaternion_wxyz[attitude],
+        position_time_s=log.position_time_s[position],
+        position_enu_m=log.position_enu_m[position],
+    )
+
+
+def _span(log: Log) -> tuple[float, float]:
+    times = (log.command_time_s, log.attitude_time_s, log.position_time_s)
+    if min(time.size for time in times) < 100:
+        raise TooLittleFlown(
+            "There are fewer than 100 samples of commands, attitude or position in the air. Fly longer."
+        )
+    begin_s, end_s = max(time[0] for time in times) + MEMORY_S, min(time[-1] for time in times)
+    if end_s - begin_s < MIN_DURATION_S:
+        raise TooLittleFlown(
+            f"Only {max(0.0, end_s - begin_s):.1f} s in the air are of use, {MIN_DURATION_S:g} s are needed. Fly on."
+        )
+    tilt_deg = np.degrees(tilt_vector_rad(log.command_quaternion_wxyz))
+    moved_deg = float(np.sqrt(np.var(tilt_deg, axis=0).sum()))
+    if not moved_deg >= MIN_TILT_RMS_DEG:
+        raise TooLittleFlown(
+            f"The commanded tilt varied by {moved_deg:.2f} deg only, {MIN_TILT_RMS_DEG:g} deg are needed to see lag "
+            "and drag. Fly some quick moves, or let covey identify fly them."
+        )
+    return float(begin_s), float(end_s)
+
+
+def _student(clusters: int) -> float:
+    """0.975 quantile of Student's t for so many clusters, near enough from 5 on."""
+    freedom = max(clusters - 5, 3)
+    return 1.96 + 2.4 / freedom + 3.0 / freedom**2

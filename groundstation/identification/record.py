@@ -1,0 +1,91 @@
+"""A recorded flight as the identification takes it: commands, attitudes and positions of each vehicle in the air."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from groundstation.identification.flight_log import Log
+from groundstation.recording.reader import Sample, read
+from onboard.config.fleet import FleetConfig
+from onboard.types import Array
+
+_LOW_M = 0.3  # below, the ground bears part of the weight
+_GAP_S = 0.1
+# PX4's attitude comes at 50-100 Hz over a link: half a period and the way
+_LINK_AGE_S, _LINK_AGE_STD_S = 0.012, 0.008
+
+
+def logs_of(path: Path, fleet: FleetConfig, names: Sequence[str]) -> dict[str, Log]:
+    """The longest stretch in the air of each vehicle of a record that has one.
+
+    Positions and attitudes come from the mocap's own samples with their own stamps; without a mocap from the agent's.
+    """
+    bodies = {fleet.vehicles[name].body: name for name in names}
+    ticks: dict[str, list[Sample]] = {name: [] for name in names}
+    poses: dict[str, list[Sample]] = {name: [] for name in names}
+    for sample in read(path, ("tick", "mocap")):
+        if sample.topic == "tick" and sample.name in ticks:
+            ticks[sample.name].append(sample)
+        elif sample.topic == "mocap" and sample.name in bodies and _is_tracked(sample):
+            poses[bodies[sample.name]].append(sample)
+    found = {name: _log(ticks[name], poses[name]) for name in names}
+    return {name: log for name, log in found.items() if log is not None}
+
+
+def _log(ticks: list[Sample], poses: list[Sample]) -> Log | None:
+    air = _longest_stretch([tick for tick in ticks if _is_flying(tick)])
+    if len(air) < 2:
+        return None
+    origin_ns, last_ns = air[0].stamp_ns, air[-1].stamp_ns
+    fields = ("setpoint_quaternion_enu_flu_wxyz", "attitude_quaternion_enu_flu_wxyz", "position_enu_m")
+    time_s, (asked, attitude, position) = _series(air, origin_ns, fields)
+    thrust = np.array([tick.values["setpoint_thrust_frac"] for tick in air], np.float64)
+    seen = [pose for pose in poses if origin_ns <= pose.stamp_ns <= last_ns]
+    if len(seen) < 0.5 * len(air):
+        return Log(time_s, asked, thrust, time_s, attitude, time_s, position, _LINK_AGE_S, _LINK_AGE_STD_S)
+    pose_s, (turned, place) = _series(seen, origin_ns, ("quaternion_enu_flu_wxyz", "position_enu_m"))
+    return Log(time_s, asked, thrust, pose_s, turned, pose_s, place)
+
+
+def _is_flying(tick: Sample) -> bool:
+    values, quaternions = tick.values, ("setpoint_quaternion_enu_flu_wxyz", "attitude_quaternion_enu_flu_wxyz")
+    if not _are_numbers(values, "position_enu_m", *quaternions, "setpoint_thrust_frac", count=12):
+        return False
+    return values.get("state") in ("flying", "holding", "taking off") and values["position_enu_m"][2] > _LOW_M
+
+
+def _is_tracked(pose: Sample) -> bool:
+    is_whole = _are_numbers(pose.values, "position_enu_m", "quaternion_enu_flu_wxyz", count=7)
+    return is_whole and bool(pose.values.get("is_tracked"))
+
+
+def _are_numbers(values: Mapping[str, Any], *fields: str, count: int) -> bool:
+    """Whether the fields hold so many numbers together; what is not finite is null in a record."""
+    numbers: list[Any] = []
+    for field in fields:
+        value = values.get(field)
+        numbers += value if isinstance(value, list) else [value]
+    return len(numbers) == count and all(isinstance(number, int | float) for number in numbers)
+
+
+def _longest_stretch(ticks: list[Sample]) -> list[Sample]:
+    ticks = sorted(ticks, key=lambda tick: tick.stamp_ns)
+    best: list[Sample] = []
+    stretch: list[Sample] = []
+    for tick in ticks:
+        if stretch and not 0 < tick.stamp_ns - stretch[-1].stamp_ns < _GAP_S * 1e9:
+            stretch = []
+        stretch.append(tick)
+        best = stretch if len(stretch) > len(best) else best
+    return best
+
+
+def _series(samples: list[Sample], origin_ns: int, fields: Sequence[str]) -> tuple[Array, list[Array]]:
+    """Times (n,) from the origin on, increasing, and the fields (n, ...)."""
+    stamps, first = np.unique([sample.stamp_ns for sample in samples], return_index=True)
+    columns = [np.array([samples[index].values[field] for index in first], np.float64) for field in fields]
+    return np.asarray((stamps - origin_ns) * 1e-9, dtype=np.float64), columns

@@ -1,0 +1,122 @@
+"""A process that computes forecasts, one after the other; the console's own process only waits for an answer.
+
+Requests and answers are pickled between a parent and the child that it started itself. The child ends with its input,
+so that none is left behind whatever happens to the parent.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import pickle
+import signal
+import struct
+import sys
+from collections.abc import Mapping
+
+from groundstation.orders.forecast import Forecast, Leg, forecast
+from onboard.config.fleet import FleetConfig
+from onboard.rollout import compiled
+
+_LENGTH = struct.Struct("<I")
+_NICENESS = 10
+_LIMIT_S = 60.0  # the very first start on a machine compiles for a quarter of a minute
+
+
+class ForecastFailed(RuntimeError):
+    """No forecast could be computed: a sentence."""
+
+
+class Forecaster:
+    """Asks the child; starts it when it is needed, and again when it has ended."""
+
+    def __init__(self) -> None:
+        self._process: asyncio.subprocess.Process | None = None
+        self._turn = asyncio.Lock()
+
+    async def start(self) -> None:
+        """Start the child ahead of the first request: what it needs takes a second to load."""
+        async with self._turn:
+            await self._started()
+
+    async def forecast(self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False) -> Forecast:
+        """As :func:`groundstation.orders.forecast.forecast`. Cancelled, the child ends: its answer would be nobody's.
+
+        Raises:
+            ForecastFailed: the child ended or did not answer.
+        """
+        async with self._turn:
+            process = await self._started()
+            assert process.stdin is not None
+            assert process.stdout is not None
+            request = pickle.dumps((fleet, dict(legs), is_takeoff))
+            is_answered = False
+            try:
+                process.stdin.write(_LENGTH.pack(len(request)) + request)
+                async with asyncio.timeout(_LIMIT_S):
+                    (length,) = _LENGTH.unpack(await process.stdout.readexactly(_LENGTH.size))
+                    answer = pickle.loads(await process.stdout.readexactly(length))
+                is_answered = True
+            except (OSError, EOFError, TimeoutError) as error:
+                raise ForecastFailed(
+                    f"The forecast could not be computed ({type(error).__name__}). Try again, or start the console "
+                    "with --no-preview and watch closely."
+                ) from None
+            finally:
+                if not is_answered:
+                    self._kill()
+        if isinstance(answer, str):
+            raise ForecastFailed(f"The forecast could not be computed: {answer}")
+        assert isinstance(answer, Forecast)
+        return answer
+
+    async def stop(self) -> None:
+        """End the child; a second call does nothing."""
+        process = self._process
+        self._kill()
+        if process is not None:
+            await process.wait()
+
+    async def _started(self) -> asyncio.subprocess.Process:
+        if self._process is None or self._process.returncode is not None:
+            pipe = asyncio.subprocess.PIPE
+            self._process = await asyncio.create_subprocess_exec(
+                sys.executable,
+                "-m",
+                "groundstation.orders.forecast_process",
+                stdin=pipe,
+                stdout=pipe,
+                stderr=asyncio.subprocess.DEVNULL,  # the terminal is the console's
+                start_new_session=True,  # a Ctrl-C at the terminal is the console's, too
+            )
+        return self._process
+
+    def _kill(self) -> None:
+        process, self._process = self._process, None
+        if process is not None and process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+
+
+def main() -> int:
+    """Answer requests until the input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(_NICENESS)
+    source, sink = sys.stdin.buffer, sys.stdout.buffer
+    compiled.warm_up()
+    while len(head := source.read(_LENGTH.size)) == _LENGTH.size:
+        fleet, legs, is_takeoff = pickle.loads(source.read(*_LENGTH.unpack(head)))
+        answer: Forecast | str
+        try:
+            answer = forecast(fleet, legs, is_takeoff=is_takeoff)
+        except (ArithmeticError, ValueError, IndexError) as error:
+            answer = f"{type(error).__name__}: {error}"
+        data = pickle.dumps(answer)
+        sink.write(_LENGTH.pack(len(data)) + data)
+        sink.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,135 @@
+"""A fleet on ports of its own: for a demo that must not meet anything else on the machine."""
+
+from __future__ import annotations
+
+import random
+import re
+import socket
+from collections.abc import Iterator
+from typing import Any
+
+from onboard.config.fleet import ConfigError, FleetConfig
+
+# Below the kernel's own range for outgoing connections, so that nobody is handed one of these by accident.
+PORT_RANGE = (20_000, 30_000)
+PX4_OFFSET = 40
+
+
+def is_free(port: int, kind: socket.SocketKind) -> bool:
+    """Whether a loopback port can be bound now."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        if kind == socket.SOCK_STREAM:
+            # As the bus's listener does it: a connection of the last flight that lingers in TIME_WAIT is no hindrance.
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return False
+    return True
+
+
+def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
+    """The fleet file's data with every endpoint on a free loopback port; what it says else stays as it is.
+
+    Args:
+        data: the file's content; not changed.
+        fleet: the same, resolved.
+    Raises:
+        ConfigError: no free ports.
+    """
+    ports = _free_ports()
+    vehicles = {}
+    for name, table in data["vehicles"].items():
+        own = {**table, "agent": f"tcp/127.0.0.1:{_next(ports)}", "autopilot": f"udpin://127.0.0.1:{_next(ports)}"}
+        if fleet.vehicles[name].direct is not None:
+            own["direct"] = f"udpout://127.0.0.1:{_next(ports)}"
+        vehicles[name] = own
+    section = {**data["fleet"], "simulator": f"tcp/127.0.0.1:{_next(ports)}"}
+    return {**data, "fleet": section, "vehicles": vehicles}
+
+
+def busy_ports(fleet: FleetConfig) -> list[str]:
+    """Endpoints of a fleet file on this machine that are in use: a sentence each."""
+    wanted = [("fleet.simulator", fleet.simulator_endpoint, 0, socket.SOCK_STREAM)]
+    for name in fleet.enabled_names:
+        vehicle = fleet.vehicles[name]
+        wanted.append((f"vehicles.{name}.agent", vehicle.agent, 0, socket.SOCK_STREAM))
+        for offset in (0, PX4_OFFSET):
+            wanted.append((f"vehicles.{name}.autopilot", vehicle.autopilot, offset, socket.SOCK_DGRAM))
+        if vehicle.direct is not None:
+            wanted.append((f"vehicles.{name}.direct", vehicle.direct, 0, socket.SOCK_DGRAM))
+    busy = []
+    for key, endpoint, offset, kind in wanted:
+        port = endpoint.rsplit(":", 1)[-1]
+        if port.isdigit() and not is_free(int(port) + offset, kind):
+            protocol = "TCP" if kind == socket.SOCK_STREAM else "UDP"
+            busy.append(f"'{key}' ({endpoint}) needs {protocol} port {int(port) + offset}, which is in use.")
+    return busy
+
+
+def _free_ports() -> Iterator[int]:
+    """Ports that are free for TCP and UDP, together with the one that an emulated PX4 binds beside them."""
+    low, high = PORT_RANGE
+    step = 2 * PX4_OFFSET
+    starts = list(range(low, high - step, step))
+    random.SystemRandom().shuffle(starts)
+    for start in starts:
+        for port in range(start, start + PX4_OFFSET):
+            if (
+                is_free(port, socket.SOCK_STREAM)
+                and is_free(port, socket.SOCK_DGRAM)
+                and is_free(port + PX4_OFFSET, socket.SOCK_DGRAM)
+            ):
+                yield port
+
+
+def _next(ports: Iterator[int]) -> int:
+    port = next(ports, None)
+    if port is None:
+        low, high = PORT_RANGE
+        raise ConfigError(f"There are no free ports between {low} and {high} on 127.0.0.1. Stop what uses them.")
+    return port
+
+
+def toml_text(data: dict[str, Any], comment: str = "") -> str:
+    """TOML of nested tables of plain values, enough for fleet files (the standard library only reads TOML)."""
+    lines = [f"# {line}" for line in comment.splitlines()]
+    _emit(data, (), lines)
+    return "\n".join(lines) + "\n"
+
+
+def _emit(table: dict[str, Any], path: tuple[str, ...], lines: list[str]) -> None:
+    if path:
+        lines += ["", f"[{'.'.join(_key(part) for part in path)}]"]
+    for key, value in table.items():
+        if not isinstance(value, dict):
+            lines.append(f"{_key(key)} = {_value(value)}")
+    for key, value in table.items():
+        if isinstance(value, dict):
+            _emit(value, (*path, key), lines)
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _string(key)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (int, float)):
+        return repr(value)
+    if isinstance(value, str):
+        return _string(value)
+    if isinstance(value, list):
+        return f"[{', '.join(_value(item) for item in value)}]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_key(key)} = {_value(item)}" for key, item in value.items()) + "}"
+    raise TypeError(f"no TOML for {type(value).__name__}")
+
+
+def _string(text: str) -> str:
+    escaped = "".join(
+        f"\\u{ord(char):04x}" if ord(char) < 32 or ord(char) == 127 else f"\\{char}" if char in '"\\' else char
+        for char in text
+    )
+    return f'"{escaped}"'

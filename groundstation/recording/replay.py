@@ -1,0 +1,326 @@
+"""A recorded flight as if it were flying: the fleet's state at any time of the record, and orders refused.
+
+:class:`Replay` looks to the console like a client. What it shows is folded from the record by the same code as live, on
+the record's own clock; every few seconds the state is kept, so that going back costs little.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import bisect
+import contextlib
+import itertools
+import os
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgspec
+
+from groundstation.alarms.alarms import plain
+from groundstation.fleet import state as fleet_state
+from groundstation.fleet.state import FleetState
+from groundstation.fleet.tick_stream import KEPT
+from groundstation.orders.grammar import Intent, OrderError
+from groundstation.orders.result import OrderHandle
+from groundstation.recording.channels import as_mapping
+from groundstation.recording.timeline import Reading, Timeline, Told
+from groundstation.recording.writer import event_line
+from onboard.bus.schema import Telemetry, TickSample, Truth
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+STEP_NS = 100_000_000  # the console's own period: what it would have seen live
+KEYFRAME_NS = 2_000_000_000
+MEMORY_NS = 60_000_000_000  # before the place looked for, so that trails and charts are there
+TICKS_NS = 20_000_000_000  # of the pipeline, shown at once for a vehicle that is looked at anew
+MAX_KEYFRAMES = 20_000
+_BREATH_S = 0.02  # of work at a time, between which the console is drawn
+_BACK_NS = 1_000_000_000
+_SEEN = frozenset(("telemetry", "truth", "event", "preflight"))
+_WITH_TICKS = _SEEN | {"tick"}
+REFUSAL = "This is a recorded flight: nothing can be ordered. Attach to a flying fleet with covey tui."
+
+OnStep = Callable[[FleetState, int], None]
+
+
+class RecordedTicks:
+    """The pipeline's values of one vehicle, as the record has them."""
+
+    def __init__(self, on_change: Callable[[], None]) -> None:
+        self.values: deque[TickSample] = deque(maxlen=KEPT)
+        self.vehicle: str | None = None
+        self._on_change = on_change
+
+    def follow(self, vehicle: str | None) -> None:
+        """Keep this vehicle's values from now on, newest last; None: nobody's."""
+        if vehicle != self.vehicle:
+            self.vehicle = vehicle
+            self.values.clear()
+            self._on_change()
+
+
+class Replay:
+    """Plays a record. Call :meth:`play` often; seek with :meth:`seek`.
+
+    Attributes:
+        is_playing, speed: what :meth:`play` does. ticks: the followed vehicle's pipeline values.
+        seeking: how far a seek is, 0 to 1, None when none is under way.
+    """
+
+    def __init__(self, fleet: FleetConfig, timeline: Timeline, *, speed: float = 1.0) -> None:
+        self.fleet = fleet
+        self.timeline = timeline
+        self.is_playing = True
+        self.speed = speed
+        self.ticks = RecordedTicks(self._read_again)
+        self.seeking: float | None = None
+        self._listeners: list[OnStep] = []
+        self._resets: list[Callable[[], None]] = []
+        self._keyframes: list[tuple[int, FleetState]] = [(timeline.begin_ns - 1, fleet_state.initial(fleet))]
+        self._state, self._now_ns = self._keyframes[0][1], self._keyframes[0][0]
+        self._reading = self._read_on()
+        self._event_stamps = [stamp_ns for stamp_ns, event in timeline.events if event.severity != "debug"]
+        self._wanted_ns: int | None = None
+
+    # -- what the console asks of any client ----------------------------------------------------------------------
+
+    @property
+    def state(self) -> FleetState:
+        """The fleet at this time of the record."""
+        return self._state
+
+    def now_ns(self) -> int:
+        """The time of the record, on the record's clock."""
+        return self._now_ns
+
+    async def submit(self, order: Intent | str) -> OrderHandle:
+        """Refused: what has happened cannot be ordered.
+
+        Raises:
+            OrderError: always.
+        """
+        raise OrderError(REFUSAL)
+
+    # -- playing ---------------------------------------------------------------------------------------------------
+
+    @property
+    def position_s(self) -> float:
+        """Seconds since the record began."""
+        return max(0.0, (self._now_ns - self.timeline.begin_ns) * 1e-9)
+
+    @property
+    def length_s(self) -> float:
+        """Seconds from begin to end."""
+        return self.timeline.length_s
+
+    @property
+    def is_at_end(self) -> bool:
+        """Whether nothing comes after this."""
+        return self._now_ns >= self.timeline.end_ns
+
+    def add_listener(self, on_step: OnStep, on_reset: Callable[[], None]) -> None:
+        """Call ``on_step(state, now_ns)`` ten times per second of the record, ``on_reset()`` before going back."""
+        self._listeners.append(on_step)
+        self._resets.append(on_reset)
+
+    def play(self, elapsed_s: float) -> None:
+        """Time has passed for the one who watches; the record follows, if it plays. Stops at the end."""
+        if not self.is_playing or self.seeking is not None:
+            return
+        until_ns = self._now_ns + int(min(elapsed_s, 1.0) * self.speed * 1e9)
+        begin_s = time.perf_counter()
+        for _ in self._steps(min(until_ns, self.timeline.end_ns)):
+            if time.perf_counter() - begin_s > 4.0 * _BREATH_S:
+                break  # a fleet too large for this speed plays as fast as it can, and the console lives
+        if self.is_at_end:
+            self.is_playing = False
+
+    def change_speed(self, steps: int) -> None:
+        """Faster or slower by steps of SPEEDS."""
+        nearest = min(range(len(SPEEDS)), key=lambda place: abs(SPEEDS[place] - self.speed))
+        self.speed = SPEEDS[max(0, min(len(SPEEDS) - 1, nearest + steps))]
+
+    async def seek(self, position_s: float) -> None:
+        """Go to a time of the record, in seconds since its begin; the newest wish counts."""
+        limit_ns = self.timeline.end_ns
+        wanted_ns = self.timeline.begin_ns + int(max(0.0, min(position_s, self.length_s)) * 1e9)
+        self._wanted_ns = min(wanted_ns, limit_ns)
+        if self.seeking is not None:
+            return  # the one under way takes the new wish over
+        self.seeking = 0.0
+        try:
+            while self._wanted_ns is not None:
+                target_ns, self._wanted_ns = self._wanted_ns, None
+                await self._go(target_ns)
+        finally:
+            self.seeking = None
+
+    async def jump(self, direction: int) -> None:
+        """To the next event (+1), or the one before (-1)."""
+        stamps = self._event_stamps
+        if direction > 0:
+            place = bisect.bisect_right(stamps, self._now_ns)
+        else:  # while playing, the event just passed is not the one that is meant
+            place = bisect.bisect_left(stamps, self._now_ns - (_BACK_NS if self.is_playing else 0)) - 1
+        if 0 <= place < len(stamps):
+            await self.seek((stamps[place] - self.timeline.begin_ns) * 1e-9)
+        else:
+            await self.seek(self.length_s if direction > 0 else 0.0)
+
+    async def _go(self, target_ns: int) -> None:
+        if target_ns < self._now_ns:
+            self._turn_back(target_ns - MEMORY_NS)
+        start_ns, begin_s = self._now_ns, time.perf_counter()
+        for _ in self._steps(target_ns):
+            if time.perf_counter() - begin_s > _BREATH_S:
+                self.seeking = (self._now_ns - start_ns) / max(1, target_ns - start_ns)
+                await asyncio.sleep(0.001)
+                begin_s = time.perf_counter()
+                if self._wanted_ns is not None:
+                    return
+
+    def _turn_back(self, before_ns: int) -> None:
+        place = max(0, bisect.bisect_right(self._keyframes, before_ns, key=lambda pair: pair[0]) - 1)
+        self._now_ns, self._state = self._keyframes[place]
+        self.ticks.values.clear()
+        self._reading = self._read_on()
+        for reset in self._resets:
+            reset()
+
+    def _read_again(self) -> None:
+        """Another vehicle is followed: what its pipeline has just done comes first."""
+        self._reading = self._read_on()
+        if self.ticks.vehicle is not None:
+            for one in self.timeline.told(self._now_ns - TICKS_NS, frozenset(("tick",))).until(self._now_ns):
+                if isinstance(one.message, TickSample) and one.name == self.ticks.vehicle:
+                    self.ticks.values.append(one.message)
+
+    def _read_on(self) -> Reading:
+        return self.timeline.told(self._now_ns, _SEEN if self.ticks.vehicle is None else _WITH_TICKS)
+
+    def _steps(self, until_ns: int) -> Iterator[None]:
+        """Fold the record on to ``until_ns``, and pause after every step."""
+        while self._now_ns < until_ns:
+            now_ns = min(until_ns, (self._now_ns // STEP_NS + 1) * STEP_NS)
+            self._state = self._folded(list(self._reading.until(now_ns)))
+            self._now_ns = now_ns
+            if now_ns - self._keyframes[-1][0] >= KEYFRAME_NS and len(self._keyframes) < MAX_KEYFRAMES:
+                self._keyframes.append((now_ns, self._state))
+            for listener in self._listeners:
+                listener(self._state, now_ns)
+            yield
+
+    def _folded(self, told: list[Told]) -> FleetState:
+        state = self._state
+        for topic, group in itertools.groupby(told, key=lambda one: one.topic):
+            some = list(group)
+            if topic == "truth":
+                for _, moment in itertools.groupby(some, key=lambda one: one.stamp_ns):
+                    together = list(moment)
+                    truths = [one.message for one in together if isinstance(one.message, Truth)]
+                    state = fleet_state.fold_truths(state, truths, together[-1].stamp_ns)
+            elif topic == "tick":
+                own = [one.message for one in some if one.name == self.ticks.vehicle]
+                self.ticks.values.extend(sample for sample in own if isinstance(sample, TickSample))
+            else:
+                state = _told(state, some)
+        return state
+
+
+def _told(state: FleetState, some: list[Told]) -> FleetState:
+    """The state after messages of vehicles: who speaks is there."""
+    heard = [(one.message, one.stamp_ns) for one in some if isinstance(one.message, Telemetry)]
+    state = fleet_state.fold_telemetry(state, heard)
+    for one in some:
+        if not isinstance(one.message, Telemetry):
+            state = fleet_state.fold(state, one.message, one.stamp_ns)
+        view = state.vehicles.get(one.name)
+        if view is not None and not view.is_alive:
+            state = fleet_state.fold_alive(state, one.name, True)
+    return state
+
+
+def open_flight(folder: Path, fleet_path: str | None = None) -> tuple[FleetConfig, Timeline]:
+    """Fleet file and record of a flight folder, or of a record beside its fleet file; ConfigError in words."""
+    timeline = Timeline(folder)
+    beside = timeline.path.parent / "fleet.toml"
+    if fleet_path is None and not beside.is_file():
+        timeline.close()
+        raise ConfigError(f"{timeline.path}: there is no fleet.toml beside it. Give the fleet file with --fleet.")
+    return load_fleet(fleet_path or str(beside)), timeline
+
+
+def main(argv: list[str]) -> int:
+    """Entry of ``covey replay``."""
+    parser = argparse.ArgumentParser(
+        prog="covey replay",
+        description="Open a recorded flight in the console: play, pause, step, seek, jump from event to event.",
+        epilog="Keys: space play or pause; , and . one step; left and right 5 s; n and N next event and the one "
+        "before; < and > speed; home and end. Exit status: 0; 2 when there is no record to open.",
+    )
+    parser.add_argument("flight", metavar="DIR", type=Path, help="flight folder, or the MCAP file of one")
+    parser.add_argument("--fleet", metavar="FILE", help="fleet file, where none lies beside the record")
+    parser.add_argument("--speed", type=_speed, default=1.0, metavar="X", help="times real time (default 1)")
+    parser.add_argument("--at", type=_seconds, default=0.0, metavar="S", help="begin at this second (default 0)")
+    parser.add_argument("--headless", action="store_true", help="no console: print what happened")
+    parser.add_argument("--json", action="store_true", help="with --headless: as JSON")
+    options = parser.parse_args(argv)
+    fleet, timeline = open_flight(options.flight, options.fleet)
+    with contextlib.closing(timeline):
+        replay = Replay(fleet, timeline, speed=options.speed)
+        if options.headless or options.json:
+            print(asyncio.run(story(replay, is_json=options.json)))
+            return 0
+        if not (sys.stdout.isatty() or "TEXTUAL_DRIVER" in os.environ):
+            raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
+        from groundstation.console.replay import run_replay
+
+        return asyncio.run(run_replay(replay, title=f"replay of {options.flight.name}", at_s=options.at))
+
+
+async def story(replay: Replay, *, is_json: bool) -> str:
+    """What happened, and what the whole record came to: lines for people, or one JSON object."""
+    await replay.seek(replay.length_s)
+    timeline, state = replay.timeline, replay.state
+    told = [((stamp_ns - timeline.begin_ns) * 1e-9, event) for stamp_ns, event in timeline.events]
+    pair = state.smallest_truth or state.smallest
+    if is_json:
+        smallest = None
+        if pair is not None:
+            smallest = {"pair": [pair.first, pair.second], "distance_m": pair.distance_m, "is_truth": pair.is_truth}
+        found = {
+            "record": str(timeline.path),
+            "length_s": round(timeline.length_s, 3),
+            "is_whole": not timeline.broken,
+            "note": timeline.broken,
+            "vehicles": [name for name, view in state.vehicles.items() if view.telemetry is not None],
+            "smallest": smallest,
+            "malformed": timeline.malformed + state.malformed,
+            "events": [{"at_s": round(at_s, 3), **as_mapping(event)} for at_s, event in told],
+        }
+        return msgspec.json.format(msgspec.json.encode(found), indent=2).decode()
+    lines = [f"{at_s:8.1f} s  {plain(event_line(event), 400)}" for at_s, event in told if event.severity != "debug"]
+    if pair is not None:
+        source = "ground truth" if pair.is_truth else "telemetry"
+        lines.append(f"Closest: {pair.first} and {pair.second}, {pair.distance_m:.2f} m, by {source}.")
+    heard = sum(view.telemetry is not None for view in state.vehicles.values())
+    lines.append(f"{timeline.length_s:.1f} s of {heard} vehicles in {timeline.path}.")
+    return "\n".join([*lines, timeline.broken] if timeline.broken else lines)
+
+
+def _speed(text: str) -> float:
+    value = float(text)
+    if not SPEEDS[0] <= value <= SPEEDS[-1]:
+        raise argparse.ArgumentTypeError(f"{text} is not between {SPEEDS[0]:g} and {SPEEDS[-1]:g}")
+    return value
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value < 1e9:
+        raise argparse.ArgumentTypeError(f"{text} is no number of seconds from 0 on")
+    return value

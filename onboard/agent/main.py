@@ -1,0 +1,62 @@
+"""``python -m onboard --fleet FILE --vehicle NAME``: one vehicle's agent."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from onboard.agent.loop import EXIT_WRONG_INPUT, run_agent
+from onboard.config.fleet import ConfigError, load_fleet
+from onboard.process import service
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of an agent."""
+    found = argparse.ArgumentParser(
+        prog="covey agent",
+        description="Fly one vehicle of a fleet.",
+        epilog="As a service of systemd: covey agent install, status or logs, with --fleet, --vehicle and --help.",
+    )
+    found.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
+    found.add_argument("--vehicle", required=True, metavar="NAME", help="vehicle of the fleet file")
+    found.add_argument("--law", choices=["covey", "paper", "off"], help="avoidance law instead of the fleet file's")
+    found.add_argument(
+        "--apply-params", action="store_true", help="set PX4's required parameters instead of only checking them"
+    )
+    found.add_argument(
+        "--mocap", choices=["bus"], help="listen to poses on the bus, whatever mocap.direct says: for emulated vehicles"
+    )
+    found.add_argument(
+        "--realtime", action="store_true", help="let the control loop take precedence over other processes, if allowed"
+    )
+    return found
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run an agent, or look after its service; exit status 2 when the input is wrong."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    if words and words[0] in service.VERBS:
+        return service.main(words)
+    arguments = parser().parse_args(words)
+    try:
+        fleet = load_fleet(arguments.fleet)
+        (name,) = fleet.select(arguments.vehicle)
+    except ConfigError as error:
+        print(f"agent: {error}", file=sys.stderr)
+        return EXIT_WRONG_INPUT
+    except ValueError:
+        print(f"agent: --vehicle {arguments.vehicle} must name one vehicle.", file=sys.stderr)
+        return EXIT_WRONG_INPUT
+    return run_agent(
+        fleet,
+        name,
+        apply_params=arguments.apply_params,
+        law=arguments.law,
+        is_realtime=arguments.realtime,
+        has_bus_mocap=arguments.mocap == "bus",
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

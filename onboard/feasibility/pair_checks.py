@@ -1,0 +1,267 @@
+"""Findings about pairs of vehicles under the law: margin, range, delay, kappas against lag, braking, crowding. Pure."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from onboard.config.fleet import FleetConfig, Vehicle, parking_distance_m
+from onboard.feasibility import bounds
+from onboard.feasibility.bounds import LAG_ERROR_S, Accuracy, Response
+from onboard.feasibility.finding import Finding, least, most, worst
+from onboard.feasibility.vehicle_checks import GUST_M_S2, available_m_s2
+
+_MESSAGE_AGE_S = 0.08  # 20 ms period, 40 ms of delay, one message lost
+_BODY_GAP_M = 0.10
+_LONG_LAG_S, _LONGEST_LAG_S = 0.35, 0.40  # form3 and swap8: 0 of 24 flights violate at 0.36 s, 2 of 24 at 0.41 s
+_SLOW_GROWTH_1_S, _FAST_GROWTH_1_S = 0.0, 1.5
+_USEFUL_NEIGHBOURS = 6  # fewer rows than this cost separation in a crowd, more gain nothing
+_MARGIN_SHARE = 0.8  # of the fitted margin, below which the promise has been seen to break
+
+
+def response_of(vehicle: Vehicle) -> Response:
+    """From a command to the acceleration, as the vehicle is configured."""
+    return Response(vehicle.attitude_delay_s, vehicle.attitude_wn_rad_s, vehicle.attitude_zeta)
+
+
+def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accuracy) -> list[Finding]:
+    """Everything that only matters to more than one vehicle; ``accuracy`` is that of the own estimates."""
+    found = [_body_gap(fleet)]
+    if fleet.law.name == "off":
+        sentence = f"law.name is 'off': nothing keeps {len(fleet.enabled_names)} vehicles apart."
+        remedy = "Set law.name = 'covey' unless this is what you want to see, in simulation."
+        found.append(Finding("law", "warning", 0.0, 1.0, "", "at least", f"{sentence} {remedy}", remedy))
+        return found
+    found.append(_margin(fleet, accuracy))
+    if fleet.law.name == "covey":
+        found.append(_shortfall(fleet))
+    margin_m = effective_margin_m(fleet, accuracy)
+    for judge in (_range, _message_age, _braking):
+        found.append(worst(judge(fleet, vehicle, margin_m) for vehicle in vehicles))
+    if fleet.law.name == "covey":
+        found.append(worst(_lag(vehicle) for vehicle in vehicles))
+    found.append(worst(_kappas(fleet, vehicle) for vehicle in vehicles))
+    return found
+
+
+def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
+    kappa_1, kappa_2 = _kappa_values(fleet)
+    needed_m = bounds.needed_margin_m(accuracy, kappa_1, kappa_2)
+    is_covey = fleet.law.name == "covey"
+    what = {"fixed": "law.design_margin_m is {value}", "accuracy": "The margin will be {value} in flight"}[
+        fleet.law.margin
+    ]
+    what = what if is_covey else "The paper's law has no margin ({value})"
+    apart_m = fleet.fleet.safety_distance_m + needed_m + 0.10
+    return least(
+        "margin",
+        effective_margin_m(fleet, accuracy),
+        needed_m,
+        "m",
+        f"{what}; estimates as accurate as '{accuracy.name}' (position {accuracy.position_std_m:g} m, velocity "
+        f"{accuracy.velocity_std_m_s:g} m/s per axis) need {{relation}} {{bound}}",
+        f"Set law.design_margin_m = {math.ceil(100.0 * needed_m) / 100.0:.2f}{'' if is_covey else ' of law covey'} and "
+        f"park vehicles {apart_m:.2f} m apart or more, or fly on a better position.",
+        # the paper's law can only be flown to see what it does, and with a mocap at least its sensors are not to blame
+        warn_below=0.95 * needed_m,
+        refuse_below=_MARGIN_SHARE * needed_m if is_covey or accuracy.name != "mocap" else 0.0,
+    )
+
+
+def _shortfall(fleet: FleetConfig) -> Finding:
+    return most(
+        "shortfall gain",
+        fleet.law.shortfall_gain,
+        0.95,
+        "",
+        "law.shortfall_gain is {value}, with which two vehicles react to each other; {relation} {bound} dies out",
+        "Set law.shortfall_gain = 0.85.",
+        refuse_above=1.0,
+    )
+
+
+def _body_gap(fleet: FleetConfig) -> Finding:
+    section = fleet.fleet
+    return least(
+        "body",
+        section.safety_distance_m - section.body_diameter_m,
+        _BODY_GAP_M,
+        "m",
+        f"At fleet.safety_distance_m = {section.safety_distance_m:g} m {{value}} of air are left between bodies of "
+        f"{section.body_diameter_m:g} m, {{relation}} {{bound}} is needed against downwash and a turned body",
+        "Raise fleet.safety_distance_m by {lack}.",
+    )
+
+
+def _range(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
+    kappa_1, kappa_2 = _kappa_values(fleet)
+    closing = 2.0 * fleet.law.avoid_speed_frac * vehicle.max_speed_m_s
+    range_m = bounds.row_range_m(closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2)
+    range_m += closing * (_MESSAGE_AGE_S + (vehicle.lag_s if fleet.law.name == "covey" else 0.0))
+    return least(
+        "sensing range",
+        fleet.law.range_m,
+        range_m,
+        "m",
+        f"law.range_m is {{value}}; two like {vehicle.name} closing with {closing:.1f} m/s must know of each "
+        "other {bound} before",
+        "Raise law.range_m by {lack}, or lower max_speed_m_s.",
+    )
+
+
+def _message_age(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
+    margin_m = max(margin_m, 0.01)
+    tolerated_s = math.sqrt(2.0 * margin_m / available_m_s2(vehicle))
+    return most(
+        "bus delay",
+        _MESSAGE_AGE_S,
+        tolerated_s,
+        "s",
+        "A neighbour's word is {value} old at 50 Hz, 40 ms of delay and one message lost; a manoeuvre at "
+        f"{vehicle.name}'s full tilt uses up the margin of {margin_m:.2f} m in {{bound}}",
+        "Lower max_tilt_deg, or raise law.design_margin_m.",
+        # the paper's law has no margin at all: said under that name
+        refuse_above=math.inf if fleet.law.name == "paper" else tolerated_s,
+    )
+
+
+def _lag(vehicle: Vehicle) -> Finding:
+    return most(
+        "lag",
+        vehicle.lag_s,
+        _LONG_LAG_S,
+        "s",
+        f"{vehicle.name} follows a command {{value}} later; the law predicts over a lag of {{relation}} {{bound}} well "
+        f"enough for a crowd, and beyond {_LONGEST_LAG_S:.2g} s it has been seen to break its promise",
+        "Tune its attitude control to be faster (attitude_delay_s + 2 attitude_zeta / attitude_wn_rad_s).",
+        refuse_above=_LONGEST_LAG_S,
+    )
+
+
+def _kappas(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
+    kappa_1, kappa_2 = _kappa_values(fleet)
+    response = response_of(vehicle)
+    if fleet.law.name == "paper":
+        return _paper_kappas(vehicle, response, max(kappa_1, kappa_2))
+
+    def growth(scale: float) -> float:
+        return max(
+            bounds.loop_growth_1_s(
+                response,
+                scale * kappa_1,
+                scale * kappa_2,
+                lag_error_s=error_s,
+                is_predicted=fleet.law.prediction == "lag",
+            )
+            for error_s in (-LAG_ERROR_S, 0.0, LAG_ERROR_S)
+        )
+
+    stable = next((step / 20.0 for step in range(20, 0, -1) if growth(step / 20.0) <= _SLOW_GROWTH_1_S), 0.05)
+    return most(
+        "kappas",
+        growth(1.0),
+        _SLOW_GROWTH_1_S,
+        "1/s",
+        f"With law.kappa_1_1_s = {kappa_1:g} and kappa_2_1_s = {kappa_2:g} a bounce between two vehicles like "
+        f"{vehicle.name} (lag {vehicle.lag_s:.2f} s, known to {1e3 * LAG_ERROR_S:.0f} ms) grows with {{value}}, "
+        "{relation} {bound} dies out",
+        f"Use kappas up to {stable * kappa_1:.1f} and {stable * kappa_2:.1f} 1/s, or a vehicle with less lag.",
+        refuse_above=_FAST_GROWTH_1_S,
+    )
+
+
+def _paper_kappas(vehicle: Vehicle, response: Response, kappa: float) -> Finding:
+    bound = bounds.largest_equal_kappa_1_s(response.lag_s)
+    growth = bounds.loop_growth_1_s(response, kappa, kappa, is_predicted=False)
+    return most(
+        "kappas",
+        kappa,
+        bound,
+        "1/s",
+        f"law.paper_kappa_1_1_s and _2 are up to {{value}}; behind {vehicle.name}'s lag of {response.lag_s:.2f} s, "
+        "which the paper's law does not predict, {relation} {bound} does not overshoot",
+        f"Lower them to {bound:.2f}, or set law.name = 'covey', which predicts over the lag.",
+        refuse_above=bound if growth > -0.5 else math.inf,
+    )
+
+
+def _braking(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
+    kappa_1, kappa_2 = _kappa_values(fleet)
+    closing = 2.0 * vehicle.max_speed_m_s
+    asked = bounds.braking_m_s2(closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2)
+    left = max(0.0, available_m_s2(vehicle) - vehicle.drag_1_s * vehicle.max_speed_m_s - GUST_M_S2)
+    return most(
+        "braking",
+        asked,
+        left,
+        "m/s^2",
+        f"Two like {vehicle.name} meeting head-on with {closing:.1f} m/s brake with {{value}} each; tilt and thrust "
+        "leave {bound} beside drag and gusts",
+        "Lower max_speed_m_s or the kappas, or raise max_tilt_deg.",
+        warn_above=0.8 * left,
+    )
+
+
+def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
+    """How full the fence is, and whether enough neighbours count."""
+    law, fence = fleet.law, fleet.fleet.geofence_m
+    wanted = min(len(vehicles) - 1, _USEFUL_NEIGHBOURS)
+    if law.name == "covey" and law.max_neighbours < wanted:
+        return least(
+            "neighbours",
+            float(law.max_neighbours),
+            float(wanted),
+            "",
+            f"law.max_neighbours is {{value}}; in a crowd of {len(vehicles)} the nearest {{bound}} matter",
+            f"Set law.max_neighbours = {wanted} or more.",
+        )
+    area_m2 = (fence.x[1] - fence.x[0]) * (fence.y[1] - fence.y[0])
+    share = len(vehicles) * math.sqrt(0.75) * parking_distance_m(fleet) ** 2 / area_m2
+    return most(
+        "crowding",
+        100.0 * share,
+        30.0,
+        "%",
+        f"{len(vehicles)} vehicles at their parking distance take {{value}} of the fence's area, {{relation}} "
+        "{bound} leaves ways around each other",
+        "Widen fleet.geofence_m, or fly fewer vehicles.",
+        refuse_above=60.0,
+    )
+
+
+def effective_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
+    """What the law keeps on top of the safety distance in flight: the configured margin, or more by its own policy."""
+    law = fleet.law
+    if law.name != "covey":
+        return 0.0
+    if law.margin == "fixed":
+        return _configured_margin_m(fleet)
+    time_s = law.accuracy_time_s  # the law does not know an error's own correlation time
+    told = replace(accuracy, position_time_s=time_s, velocity_time_s=time_s, acceleration_std_m_s2=0.0)
+    return max(_configured_margin_m(fleet), bounds.needed_margin_m(told, *_kappa_values(fleet)))
+
+
+def least_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
+    """Margin below which the promise has been seen to break."""
+    return _MARGIN_SHARE * bounds.needed_margin_m(accuracy, *_kappa_values(fleet))
+
+
+def parking_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
+    """Parking distance of the configuration, with the margin that the accuracy asks for where it asks for more."""
+    configured_m = parking_distance_m(fleet)
+    if fleet.law.name != "covey":
+        return configured_m
+    margin_m = max(effective_margin_m(fleet, accuracy), least_margin_m(fleet, accuracy))
+    return configured_m + margin_m - _configured_margin_m(fleet)
+
+
+def _configured_margin_m(fleet: FleetConfig) -> float:
+    """Of the slowest vehicle, for which the law keeps the most."""
+    return fleet.law.margin_m(max((vehicle.lag_s for vehicle in fleet.vehicles.values()), default=0.0))
+
+
+def _kappa_values(fleet: FleetConfig) -> tuple[float, float]:
+    law = fleet.law
+    if law.name == "paper":
+        return law.paper_kappa_1_1_s, law.paper_kappa_2_1_s
+    return law.kappa_1_1_s, law.kappa_2_1_s

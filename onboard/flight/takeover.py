@@ -1,0 +1,57 @@
+"""When an agent that found its vehicle in the air, or lost it, may fly it again: from PX4's hold, knowing all. Pure.
+
+Until then it sends nothing: it has not seen how the vehicle got there, and two hands on one vehicle are worse than
+PX4's own hold, which a pilot can end. The order to hold asks for it; the flight then goes on from where it stands.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from onboard.autopilot import Landed
+from onboard.config.fleet import FleetConfig
+from onboard.flight.types import View
+
+HOLD = "HOLD"
+# rules of the preflight page that hold in the air as well; the others are about standing on the ground
+RULES = (
+    "px4",
+    "link",
+    "alone",
+    "health",
+    "parameters",
+    "position",
+    "clock",
+    "agreement",
+    "neighbours",
+    "configuration",
+    "loop",
+)
+MOVING_M_S = 0.5
+
+
+def refusal(view: View, not_ready: tuple[str, ...], distances_m: Mapping[str, float], fleet: FleetConfig) -> str | None:
+    """Why the vehicle cannot be taken over now, in words, or None.
+
+    Args:
+        not_ready: what the rules above find. distances_m: to the others, horizontally.
+    """
+    snapshot, speed_m_s = view.snapshot, math.hypot(*view.velocity_enu_m_s)
+    if not snapshot.is_armed or snapshot.landed is Landed.ON_GROUND:
+        return "The vehicle does not fly: there is nothing to take over."
+    if snapshot.mode != HOLD:
+        return (
+            f"PX4 flies by itself (mode {snapshot.mode or 'unknown'}) and is taken over from its hold only: "
+            "switch it to hold with the transmitter and order hold again, or let it land."
+        )
+    if not_ready:
+        return not_ready[0]
+    if not view.has_position or not fleet.fleet.geofence_m.contains(view.position_enu_m):
+        return "Its position is not known, or lies outside the geofence: land it with the transmitter."
+    if speed_m_s > MOVING_M_S:
+        return f"It still moves at {speed_m_s:.1f} m/s: wait until PX4's hold has stopped it."
+    for name, distance_m in distances_m.items():
+        if distance_m < fleet.fleet.safety_distance_m:
+            return f"{name} is only {distance_m:.2f} m away: move {name} away first."
+    return None

@@ -1,0 +1,103 @@
+"""PX4's local frame in the fleet's, for vehicles that fly without a mocap.
+
+Each PX4 has an origin of its own: where its estimator began. Outdoors PX4 tells where on Earth that is, and the fleet
+file says where the fleet's origin is; the difference is the offset, horizontally. Heights are taken from the ground
+under the vehicle, since satellites tell heights metres apart. Without a global origin the first take-off place is
+believed to be the one of the fleet file.
+
+PX4's estimate may jump ("reset"). In the air the offset takes a jump up, so that nothing downstream sees one, and gives
+a horizontal one back slowly where a global origin says what is right; a jump in height is kept out for good, because
+the ground was measured before it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from onboard.autopilot import Landed, Snapshot
+from onboard.config.fleet import Origin, Vec3
+
+_EARTH_RADIUS_M = 6_371_000.0  # of the sphere that PX4 projects its local frame from
+_JUMP_M, _JUMP_M_S2 = 0.3, 3.0
+_GIVE_BACK_M_S = 0.2
+
+
+@dataclass(slots=True)
+class LocalFrame:
+    """One vehicle's local frame; ``take`` each new local position.
+
+    Args:
+        start_enu_m: where the fleet file says that the vehicle stands at first.
+        origin: of the fleet on Earth; None when only take-off places are known.
+    """
+
+    start_enu_m: Vec3
+    origin: Origin | None
+    jumps: int = 0
+    _offset_enu_m: Vec3 | None = None
+    _last: tuple[int, Vec3, Vec3] | None = None
+    _has_flown: bool = False
+
+    def take(self, snapshot: Snapshot) -> Vec3 | None:
+        """The newest local position in the fleet frame; None while nobody knows where the local frame lies."""
+        local, velocity = _enu(snapshot.position_local_ned_m), _enu(snapshot.velocity_local_ned_m_s)
+        now_ns = snapshot.local_position_ns
+        last, self._last = self._last, (now_ns, local, velocity)
+        anchored = self._anchored_m(local, snapshot)
+        is_parked = not snapshot.is_armed and snapshot.landed is Landed.ON_GROUND
+        self._has_flown = self._has_flown or snapshot.is_armed
+        if anchored is None:
+            return None
+        if self._offset_enu_m is None or (is_parked and (self.origin is not None or not self._has_flown)):
+            self._offset_enu_m = anchored
+        elif is_parked:
+            self._offset_enu_m = (self._offset_enu_m[0], self._offset_enu_m[1], anchored[2])
+        elif last is not None:
+            self._absorb(last, local, anchored, now_ns)
+        x, y, z = self._offset_enu_m
+        return local[0] + x, local[1] + y, local[2] + z
+
+    def _anchored_m(self, local: Vec3, snapshot: Snapshot) -> Vec3 | None:
+        """The offset that holds while the vehicle stands on the ground."""
+        x, y, z = (start - here for start, here in zip(self.start_enu_m, local, strict=True))
+        if self.origin is None:
+            return x, y, z
+        if snapshot.global_origin is None:
+            return None
+        east_m, north_m = _between(self.origin, snapshot.global_origin)
+        return east_m, north_m, z
+
+    def _absorb(self, last: tuple[int, Vec3, Vec3], local: Vec3, anchored: Vec3, now_ns: int) -> None:
+        assert self._offset_enu_m is not None
+        last_ns, before, velocity = last
+        dt_s = (now_ns - last_ns) * 1e-9
+        jump = tuple(p - b - v * dt_s for p, b, v in zip(local, before, velocity, strict=True))
+        x, y, z = self._offset_enu_m
+        if math.hypot(*jump) > _JUMP_M + _JUMP_M_S2 * dt_s * max(1.0, dt_s):
+            self.jumps += 1
+            x, y, z = x - jump[0], y - jump[1], z - jump[2]
+        if self.origin is not None:
+            miss = math.hypot(anchored[0] - x, anchored[1] - y)
+            share = min(1.0, _GIVE_BACK_M_S * dt_s / miss) if miss > 0.0 else 0.0
+            x, y = x + share * (anchored[0] - x), y + share * (anchored[1] - y)
+        self._offset_enu_m = x, y, z
+
+
+def _enu(ned: Vec3) -> Vec3:
+    return ned[1], ned[0], -ned[2]
+
+
+def _between(origin: Origin, place: Vec3) -> tuple[float, float]:
+    """East and north [m] of a place (latitude deg, longitude deg, altitude m) from the fleet's origin.
+
+    Azimuthal equidistant on PX4's sphere, as PX4 itself makes local positions of global ones.
+    """
+    here, there = math.radians(origin.latitude_deg), math.radians(place[0])
+    turn = math.radians(place[1] - origin.longitude_deg)
+    cosine = math.sin(here) * math.sin(there) + math.cos(here) * math.cos(there) * math.cos(turn)
+    angle = math.acos(min(1.0, max(-1.0, cosine)))
+    scale = _EARTH_RADIUS_M * (angle / math.sin(angle) if angle > 1e-7 else 1.0)
+    east = scale * math.cos(there) * math.sin(turn)
+    north = scale * (math.cos(here) * math.sin(there) - math.sin(here) * math.cos(there) * math.cos(turn))
+    return east, north

@@ -1,0 +1,227 @@
+"""The own motion: mocap samples, PX4's attitude and the own thrust through the estimator, and the heading of PX4.
+
+PX4's heading may be off by tens of degrees (it has only its magnetometer). The difference to the mocap's heading,
+low-passed, turns PX4's attitude into the fleet frame and the attitude setpoint back out of it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from onboard.autopilot import Snapshot, Vec3, Vec4
+from onboard.bus.codec import is_finite
+from onboard.bus.schema import MocapPose
+from onboard.config.fleet import Origin, Vehicle
+from onboard.estimation import estimate_one as estimate
+from onboard.estimation.kalman import EstimateParams
+from onboard.feasibility.bounds import ACCURACIES
+from onboard.localization.local_frame import LocalFrame
+from onboard.localization.pose_validator import Fault, PoseWatch
+from onboard.localization.px4_position_check import SecondOpinion
+from onboard.types import Array, AttitudeSetpoint, State
+
+_MAX_POSITION_M = 1e4
+_HEADING_TIME_S = 1.0
+_MAX_QUEUE = 8
+_FUTURE_NS = 5_000_000
+_REJECTED_TO_RESTART = 10
+_BELIEVED_S = 0.1
+_PX4_POSITION_STD_M = 0.05  # from one sample to the next; it wanders by more, as ACCURACIES say
+_WORST_STD_M = 0.5  # a margin for more would push the others out of the fence
+_ZERO: Vec3 = (0.0, 0.0, 0.0)
+_SQRT_HALF = math.sqrt(0.5)
+
+
+@dataclass(slots=True)
+class OwnState:
+    """Estimate of one vehicle; ``update`` once a tick, samples whenever they come.
+
+    ignored_samples: mocap samples that were not finite, repeated, out of order, from the future or not believable.
+    watch: what is wrong with the mocap's samples of this body. second: where PX4 believes to be, beside a mocap.
+    """
+
+    vehicle: Vehicle
+    origin: Origin | None = None
+    ignored_samples: int = 0
+    heading_offset_rad: float = 0.0
+    watch: PoseWatch = field(default_factory=PoseWatch)
+    second: SecondOpinion = field(default_factory=SecondOpinion)
+    _params: EstimateParams = field(init=False)
+    _memory: estimate.OneMemory | None = None
+    _queue: list[tuple[Vec3, int, float]] = field(default_factory=list)
+    _newest: tuple[int, int, int] = (0, -1, 0)  # boot id, sequence, stamp
+    _rejected_enu_m: Vec3 | None = None
+    _has_heading: bool = False
+    _local_ns: int = 0
+    _local_frame: LocalFrame = field(init=False)
+    _least_std: tuple[float, float] = (0.0, 0.0)  # of position [m] and velocity [m/s]
+    _yaw_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        vehicle = self.vehicle
+        self._local_frame = LocalFrame(vehicle.start_enu_m, self.origin)
+        if vehicle.mocap_required:
+            self._params = EstimateParams(drag_1_s=vehicle.drag_1_s)
+        else:
+            self._params = EstimateParams(
+                drag_1_s=vehicle.drag_1_s, position_noise_m=_PX4_POSITION_STD_M, jump_gate_m=1.0
+            )
+
+    def add_pose(self, pose: MocapPose, received_ns: int) -> bool:
+        """Queue a mocap sample for the next update; False if it cannot be used or is not believed."""
+        if not pose.is_tracked:
+            return False
+        boot_id, sequence, stamp_ns = self._newest
+        # stamps of all lives and sources are on one clock: what is not newer is out of order, or a life's that is over
+        newer = pose.stamp_ns > stamp_ns and (pose.boot_id != boot_id or pose.sequence > sequence)
+        norm = math.hypot(*pose.quaternion_enu_flu_wxyz)
+        usable = (
+            is_finite(pose.position_enu_m, pose.quaternion_enu_flu_wxyz)
+            and max(map(abs, pose.position_enu_m)) < _MAX_POSITION_M
+            and 0.9 < norm < 1.1
+            and newer
+            and pose.stamp_ns <= received_ns + _FUTURE_NS
+        )
+        if not usable:
+            self.ignored_samples += 1
+            return False
+        self._newest = (pose.boot_id, pose.sequence, pose.stamp_ns)
+        fault = self.watch.hear(
+            pose.position_enu_m,
+            pose.quaternion_enu_flu_wxyz,
+            pose.stamp_ns,
+            received_ns,
+            is_contradicted=self.second.contradicts(pose.position_enu_m, received_ns),
+        )
+        if fault is not Fault.NONE:
+            self.ignored_samples += 1
+            return False
+        self._queue.append((pose.position_enu_m, pose.stamp_ns, _yaw_rad(pose.quaternion_enu_flu_wxyz)))
+        del self._queue[:-_MAX_QUEUE]
+        return True
+
+    def update(
+        self, now_ns: int, dt_s: float, snapshot: Snapshot, thrust_frac: float, hover_frac: float, is_on_ground: bool
+    ) -> None:
+        """Propagate to ``now_ns`` with the attitude flown and the throttle sent last, then take the queued samples."""
+        if not self.vehicle.mocap_required:
+            self._take_local_position(snapshot)
+        if self._memory is not None:
+            self._memory = estimate.drive(
+                self._memory,
+                self.attitude_wxyz(snapshot),
+                thrust_frac,
+                hover_frac,
+                params=self._params,
+                dt_s=dt_s,
+                is_on_ground=is_on_ground,
+            )
+        for position, stamp_ns, yaw_rad in self._queue:
+            age_s = max(0.0, (now_ns - stamp_ns) * 1e-9)
+            if self._memory is None or (is_on_ground and self._memory.rejected_count >= _REJECTED_TO_RESTART):
+                self._memory = estimate.initial(position, params=self._params)
+            before = self._memory.rejected_count
+            self._memory = estimate.correct(self._memory, position, age_s, params=self._params)
+            if self._memory.rejected_count > before:
+                self.ignored_samples += 1
+                self._rejected_enu_m = position
+                continue
+            self._yaw_rad = yaw_rad
+            if self.vehicle.mocap_required:
+                self._follow_heading(yaw_rad, snapshot, dt_s)
+        self._queue.clear()
+        if self.vehicle.mocap_required:
+            is_believed = not self.jumps and self.age_s < _BELIEVED_S
+            self.second.look(snapshot, self.position_enu_m if is_believed else None, now_ns)
+
+    def _follow_heading(self, yaw_rad: float, snapshot: Snapshot, dt_s: float) -> None:
+        if snapshot.attitude_ns == 0:
+            return
+        miss = _wrapped(yaw_rad - _yaw_rad(snapshot.quaternion_enu_flu_wxyz) - self.heading_offset_rad)
+        share = 1.0 if not self._has_heading else min(1.0, dt_s / _HEADING_TIME_S)
+        self.heading_offset_rad = _wrapped(self.heading_offset_rad + share * miss)
+        self._has_heading = True
+
+    def _take_local_position(self, snapshot: Snapshot) -> None:
+        if snapshot.local_position_ns == self._local_ns:
+            return
+        self._local_ns = snapshot.local_position_ns
+        told_m = min(snapshot.position_accuracy_m * _SQRT_HALF, _WORST_STD_M)  # of two axes together
+        known = ACCURACIES["gps"]
+        self._least_std = max(known.position_std_m, told_m), known.velocity_std_m_s
+        position = self._local_frame.take(snapshot)
+        if position is not None:
+            self._queue.append((position, self._local_ns, _yaw_rad(snapshot.quaternion_enu_flu_wxyz)))
+
+    def attitude(self, snapshot: Snapshot) -> Array:
+        """Attitude in the fleet frame (4,) wxyz."""
+        return np.array(self.attitude_wxyz(snapshot))
+
+    def attitude_wxyz(self, snapshot: Snapshot) -> Vec4:
+        """The same as floats."""
+        return _turned(self.heading_offset_rad, snapshot.quaternion_enu_flu_wxyz)
+
+    def to_px4(self, setpoint: AttitudeSetpoint) -> AttitudeSetpoint:
+        """An attitude setpoint of the fleet frame as PX4's heading has it."""
+        turned = _turned(-self.heading_offset_rad, setpoint.quaternion_wxyz.tolist())
+        return AttitudeSetpoint(np.array(turned), setpoint.thrust_frac)
+
+    @property
+    def jumps(self) -> int:
+        """Samples in a row that cannot be true."""
+        return max(self.watch.jumps, 0 if self._memory is None else self._memory.rejected_count)
+
+    @property
+    def jumped_to_enu_m(self) -> Vec3 | None:
+        """Where the newest of them lay."""
+        return self.watch.jumped_to_enu_m or self._rejected_enu_m
+
+    @property
+    def age_s(self) -> float:
+        """Age of the newest sample that was used, as of the last update; inf before the first."""
+        return math.inf if self._memory is None else self._memory.last_age_s
+
+    @property
+    def position_enu_m(self) -> Vec3:
+        """Of :attr:`state`, in floats; of no use before the first sample."""
+        return _ZERO if self._memory is None else self._memory.position_enu_m
+
+    @property
+    def velocity_enu_m_s(self) -> Vec3:
+        """Of :attr:`state`, in floats; of no use before the first sample."""
+        return _ZERO if self._memory is None else self._memory.velocity_enu_m_s
+
+    @property
+    def state(self) -> State | None:
+        """The estimate as of the last update; None before the first sample."""
+        if self._memory is None:
+            return None
+        position_std_m, velocity_std_m_s = self._least_std
+        return estimate.state(
+            self._memory,
+            self._yaw_rad,
+            least_position_std_m=position_std_m,
+            least_velocity_std_m_s=velocity_std_m_s,
+        )
+
+
+# onboard/frames.py has these for arrays; for four numbers plain floats are ten times as fast, and a test compares them
+
+
+def _yaw_rad(quaternion_wxyz: Vec4) -> float:
+    w, x, y, z = quaternion_wxyz
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def _turned(yaw_rad: float, quaternion_wxyz: Vec4) -> Vec4:
+    """A turn about z before an attitude."""
+    c, s = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
+    w, x, y, z = quaternion_wxyz
+    return c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w
+
+
+def _wrapped(angle_rad: float) -> float:
+    return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi

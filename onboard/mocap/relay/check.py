@@ -1,0 +1,210 @@
+"""``covey mocap --check``: whether each vehicle has its own body, axes and stamps, by tilting it. Listens only.
+
+Who tilts a vehicle by hand, propellers off, sees it tilt twice: in its PX4 and in one body. Agents and the mocap's
+source must run.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from onboard.bus.clock_sync import BEAT_S, ClockNode
+from onboard.bus.codec import Malformed
+from onboard.bus.schema import Message, MocapPose, TickBatch, Vec4
+from onboard.bus.session import BusSession
+from onboard.bus.topics import Topic
+from onboard.config.fleet import FleetConfig
+from onboard.mocap.relay import latency
+from onboard.mocap.relay.latency import Array
+from onboard.mocap.relay.relay import EXIT_INCOMPLETE, EXIT_NOBODY, EXIT_OK, bodies_of
+from onboard.mocap.relay.statistics import Report
+
+GOOD_LAG_S = 0.015
+_MOST_SAMPLES = 6000
+_QUARTERS = (90, 180, 270)
+
+Samples = deque[tuple[float, Vec4]]  # time [s] on our clock, quaternion
+Curve = tuple[Array, Array]  # times (n,) and what gravity looks like at them (n, 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What is known of one vehicle's body; ``is_ok`` None while it has not been tilted enough."""
+
+    vehicle: str
+    is_ok: bool | None
+    sentence: str
+
+
+def judge(
+    vehicles: Mapping[str, str], bodies: Mapping[str, Samples], px4s: Mapping[str, Samples], *, latency_s: float
+) -> Iterator[Finding]:
+    """One finding for each vehicle.
+
+    Args:
+        vehicles: vehicle -> body. bodies, px4s: attitudes by body, and by vehicle as its PX4 measures them.
+        latency_s: what the stamps already allow for.
+    """
+    curves = {name: _curve(samples) for name, samples in bodies.items()}
+    for vehicle, body in vehicles.items():
+        px4 = _curve(px4s.get(vehicle, deque()))
+        yield _finding(vehicle, body, curves, px4, latency_s)
+
+
+def _finding(vehicle: str, body: str, curves: Mapping[str, Curve], px4: Curve, latency_s: float) -> Finding:
+    fits = {name: found for name, curve in curves.items() if (found := latency.fit(*curve, *px4)) is not None}
+    if not px4[0].size:
+        return Finding(vehicle, None, "its agent tells no attitude. Start the agent, with its PX4.")
+    if not fits:
+        return Finding(
+            vehicle, None, "not tilted yet: tilt it by hand by 20° to and fro for some seconds, propellers off."
+        )
+    best = max(fits, key=lambda name: fits[name].correlation)
+    if best != body and fits[best].is_same:
+        return Finding(
+            vehicle,
+            False,
+            f"its PX4 tilts as body '{best}' does, not as '{body}'. Exchange the names in the mocap's software, or set "
+            f'vehicles.{vehicle}.mocap_body = "{best}".',
+        )
+    own = fits.get(body)
+    if own is None:
+        return Finding(vehicle, False, f"body '{body}' was not seen while it tilted. Are its markers in sight?")
+    if not own.is_same:
+        quarter = _turned(curves[body], px4)
+        if quarter is not None:
+            return Finding(
+                vehicle,
+                False,
+                f"the axes of body '{body}' are turned by about {quarter}° against the vehicle. Point its nose along "
+                "the mocap's x axis and reset the body's orientation in the mocap's software.",
+            )
+        return Finding(
+            vehicle,
+            False,
+            f"body '{body}' does not tilt as its PX4 does, nor does any other (correlation {own.correlation:.2f}). Is "
+            "the body's z axis up, mocap.up right, and are the markers fixed to the frame?",
+        )
+    lag_ms = 1e3 * own.lag_s
+    if abs(own.lag_s) > GOOD_LAG_S:
+        return Finding(
+            vehicle,
+            False,
+            f"body '{body}' is right, but its stamps are {lag_ms:+.0f} ms off the motion. Set mocap.latency_s = "
+            f"{max(0.0, latency_s + own.lag_s):.3f} (now {latency_s:.3f}).",
+        )
+    return Finding(vehicle, True, f"body '{body}' tilts as its PX4 does, stamps right to {lag_ms:+.0f} ms.")
+
+
+def _turned(body: Curve, px4: Curve) -> int | None:
+    """By how many degrees the body's axes are turned about up, if that is all that is wrong."""
+    for degrees in _QUARTERS:
+        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        found = latency.fit(body[0], body[1] @ np.array([[c, s], [-s, c]]), *px4)
+        if found is not None and found.is_same:
+            return degrees
+    return None
+
+
+def _curve(samples: Samples) -> Curve:
+    rows = sorted(samples)
+    times = np.array([time_s for time_s, _ in rows], dtype=np.float64)
+    keep = np.diff(times, prepend=-np.inf) > 0.0
+    return times[keep], latency.gravity([quaternion for _, quaternion in rows])[keep]
+
+
+@dataclass(slots=True)
+class Check:
+    """One run of the check on the bus of a fleet."""
+
+    fleet: FleetConfig
+    say: Callable[[str], None]
+    report: Report = field(init=False)
+    _bus: BusSession = field(init=False)
+    _clock: ClockNode = field(init=False)
+    _bodies: dict[str, Samples] = field(default_factory=dict)
+    _px4s: dict[str, Samples] = field(default_factory=dict)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def __post_init__(self) -> None:
+        self.report = Report(bodies_of(self.fleet))
+        agents = [self.fleet.vehicles[name].agent for name in self.fleet.enabled_names]
+        self._bus = BusSession(
+            namespace=self.fleet.namespace,
+            node=f"mocap-check-{os.getpid()}",
+            connect=[*agents, self.fleet.simulator_endpoint],
+        )
+        self._clock = ClockNode(self._bus)
+
+    def run(self, *, seconds: float | None, every_s: float, stopped: threading.Event) -> int:
+        """Listen until all is right, ``stopped``, or for ``seconds``; exit status."""
+        self._bus.start()
+        began_s = told_s = time.monotonic()
+        status = EXIT_NOBODY
+        try:
+            self._clock.start()
+            self._bus.subscribe(Topic.MOCAP, "*", self._hear_pose)
+            self._bus.subscribe(Topic.TICK, "*", self._hear_ticks)
+            while not stopped.wait(BEAT_S):
+                self._clock.beat()
+                now_s = time.monotonic()
+                is_over = seconds is not None and now_s - began_s >= seconds
+                if is_over or now_s - told_s >= every_s:
+                    told_s, status = now_s, self._tell()
+                if is_over or status == EXIT_OK:
+                    break
+        finally:
+            self._bus.stop()
+        return status
+
+    def _tell(self) -> int:
+        with self._lock:
+            self.report.close_window(time.monotonic_ns())
+            bodies = {name: samples.copy() for name, samples in self._bodies.items()}
+            px4s = {name: samples.copy() for name, samples in self._px4s.items()}
+            wrong = list(self.report.findings())
+        latency_s = self.fleet.mocap.latency_s if self.fleet.mocap.source == "motioncapture" else 0.0
+        found = list(judge(self.report.vehicles, bodies, px4s, latency_s=latency_s))
+        self.say(time.strftime("%H:%M:%S"))
+        for finding in found:
+            mark = {True: "ok", False: "WRONG", None: "..."}[finding.is_ok]
+            self.say(f"  {mark:<5} {finding.vehicle}: {finding.sentence}")
+        for sentence in wrong:
+            self.say(f"  ! {sentence}")
+        if not bodies:
+            return EXIT_NOBODY
+        return EXIT_OK if all(finding.is_ok for finding in found) and not wrong else EXIT_INCOMPLETE
+
+    def _hear_pose(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
+        if not isinstance(message, MocapPose):
+            return
+        own_s = self._own_s(message.source, message.stamp_ns)
+        with self._lock:
+            self.report.add(message)
+            if message.is_tracked and own_s is not None:
+                samples = self._bodies.setdefault(message.body, deque(maxlen=_MOST_SAMPLES))
+                samples.append((own_s, message.quaternion_enu_flu_wxyz))
+
+    def _hear_ticks(self, _topic: Topic, name: str, message: Message | Malformed) -> None:
+        if not isinstance(message, TickBatch):
+            return
+        with self._lock:
+            samples = self._px4s.setdefault(name, deque(maxlen=_MOST_SAMPLES))
+            for tick in message.ticks:
+                own_s = self._own_s(name, tick.stamp_ns)
+                if own_s is not None:
+                    samples.append((own_s - tick.attitude_age_s, tick.attitude_quaternion_enu_flu_wxyz))
+
+    def _own_s(self, node: str, stamp_ns: int) -> float | None:
+        """A stamp on our clock, in the middle of what it can mean; None while that is not known."""
+        if not node:
+            return stamp_ns * 1e-9
+        offset = self._clock.clocks.offset_s(node, time.monotonic_ns())
+        return None if offset is None else stamp_ns * 1e-9 - offset[0]

@@ -1,0 +1,150 @@
+"""``covey mocap``: one process that reads the motion capture and gives all its bodies to the fleet's bus.
+
+All bodies are published, vehicles or not; agents listen to those of the fleet file only. The relay judges nothing: who
+flies does. It stands on the bus where the emulator would, so that there can only be one of both.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import msgspec
+
+from onboard.bus.clock_sync import BEAT_S, ClockNode
+from onboard.bus.schema import MocapPose
+from onboard.bus.session import BusSession
+from onboard.bus.topics import Topic
+from onboard.config.fleet import FleetConfig
+from onboard.config.mocap import BODY_NAME
+from onboard.mocap.relay.statistics import Report
+from onboard.mocap.sdk_source import CapturedMocap
+
+EXIT_OK, EXIT_INCOMPLETE, EXIT_NOBODY = 0, 1, 10
+NODE = "mocap"
+
+
+def bodies_of(fleet: FleetConfig) -> dict[str, str]:
+    """Vehicle -> body, for all that take part and need a mocap."""
+    found = {name: fleet.vehicles[name].body for name in fleet.enabled_names}
+    return {name: body for name, body in found.items() if body is not None and fleet.vehicles[name].mocap_required}
+
+
+def mock_options(fleet: FleetConfig) -> dict[str, str]:
+    """For the type ``mock``: a body for each vehicle, at its start, standing still."""
+    rows = [
+        f"{body}({','.join(f'{value:g}' for value in fleet.vehicles[name].start_enu_m)},1,0,0,0)"
+        for name, body in bodies_of(fleet).items()
+    ]
+    return {"rigid_bodies": ";".join(rows), "frequency": "100"} if fleet.mocap.type == "mock" else {}
+
+
+@dataclass(slots=True)
+class Relay:
+    """One run of the relay: source, bus and report. ``say`` takes lines for a person."""
+
+    fleet: FleetConfig
+    say: Callable[[str], None]
+    report: Report = field(init=False)
+    _bus: BusSession = field(init=False)
+    _clock: ClockNode = field(init=False)
+    _source: CapturedMocap = field(init=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _unnameable: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.report = Report(bodies_of(self.fleet))
+        agents = [self.fleet.vehicles[name].agent for name in self.fleet.enabled_names]
+        self._bus = BusSession(
+            namespace=self.fleet.namespace, node=NODE, listen=[self.fleet.simulator_endpoint], connect=agents
+        )
+        self._clock = ClockNode(self._bus)
+        self._source = CapturedMocap(
+            self.fleet.mocap,
+            "*",
+            self._pass_on,
+            lambda: None,
+            node=NODE,
+            default_options=mock_options(self.fleet),
+        )
+
+    def run(self, *, seconds: float | None, every_s: float, stopped: threading.Event) -> int:
+        """Relay until ``stopped`` or for ``seconds``; exit status.
+
+        Raises:
+            BusError: the place on the bus is taken.
+        """
+        self._bus.start()
+        mocap = self.fleet.mocap
+        self.say(
+            f"mocap: {mocap.type} at {mocap.hostname or 'this computer'} -> bus {self.fleet.namespace}/mocap/*, "
+            f"{mocap.latency_s * 1e3:.0f} ms taken off each stamp. Ctrl-C ends."
+        )
+        if mocap.direct:
+            self.say("  ! mocap.direct is true: the agents read the system themselves and do not listen to this relay.")
+        began_s = told_s = time.monotonic()
+        was_complete = False
+        try:
+            self._clock.start()
+            self._source.start()
+            self.report.close_window(time.monotonic_ns())
+            while not stopped.wait(min(BEAT_S, every_s)):
+                self._clock.beat()
+                now_s = time.monotonic()
+                is_over = seconds is not None and now_s - began_s >= seconds
+                if is_over or now_s - told_s >= every_s:
+                    told_s, was_complete = now_s, self._tell(was_complete)
+                if is_over:
+                    break
+        finally:
+            self._source.stop()
+            self._bus.stop()
+        if not self.report.bodies:
+            return EXIT_NOBODY
+        return EXIT_OK if seconds is None or self.report.is_complete else EXIT_INCOMPLETE
+
+    def _tell(self, was_complete: bool) -> bool:
+        with self._lock:
+            self.report.close_window(time.monotonic_ns())
+            rows = list(self.report.rows()) if self.report.bodies else ["  nothing has come yet"]
+            is_complete = self.report.is_complete
+            bad = sorted(self._unnameable)
+        here, all_ = len(self.report.bodies), len(self.report.vehicles)
+        self.say(f"{time.strftime('%H:%M:%S')} {here} bodies, {all_} vehicles")
+        for row in rows:
+            self.say(row)
+        if bad:
+            self.say(f"  ! Left out, for their names cannot be keys on the bus: {', '.join(map(repr, bad))}. Rename.")
+        if self._source.problem:
+            self.say(f"  ! {self._source.problem}")
+        if is_complete and not was_complete:
+            self.say("ready: every vehicle's body is tracked")
+        return is_complete
+
+    def _pass_on(self, pose: MocapPose, _received_ns: int) -> None:
+        if not re.fullmatch(BODY_NAME, pose.body):
+            self._unnameable.add(pose.body)
+            return
+        self._bus.publish(Topic.MOCAP, pose.body, pose)
+        with self._lock:
+            self.report.add(pose)
+
+
+def with_source(fleet: FleetConfig, *, type_: str | None, hostname: str | None) -> FleetConfig:
+    """The fleet with another system than its file names, for a relay only.
+
+    Raises:
+        msgspec.ValidationError: there is no such type.
+    """
+    if type_ is None and hostname is None:
+        return fleet
+    changes: dict[str, object] = {"source": "motioncapture"}
+    if type_ is not None:
+        changes["type"] = type_
+    if hostname is not None:
+        changes["hostname"] = hostname
+    table = {**msgspec.to_builtins(fleet.mocap), **changes}
+    return msgspec.structs.replace(fleet, mocap=msgspec.convert(table, type(fleet.mocap)))

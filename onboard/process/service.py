@@ -1,0 +1,266 @@
+"""``covey agent install|status|logs``: the agent as a systemd service of a drone's computer."""
+
+from __future__ import annotations
+
+import argparse
+import getpass
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from onboard.config.fleet import ConfigError, load_fleet
+
+VERBS = ("install", "status", "logs")
+EXIT_OK, EXIT_NOT_RUNNING, EXIT_WRONG_INPUT = 0, 1, 2
+WATCHDOG_S, RESTART_S, MEMORY_MIB = 2, 2, 400
+_MARK = "# Written by covey agent install"
+_SYSTEM_FOLDER = Path("/etc/systemd/system")
+_SYSTEMD_RUNS = Path("/run/systemd/system")  # there when systemd booted this computer: sd_booted(3)
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """One vehicle's agent as a service: what it is called, where its unit lies, and who manages it."""
+
+    fleet_path: str
+    fleet_name: str
+    vehicle: str
+    is_user: bool
+
+    @property
+    def unit(self) -> str:
+        """Name of the unit."""
+        return f"covey-agent-{self.fleet_name}-{self.vehicle}.service"
+
+    @property
+    def path(self) -> Path:
+        """Where the unit lies."""
+        if not self.is_user:
+            return _SYSTEM_FOLDER / self.unit
+        home = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
+        return Path(home) / "systemd" / "user" / self.unit
+
+    def systemctl(self, *words: str) -> list[str]:
+        """A systemctl command line for this manager."""
+        return ["systemctl", *(["--user"] if self.is_user else []), *words]
+
+
+def unit_text(service: Service, arguments: Sequence[str] = ()) -> str:
+    """The unit: started at boot, watched, restarted after a failure, bounded, and talking to the journal.
+
+    Exit status 2 is wrong input, which no restart mends. It ends by SIGTERM: the agent lands first. /tmp stays shared,
+    because locks there keep two agents from one autopilot.
+    """
+    command = [sys.executable, "-m", "onboard", "--fleet", service.fleet_path, "--vehicle", service.vehicle, *arguments]
+    system_only = [
+        f"User={getpass.getuser()}",
+        "Nice=-10",
+        "LimitRTPRIO=10",
+        "OOMScoreAdjust=-500",
+        "ProtectSystem=full",
+        "ProtectHome=read-only",
+        "NoNewPrivileges=yes",
+    ]
+    lines = [
+        f"{_MARK} for vehicle {service.vehicle} of fleet {service.fleet_name}; the next install replaces it.",
+        "[Unit]",
+        f"Description=Covey agent of {service.vehicle} (fleet {service.fleet_name})",
+        "Wants=network-online.target",
+        "After=network-online.target",
+        "StartLimitIntervalSec=60",
+        "StartLimitBurst=5",
+        "",
+        "[Service]",
+        "Type=notify",
+        "NotifyAccess=main",
+        f"ExecStart={' '.join(_quoted(word) for word in command)}",
+        f"WorkingDirectory={_escaped(str(Path(service.fleet_path).parent))}",
+        "Environment=PYTHONUNBUFFERED=1",
+        f"WatchdogSec={WATCHDOG_S}",
+        "Restart=on-failure",
+        f"RestartSec={RESTART_S}",
+        f"RestartPreventExitStatus={EXIT_WRONG_INPUT}",
+        "TimeoutStartSec=60",
+        "TimeoutAbortSec=2",
+        "TimeoutStopSec=90",
+        "KillMode=mixed",
+        f"MemoryMax={MEMORY_MIB}M",
+        "TasksMax=128",
+        "LimitCORE=0",
+        "StandardOutput=journal",
+        "StandardError=journal",
+        f"SyslogIdentifier={service.unit.removesuffix('.service')}",
+        *([] if service.is_user else system_only),
+        "",
+        "[Install]",
+        f"WantedBy={'default' if service.is_user else 'multi-user'}.target",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("%", "%%")
+
+
+def _quoted(word: str) -> str:
+    """A word of ExecStart: systemd expands % and $, and splits at spaces."""
+    safe = _escaped(word).replace("$", "$$")
+    return '"' + safe.replace("\\", "\\\\").replace('"', '\\"') + '"' if shlex.quote(word) != word else safe
+
+
+def install(service: Service, arguments: Sequence[str], *, prints: bool, starts: bool) -> int:
+    """Write the unit, checked by systemd itself where it is there; the exit status."""
+    text = unit_text(service, arguments)
+    if prints:
+        print(text, end="")
+        return EXIT_OK
+    complaint = _verify(service, text)
+    if complaint:
+        return _fail(f"systemd does not accept the unit: {complaint} Nothing was written; please report this.")
+    path = service.path
+    try:
+        if path.is_symlink() or (path.exists() and not path.read_text(encoding="utf-8").startswith(_MARK)):
+            return _fail(f"{path} is not from covey agent install: move it away, or give the fleet another name.")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else str(error)
+        return _fail(f"{path} cannot be written ({why}): use sudo, or --user for a service of your own.")
+    print(f"{path} is written.")
+    start = shlex.join(service.systemctl("enable", "--now", service.unit))
+    trouble = _run(service.systemctl("daemon-reload"))
+    if not trouble and starts:
+        trouble = _run(service.systemctl("enable", service.unit)) or _run(service.systemctl("restart", service.unit))
+        if not trouble:
+            print(f"{service.unit} runs, now and after every boot.")
+    if trouble:
+        return _fail(f"{trouble} The unit stays; when systemd runs, type: {start}")
+    if not starts:
+        print(f"Start it, now and at every boot, with: {start}")
+    if service.is_user:
+        print(f"Without a login it starts at boot only after: sudo loginctl enable-linger {getpass.getuser()}")
+    return EXIT_OK
+
+
+def status(service: Service) -> int:
+    """Say in a sentence what systemd knows of it; the exit status."""
+    if shutil.which("systemctl") is None:
+        return _fail("This computer has no systemd (systemctl is not found): start the agent with covey agent.")
+    fields = ("LoadState", "ActiveState", "SubState", "StatusText", "NRestarts", "Result", "ExecMainStatus", "MainPID")
+    found = subprocess.run(
+        [*service.systemctl("show", service.unit), *(f"--property={name}" for name in fields)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if found.returncode != 0:
+        return _fail(f"systemd does not answer ({_words(found.stderr) or found.returncode}).")
+    told = dict(line.partition("=")[::2] for line in found.stdout.splitlines())
+    if told.get("LoadState") == "not-found":
+        return _fail(f"{service.unit} is not installed: type covey agent install with the same options.")
+    restarts = told.get("NRestarts", "0")
+    again = f", restarted {restarts} times" if restarts not in ("", "0") else ""
+    if told.get("ActiveState") == "active":
+        print(f"{service.unit} runs (process {told.get('MainPID')}{again}): {told.get('StatusText') or 'no word yet'}.")
+        return EXIT_OK
+    why = {"watchdog": "its control loop hung", "oom-kill": "it took too much memory", "success": "it was stopped"}
+    result = told.get("Result", "")
+    reason = why.get(result, f"{result}, exit status {told.get('ExecMainStatus')}")
+    print(f"{service.unit} does not run ({told.get('ActiveState')}{again}): {reason}. Look with covey agent logs.")
+    return EXIT_NOT_RUNNING
+
+
+def logs(service: Service, *, follows: bool, lines: int) -> int:
+    """Show what it wrote; the exit status of journalctl, which finds nothing wrong with an empty journal."""
+    if shutil.which("journalctl") is None:
+        return _fail("This computer has no journal (journalctl is not found): look where the agent's output goes.")
+    manager = ["--user"] if service.is_user else []
+    command = ["journalctl", *manager, "--unit", service.unit, "--no-pager", "--lines"]
+    probe = subprocess.run([*command, "1", "--quiet", "--output=cat"], capture_output=True, text=True, check=False)
+    if probe.returncode == 0 and not probe.stdout.strip():
+        if not _SYSTEMD_RUNS.is_dir():
+            return _fail(
+                f"systemd does not run on this computer, and the journal has nothing of {service.unit}: look where the "
+                "output of covey agent goes."
+            )
+        if not follows:
+            return _fail(
+                f"The journal has nothing of {service.unit}: see covey agent status, or use sudo if the journal is "
+                "not yours to read."
+            )
+    command.append(str(lines))
+    return subprocess.run([*command, *(["--follow"] if follows else [])], check=False).returncode
+
+
+def _verify(service: Service, text: str) -> str:
+    """What systemd says against the unit; empty when it accepts it, or is not there."""
+    if shutil.which("systemd-analyze") is None:
+        return ""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / service.unit
+        path.write_text(text, encoding="utf-8")
+        # a user's units have the same syntax, and their manager need not run here
+        command = ["systemd-analyze", "verify", "--man=no", "--recursive-errors=no", str(path)]
+        found = subprocess.run(command, capture_output=True, text=True, check=False)
+    # other units of this computer and a manager that does not run are not this unit's fault
+    own = [line for line in found.stderr.splitlines() if service.unit in line]
+    return " ".join(own).replace(f"{folder}/", "") if own else ""
+
+
+def _run(command: Sequence[str]) -> str:
+    if shutil.which(command[0]) is None:
+        return f"This computer has no systemd ({command[0]} is not found)."
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
+    return "" if found.returncode == 0 else f"{shlex.join(command)} failed: {_words(found.stderr) or found.returncode}."
+
+
+def _words(text: str) -> str:
+    return " ".join(text.split()).rstrip(".")
+
+
+def _fail(sentence: str) -> int:
+    print(f"agent: {sentence}", file=sys.stderr)
+    return EXIT_WRONG_INPUT
+
+
+def main(argv: Sequence[str]) -> int:
+    """``install|status|logs`` and their options; the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="covey agent",
+        description="The agent as a systemd service: docs/deployment.md.",
+        epilog="Exit status: 0 done, or it runs; 1 it does not run; 2 wrong input, or systemd is not there.",
+    )
+    commands = parser.add_subparsers(dest="verb", metavar="COMMAND", required=True)
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
+    common.add_argument("--vehicle", required=True, metavar="NAME", help="vehicle of the fleet file")
+    common.add_argument("--user", action="store_true", help="a service of your own, which needs no root")
+    one = commands.add_parser("install", parents=[common], help="write the unit")
+    one.add_argument("--print", action="store_true", help="only show the unit")
+    one.add_argument("--now", action="store_true", help="start it too, now and at every boot")
+    one.add_argument("--apply-params", action="store_true", help="the agent sets PX4's required parameters")
+    one.add_argument("--realtime", action="store_true", help="the agent's control loop takes precedence")
+    commands.add_parser("status", parents=[common], help="whether it runs")
+    two = commands.add_parser("logs", parents=[common], help="what it wrote")
+    two.add_argument("--follow", action="store_true", help="go on as it writes")
+    two.add_argument("--lines", type=int, default=100, metavar="N", help="so many of the newest (default 100)")
+    options = parser.parse_args(argv)
+    try:
+        fleet = load_fleet(options.fleet)
+        names = fleet.select(options.vehicle)
+    except ConfigError as error:
+        return _fail(str(error))
+    if len(names) != 1:
+        return _fail(f"--vehicle {options.vehicle} must name one vehicle.")
+    service = Service(str(Path(options.fleet).resolve()), fleet.fleet.name, names[0], options.user)
+    if options.verb == "install":
+        flags = {"--apply-params": options.apply_params, "--realtime": options.realtime}
+        given = [flag for flag, is_given in flags.items() if is_given]
+        return install(service, given, prints=options.print, starts=options.now)
+    return status(service) if options.verb == "status" else logs(service, follows=options.follow, lines=options.lines)

@@ -1,0 +1,41 @@
+"""What PX4's SYS_STATUS says of its sensors: which are unhealthy and needed, and whether RC is heard."""
+
+from __future__ import annotations
+
+from onboard.autopilot import Snapshot
+
+_RC_RECEIVER = 0x10000
+# MAV_SYS_STATUS_SENSOR: bit, name, needed for flight with a mocap (None: not even worth a word), and without one. The
+# prearm bit is left out: in HOLD without satellites PX4 keeps it down and arms all the same when setpoints stream.
+_SENSORS: tuple[tuple[int, str, bool | None, bool], ...] = (
+    (0x1, "gyroscope", True, True),
+    (0x2, "accelerometer", True, True),
+    (0x4, "magnetometer", False, True),
+    (0x8, "barometer", False, True),
+    (0x20, "satellites", None, True),
+    (0x40, "optical flow", False, False),
+    (0x80, "vision position", False, False),
+    (0x400, "rate control", True, True),
+    (0x800, "attitude control", True, True),
+    (0x8000, "motors", True, True),
+    (_RC_RECEIVER, "radio control", False, False),
+    (0x200000, "attitude estimate", True, True),
+    (0x1000000, "log", False, False),
+    (0x2000000, "battery", True, True),
+)
+
+
+def unhealthy(snapshot: Snapshot, has_mocap: bool) -> tuple[tuple[str, bool], ...]:
+    """Name of each sensor that is there, enabled and not healthy, and whether this flight needs it."""
+    if not snapshot.sensors_ns:
+        return ()
+    bad = snapshot.sensors_enabled & ~snapshot.sensors_healthy
+    found = ((name, with_mocap if has_mocap else bare) for bit, name, with_mocap, bare in _SENSORS if bad & bit)
+    return tuple((name, is_needed) for name, is_needed in found if is_needed is not None)
+
+
+def has_rc(snapshot: Snapshot) -> bool | None:
+    """Whether PX4 hears a radio control; None while it has said nothing of its sensors."""
+    if not snapshot.sensors_ns:
+        return None
+    return bool(snapshot.sensors_enabled & snapshot.sensors_healthy & _RC_RECEIVER)

@@ -1,0 +1,116 @@
+"""Watches in flight whether the vehicle answers as its file says: lag, static gain, lean and hover throttle.
+
+The disturbance observer already flies a model of the own commands through the configured lag. Against it the attitude
+flown is a regression: measured = gain (response - late rate) + lean, per axis, with ``late`` the time by which the
+vehicle is slower than configured. Recursive least squares that forget over half a minute; ten samples
+a second are enough. ``identify.py`` does the same afterwards, thoroughly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from onboard.feasibility.bounds import LAG_ERROR_S
+from onboard.types import GRAVITY_M_S2, Array, light
+
+_FORGET_S = 30.0
+_LEAST_S = 8.0
+_ATTITUDE_AGE_S = 0.012  # PX4's attitude at 50-100 Hz over a link, when it is used
+_HOVER_SHARE = 0.12
+_SURE_S = 0.008  # standard deviation of the lag's error from which on it is believed
+_CORRELATED_S = 0.5  # for so long residuals say the same
+
+
+@light
+@dataclass(frozen=True, slots=True)
+class ResponseMemory:
+    """Sums over the past: normal (4, 4), right (4,), energy of the measurement, time [s], all forgotten alike."""
+
+    normal: Array
+    right: Array
+    energy: float
+    time_s: float
+
+
+def initial() -> ResponseMemory:
+    """Nothing seen."""
+    return ResponseMemory(np.zeros((4, 4)), np.zeros(4), 0.0, 0.0)
+
+
+def update(
+    memory: ResponseMemory, response_m_s2: Array, rate_m_s3: Array, quaternion_wxyz: Array, dt_s: float
+) -> ResponseMemory:
+    """One tick in free flight.
+
+    Args:
+        response_m_s2, rate_m_s3: (2,) or more, horizontal acceleration that the model of the commands has now, and its
+            derivative; only the first two components are used. quaternion_wxyz: (4,) attitude flown, FLU to ENU.
+    Returns:
+        memory; unchanged where something is not finite or the vehicle is upside down.
+    """
+    w, q_x, q_y, q_z = quaternion_wxyz.tolist()
+    a_x, a_y, *_ = response_m_s2.tolist()
+    r_x, r_y, *_ = rate_m_s3.tolist()
+    up = 1.0 - 2.0 * (q_x * q_x + q_y * q_y)  # the third component of frames.body_up; below are the first two
+    if not (math.isfinite(a_x + a_y) and math.isfinite(r_x + r_y) and up > 0.3):
+        return memory
+    s_x = GRAVITY_M_S2 * (2.0 * (q_x * q_z + w * q_y)) / up
+    s_y = GRAVITY_M_S2 * (2.0 * (q_y * q_z - w * q_x)) / up
+    keep = math.exp(-dt_s / _FORGET_S)
+    mixed = -(a_x * r_x + a_y * r_y)
+    normal = np.array(
+        (
+            (a_x * a_x + a_y * a_y, mixed, a_x, a_y),
+            (mixed, r_x * r_x + r_y * r_y, -r_x, -r_y),
+            (a_x, -r_x, 1.0, 0.0),
+            (a_y, -r_y, 0.0, 1.0),
+        )
+    )
+    right = np.array((a_x * s_x + a_y * s_y, -(r_x * s_x + r_y * s_y), s_x, s_y))
+    return ResponseMemory(
+        keep * memory.normal + normal,
+        keep * memory.right + right,
+        keep * memory.energy + s_x * s_x + s_y * s_y,
+        keep * memory.time_s + dt_s,
+    )
+
+
+def late_s(memory: ResponseMemory) -> tuple[float, float]:
+    """By how much the vehicle is slower than configured, and the standard deviation; (0, inf) while nobody knows."""
+    if memory.time_s < _LEAST_S:
+        return 0.0, math.inf
+    scale = np.sqrt(np.maximum(np.diag(memory.normal), 1e-9))
+    normal = memory.normal / np.outer(scale, scale)
+    if np.linalg.cond(normal) > 1e6:
+        return 0.0, math.inf
+    inverse = np.linalg.inv(normal) / np.outer(scale, scale)
+    gain, lag, *_ = theta = inverse @ memory.right
+    if gain < 0.3:
+        return 0.0, math.inf
+    count = memory.normal[2, 2] + memory.normal[3, 3]
+    variance = max(memory.energy - float(theta @ memory.right), 1e-9) / count
+    alike = max(1.0, _CORRELATED_S * memory.normal[2, 2] / memory.time_s)  # samples that say the same
+    std = math.sqrt(alike * variance * inverse[1, 1]) / gain
+    return float(lag / gain) - _ATTITUDE_AGE_S, std
+
+
+def differences(
+    memory: ResponseMemory, lag_s: float, hover_frac: float, configured_hover_frac: float
+) -> dict[str, str]:
+    """What differs from the fleet file by more than the law tolerates: a code and a sentence with the remedy each."""
+    found: dict[str, str] = {}
+    late, std = late_s(memory)
+    if std < _SURE_S and abs(late) - 2.0 * std > LAG_ERROR_S:
+        found["lag-differs"] = (
+            f"The attitude answers {1e3 * abs(late):.0f} ms {'later' if late > 0.0 else 'earlier'} than the fleet "
+            f"file's lag of {lag_s:.2f} s says: distances are not kept as promised. Land, and run covey identify."
+        )
+    if memory.time_s >= _LEAST_S and abs(hover_frac / configured_hover_frac - 1.0) > _HOVER_SHARE:
+        found["hover-differs"] = (
+            f"The vehicle hovers at {hover_frac:.2f} of its throttle, the fleet file says {configured_hover_frac:.2f}: "
+            "check load, propellers and battery, or correct hover_thrust_frac."
+        )
+    return found

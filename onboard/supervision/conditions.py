@@ -1,0 +1,288 @@
+"""Which conditions of the failsafe table hold now. Times are on the agent's clock, and count live ticks as well.
+
+A process that was not scheduled for a while finds everything old at its first tick, although nothing is wrong but
+itself. So a silence counts only after it has also been seen by several ticks in a row. What can hurt within a tenth of
+a second is looked at in every tick, the rest ten times a second.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from onboard.autopilot import Vec4
+from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.control.allocation import AllocationParams
+from onboard.flight.state_machine import Flight
+from onboard.flight.types import Step, View
+from onboard.localization.own_state import OwnState
+from onboard.neighbours.table import NeighbourTable
+from onboard.safety.autopilot_monitor import AutopilotWatch
+from onboard.safety.battery_monitor import BatteryWatch
+from onboard.safety.failsafe_table import Condition, Situation
+from onboard.safety.geofence import Fence
+from onboard.safety.tracking_monitor import AnswerWatch
+from onboard.supervision.neighbour_conditions import NeighbourWatch
+from onboard.types import GRAVITY_M_S2, LawStatus
+
+POSITION_STALE_S, POSITION_LOST_S = 0.2, 0.5
+STALE_FOR_S = 0.3  # a position that stays this old is lost, however regularly it comes
+LATE_S, STALLED_S, STALLED_LONG_S = 0.005, 0.2, 0.3  # PX4 lands after COM_OF_LOSS_T = 0.3 s without setpoints
+PERIOD_S = 0.02
+BUS_LOST_S = 1.0
+JUMPS, SWAP_JUMPS, SWAP_RADIUS_M = 3, 2, 0.3
+CLOCK_TOLD_S = 5.0
+_DOWN_HEIGHT_M, _DOWN_LONG_S = 0.12, 1.0
+_ANSWERS_ABOVE_M = 0.2
+_FENCE_LONG_S = 2.0
+_NOT_FINITE_LONG_S = 0.5
+_INFEASIBLE_S = 0.1
+_LIVE_TICKS = 5
+_SLOW_TICKS = 5
+_BRAKE_SHARE = 0.6  # of the acceleration at the largest tilt, with which one counts before the fence
+
+
+@dataclass(slots=True)
+class Doing:
+    """What the core knows of itself at this tick.
+
+    asked_wxyz, thrust_frac: setpoint sent last, in the fleet frame. below_m: under its trajectory. active_neighbour:
+    place of whom the law keeps it from, -1 for nobody.
+    """
+
+    period_s: float = PERIOD_S
+    is_last_tick_finite: bool = True
+    is_airborne: bool = False
+    is_stopping: bool = False
+    has_ground: bool = False
+    has_twin: bool = False
+    is_disk_full: bool = False
+    bus_age_s: float = 0.0
+    nearest_m: float = math.inf
+    law_status: int = 0
+    active_neighbour: int = -1
+    asked_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)
+    thrust_frac: float = 0.0
+    below_m: float = 0.0
+    clock_jump_ns: int = 0
+
+
+@dataclass(slots=True)
+class Watch:
+    """Memory of how long each condition has lasted; ``details`` says of whom a condition speaks."""
+
+    fleet: FleetConfig
+    vehicle: Vehicle
+    own: OwnState
+    flight: Flight
+    neighbours: NeighbourTable
+    autopilot: AutopilotWatch = field(default_factory=AutopilotWatch)
+    answer: AnswerWatch = field(init=False)
+    battery: BatteryWatch = field(default_factory=BatteryWatch)
+    others: NeighbourWatch = field(init=False)
+    details: dict[Condition, str] = field(default_factory=dict)
+    _since_ns: dict[Condition, int] = field(default_factory=dict)
+    _ticks: dict[Condition, int] = field(default_factory=dict)
+    _slow: set[Condition] = field(default_factory=set)
+    _count: int = 0
+    _offboard_since_ns: int = 0
+    _has_landing_mode: bool = False
+    _fence: Fence = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.answer = AnswerWatch(self.vehicle.lag_s, float(AllocationParams(0.0).max_thrust_frac))
+        self.others = NeighbourWatch(self.fleet, self.vehicle, self.neighbours, self.flight, self.details)
+        fence = self.fleet.fleet.geofence_m
+        brake = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(math.radians(self.vehicle.max_tilt_deg))
+        (west, east), (south, north), (floor, top) = fence.x, fence.y, fence.z
+        brakes = (brake, brake, 0.5 * GRAVITY_M_S2)
+        self._fence = Fence((west, south, floor), (east, north, top), brakes, self.vehicle.lag_s)
+
+    def lasting(self, condition: Condition, is_seen: bool, now_ns: int) -> tuple[int, float]:
+        """How many ticks in a row and for how many seconds a condition has been seen; (0, 0) when it is not."""
+        if not is_seen:
+            if self._ticks:
+                self._since_ns.pop(condition, None)
+                self._ticks.pop(condition, None)
+            return 0, 0.0
+        since = self._since_ns.setdefault(condition, now_ns)
+        ticks = self._ticks[condition] = self._ticks.get(condition, 0) + 1
+        return ticks, (now_ns - since) * 1e-9
+
+    def conditions(self, view: View, doing: Doing) -> set[Condition]:
+        """All conditions that hold at this tick."""
+        found: set[Condition] = set()
+        self._own_motion(found, view)
+        self._autopilot(found, view)
+        self._process(found, view, doing)
+        self._space(found, view)
+        self._answers(found, view, doing)
+        self.others.look(found, view, doing.nearest_m, doing.is_airborne, doing.active_neighbour)
+        _, infeasible_s = self.lasting(
+            Condition.LAW_INFEASIBLE,
+            doing.law_status == LawStatus.INFEASIBLE and self.flight.is_under_law,
+            view.now_ns,
+        )
+        if infeasible_s > _INFEASIBLE_S:
+            found.add(Condition.LAW_INFEASIBLE)
+        self._count += 1
+        if self._count % _SLOW_TICKS == 0:
+            self._slow = self._look_slowly(view, doing)
+        return found | self._slow if self._slow else found
+
+    def _own_motion(self, found: set[Condition], view: View) -> None:
+        c, now_ns, own = Condition, view.now_ns, self.own
+        stale, stale_s = self.lasting(c.POSITION_STALE, own.age_s > POSITION_STALE_S, now_ns)
+        if stale:
+            found.add(c.POSITION_STALE)
+        is_lost = own.age_s > POSITION_LOST_S or stale_s > STALE_FOR_S
+        if self.lasting(c.POSITION_LOST, is_lost, now_ns)[0] >= _LIVE_TICKS:
+            found.add(c.POSITION_LOST)
+        jumps = own.jumps
+        if jumps >= SWAP_JUMPS:
+            where = own.jumped_to_enu_m
+            other = self.others.nearest_to(where, SWAP_RADIUS_M, now_ns) if where is not None else ""
+            if other:
+                self.details[c.MOCAP_SWAPPED] = other
+                found.add(c.MOCAP_SWAPPED)
+            elif jumps >= JUMPS:
+                found.add(c.POSITION_JUMPED)
+        if own.watch.is_frozen:
+            found.add(c.MOCAP_FROZEN)
+        if own.watch.is_late:
+            found.add(c.MOCAP_LATE)
+
+    def _autopilot(self, found: set[Condition], view: View) -> None:
+        c, now_ns, snapshot, flight = Condition, view.now_ns, view.snapshot, self.flight
+        px4 = self.autopilot
+        px4.look(
+            now_ns,
+            packet_ns=snapshot.last_packet_ns,
+            attitude_ns=snapshot.attitude_ns,
+            heartbeat_ns=snapshot.heartbeat_ns,
+            boot_ms=snapshot.px4_boot_ms,
+        )
+        if px4.is_silent:
+            found.add(c.AUTOPILOT_SILENT)
+        if px4.is_frozen:
+            found.add(c.AUTOPILOT_FROZEN)
+        if px4.is_heartbeat_lost:
+            found.add(c.HEARTBEAT_LOST)
+        if px4.is_rebooted:
+            found.add(c.REBOOTED)
+        if px4.is_back:
+            found.add(c.AUTOPILOT_BACK)
+        if flight.step is Step.PX4:
+            self._offboard_since_ns = now_ns
+            is_landing = snapshot.mode == "LAND"
+            if self._has_landing_mode and not is_landing and not view.is_on_ground and not snapshot.is_failsafe:
+                self._tell(found, c.LEFT_OFFBOARD, f"now {snapshot.mode}")
+            self._has_landing_mode |= is_landing
+            return
+        self._has_landing_mode = False
+        if not flight.must_be_offboard:
+            self._offboard_since_ns = now_ns
+        elif snapshot.heartbeat_ns > self._offboard_since_ns:
+            if not snapshot.is_armed and flight.must_be_armed:
+                found.add(c.DISARMED)
+            elif not snapshot.is_offboard:
+                which = c.PX4_FAILSAFE if snapshot.is_failsafe else c.LEFT_OFFBOARD
+                self._tell(found, which, f"now {snapshot.mode}")
+
+    def _process(self, found: set[Condition], view: View, doing: Doing) -> None:
+        c, now_ns, period_s = Condition, view.now_ns, doing.period_s
+        if period_s > PERIOD_S + LATE_S:
+            found.add(c.LOOP_LATE)
+            if period_s > STALLED_S:
+                found.add(c.LOOP_STALLED)
+            if period_s > STALLED_LONG_S:
+                found.add(c.LOOP_STALLED_LONG)
+        bad, bad_s = self.lasting(c.NOT_FINITE, not doing.is_last_tick_finite, now_ns)
+        if bad:
+            found.add(c.NOT_FINITE)
+            if bad_s > _NOT_FINITE_LONG_S:
+                found.add(c.NOT_FINITE_LONG)
+        bus, bus_s = self.lasting(c.BUS_LOST, doing.bus_age_s > BUS_LOST_S, now_ns)
+        if bus >= _LIVE_TICKS:
+            found.add(c.BUS_LOST)
+            if bus_s > self.fleet.fleet.bus_lost_land_s:
+                found.add(c.BUS_LOST_LONG)
+        if not doing.has_ground:
+            found.add(c.GROUND_LOST)
+        if doing.is_stopping:
+            found.add(c.SHUTDOWN)
+        if doing.has_twin:
+            found.add(c.TWIN)
+        if doing.is_disk_full:
+            found.add(c.DISK_FULL)
+        overdue = self.flight.overdue(view)
+        if overdue is not None:
+            self._tell(found, c.ORDER_OVERDUE, overdue or self.others.held_up_by(self.flight.goal_position_enu_m, view))
+
+    def _space(self, found: set[Condition], view: View) -> None:
+        c = Condition
+        is_near = is_over = is_above = False
+        if view.has_position:
+            is_near, is_over, is_above = self._fence.where(view.position_enu_m, view.velocity_enu_m_s)
+        if is_near:
+            found.add(c.FENCE_NEAR)
+        if is_over:
+            found.add(c.FENCE_BREACH)
+        if is_above:
+            found.add(c.CEILING)
+        if self.lasting(c.FENCE_BREACH, is_over or is_above, view.now_ns)[1] > _FENCE_LONG_S:
+            found.add(c.FENCE_BREACH_LONG)
+        should_be_up = self.flight.situation is Situation.FLYING and view.has_position
+        is_down = should_be_up and view.position_enu_m[2] < _DOWN_HEIGHT_M
+        if self.lasting(c.FALLEN, is_down, view.now_ns)[1] > _DOWN_LONG_S:
+            found.add(c.FALLEN)
+
+    def _answers(self, found: set[Condition], view: View, doing: Doing) -> None:
+        c, answer, flight = Condition, self.answer, self.flight
+        height_m = view.position_enu_m[2] - flight.ground_z_m
+        if not flight.is_under_law or flight.step is Step.LIFTOFF or height_m < _ANSWERS_ABOVE_M:
+            answer.rest()
+            return
+        answer.look(
+            doing.asked_wxyz,
+            self.own.attitude_wxyz(view.snapshot),
+            doing.thrust_frac,
+            below_m=doing.below_m,
+            climb_m_s=view.velocity_enu_m_s[2],
+            dt_s=min(doing.period_s, 0.1),
+        )
+        if answer.is_attitude_lost:
+            found.add(c.ATTITUDE_NOT_FOLLOWED)
+        if answer.is_saturated:
+            found.add(c.THRUST_SATURATED)
+        if answer.is_sinking:
+            found.add(c.NOT_CLIMBING)
+
+    def _look_slowly(self, view: View, doing: Doing) -> set[Condition]:
+        c, snapshot, limits = Condition, view.snapshot, self.fleet.fleet
+        found = self.others.look_slowly(view)
+        battery_pct = 100.0 * snapshot.battery_frac
+        if battery_pct < limits.battery_warning_pct:
+            found.add(c.BATTERY_WARNING)
+        if battery_pct < limits.battery_land_pct:
+            found.add(c.BATTERY_LOW)
+        if self.flight.situation in (Situation.GROUND, Situation.ARMED):
+            self.battery.rest()
+        else:
+            self.battery.look(
+                view.now_ns * 1e-9,
+                snapshot.battery_frac,
+                snapshot.battery_voltage_v,
+                land_frac=0.01 * limits.battery_land_pct,
+                height_m=view.position_enu_m[2] - self.flight.ground_z_m,
+            )
+        if self.battery.is_falling:
+            found.add(c.BATTERY_FALLING)
+        jump_ns = max(self.own.watch.clock_jump_ns, doing.clock_jump_ns)
+        if jump_ns and view.now_ns - jump_ns < CLOCK_TOLD_S * 1e9:
+            found.add(c.CLOCK_JUMPED)
+        return found
+
+    def _tell(self, found: set[Condition], condition: Condition, detail: str) -> None:
+        found.add(condition)
+        self.details[condition] = detail

@@ -1,0 +1,345 @@
+"""Vehicles, estimates and autopilots in one world, advanced step by step. No sockets, no clock: time is counted.
+
+Truth flows one way: world -> estimator -> autopilot -> world. What is published as ground truth is a copy.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+
+from sitl.emulator.fault_effects import Disturbances
+from sitl.faults.catalogue import Fault
+from sitl.physics import frames
+from sitl.physics.contacts import Collision, Downwash, World
+from sitl.physics.frames import Array
+from sitl.physics.vehicle import STEP_S, VehicleProfile
+from sitl.physics.wind import WindSettings
+from sitl.px4 import setpoints
+from sitl.px4.commander import TICK_S, Autopilot
+from sitl.px4.estimator import ESTIMATE_EVERY_STEPS, Estimator, Source, vision_level
+from sitl.px4.signals import Actuation, Setpoint, Situation
+
+_TICK_STEPS = round(TICK_S / STEP_S)
+
+_SOME_DATE_S = 1.7e9
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleSpec:
+    """One vehicle to emulate."""
+
+    name: str
+    system_id: int
+    profile: VehicleProfile
+    start_enu_m: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """What surrounds all vehicles.
+
+    Attributes:
+        wind, downwash: see :class:`World`.
+        has_common_errors, error_scale: of the estimates, see :class:`Estimator`.
+    """
+
+    wind: WindSettings = field(default_factory=WindSettings)
+    downwash: Downwash = field(default_factory=Downwash)
+    has_common_errors: bool = False
+    error_scale: float = 1.0
+
+
+class Emulator:
+    """Several PX4s and their vehicles.
+
+    Args:
+        specs: the vehicles, in order.
+        body_diameter_m: see :class:`World`.
+        environment: wind, downwash and errors; a calm room by default.
+        seed: of everything random.
+
+    Attributes:
+        disturbances: faults, present and to come; see :meth:`inject`.
+        unix_start_s: the date at the start, as PX4 knows it from its computer; any fixed one where nobody asks.
+    """
+
+    def __init__(
+        self,
+        specs: list[VehicleSpec],
+        *,
+        body_diameter_m: float = 0.5,
+        environment: Environment | None = None,
+        seed: int = 0,
+    ) -> None:
+        _compile_loops()
+        around = environment or Environment()
+        self.specs = list(specs)
+        start_enu_m = np.array([spec.start_enu_m for spec in specs], dtype=np.float64).reshape(-1, 3)
+        self.world = World(
+            [s.profile for s in specs],
+            start_enu_m,
+            body_diameter_m=body_diameter_m,
+            seed=seed,
+            wind=around.wind,
+            downwash=around.downwash,
+            names=[s.name for s in specs],
+        )
+        self.estimator = Estimator(
+            self.world.vehicles.states.position_ned_m,
+            seed=seed,
+            is_common=around.has_common_errors,
+            scale=around.error_scale,
+        )
+        self.disturbances = Disturbances([spec.name for spec in specs], seed=seed)
+        self._told = np.zeros((len(specs), 4))  # newest external position and heading of each
+        self._told_resets = [0] * len(specs)
+        self._late_vision: list[tuple[float, int, Array]] = []
+        self.autopilots = [Autopilot() for _ in specs]
+        for autopilot, spec in zip(self.autopilots, specs, strict=True):
+            autopilot.params.values["MAV_SYS_ID"] = spec.system_id
+        self.has_global_origin = [False] * len(specs)
+        self.unix_start_s = _SOME_DATE_S
+        self._applied: list[Actuation | None] = [None] * len(specs)
+        self._estimate()
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time since the start [s]."""
+        return self.world.time_s
+
+    def clock_s(self, index: int) -> float:
+        """What an autopilot's clock shows; simulated time, unless a fault disturbs it."""
+        return self.disturbances.clocks[index].at(self.time_s)
+
+    def inject(self, fault: Fault) -> Fault:
+        """Plan a fault; what should have begun already begins with the next step. The fault with its defaults.
+
+        Raises:
+            FaultError: unknown, out of bounds, or in contradiction to another one.
+        """
+        return self.disturbances.plan.add(fault, self.time_s)
+
+    def reboot(self, index: int) -> None:
+        """Start an autopilot anew, wherever its vehicle is: parameters and battery stay, all else is forgotten."""
+        old, now_s = self.autopilots[index], self.clock_s(index)
+        self.autopilots[index] = Autopilot(params=old.params, boot_time_s=now_s, battery=old.battery)
+        self.autopilots[index].faults.extend(old.faults)
+        self.has_global_origin[index] = False
+        self.estimator.restart(index, self.time_s, self.world.vehicles.states.position_ned_m[index])
+        self.disturbances.boots[index] += 1
+
+    def step(self) -> list[Collision]:
+        """Advance everything by 4 ms."""
+        steps = self.world.vehicles.steps
+        if self.time_s + 1e-9 >= self.disturbances.plan.next_s:
+            self.disturbances.advance(self)
+        if self._late_vision:
+            self._fuse_what_is_late()
+        if steps % _TICK_STEPS == 0:
+            self._tick()
+        for index, autopilot in enumerate(self.autopilots):
+            if autopilot.actuation is not self._applied[index]:
+                self._apply(index, autopilot.actuation)
+        collisions = self.world.step()
+        if self.world.vehicles.steps % ESTIMATE_EVERY_STEPS == 0:
+            self._estimate()
+        return collisions
+
+    def situation(self, index: int) -> Situation:
+        """What one autopilot knows of its vehicle."""
+        return self._situation(
+            index,
+            self.time_s,
+            self.estimator.position_ned_m[index].copy(),
+            self.estimator.velocity_ned_m_s[index].copy(),
+            self.believed_attitude(index),
+            self.believed_yaw_rad(index),
+        )
+
+    def _situation(
+        self,
+        index: int,
+        time_s: float,
+        position_ned_m: Array,
+        velocity_ned_m_s: Array,
+        attitude: Array,
+        yaw_rad: float,
+    ) -> Situation:
+        source = self.estimator.source[index]
+        return Situation(
+            time_s=self.disturbances.clocks[index].at(time_s),
+            position_ned_m=position_ned_m,
+            velocity_ned_m_s=velocity_ned_m_s,
+            attitude=attitude,
+            yaw_rad=yaw_rad,
+            on_ground=bool(self.world.vehicles.states.on_ground[index]),
+            has_global_position=self._has_global_position(index, source, time_s),
+            has_local_position=source is not Source.NONE,
+        )
+
+    def _tick(self) -> None:
+        states, time_s = self.world.vehicles.states, self.time_s
+        for index, shift_ned_m in self.estimator.jumps:
+            self.autopilots[index].flight.frame_jumped(shift_ned_m)
+        self.estimator.jumps.clear()
+        positions, velocities = self.estimator.position_ned_m.copy(), self.estimator.velocity_ned_m_s.copy()
+        yaws = frames.wrap(states.yaw_rad + self.estimator.yaw_error_rad)
+        attitudes = frames.from_yaw_and_tilt(yaws, states.tilt_rad)
+        for index, (autopilot, yaw_rad) in enumerate(zip(self.autopilots, yaws.tolist(), strict=True)):
+            if not self.disturbances.is_hung[index]:
+                autopilot.tick(
+                    self._situation(index, time_s, positions[index], velocities[index], attitudes[index], yaw_rad)
+                )
+
+    def _has_global_position(self, index: int, source: Source, time_s: float) -> bool:
+        # Satellites give it by themselves; a local position becomes one when somebody has said where its origin is.
+        by_satellites = self.estimator.sees_satellites(index, time_s)
+        return by_satellites or (source is Source.VISION and self.has_global_origin[index])
+
+    def believed_yaw_rad(self, index: int) -> float:
+        """Heading with the compass's error [rad]."""
+        yaw_rad = float(self.world.vehicles.states.yaw_rad[index]) + float(self.estimator.yaw_error_rad[index])
+        return math.pi - (math.pi - yaw_rad) % (2.0 * math.pi)
+
+    def believed_attitude(self, index: int) -> Array:
+        """Attitude NED <- FRD (4,) with the compass's error, without noise."""
+        half = 0.5 * float(self.estimator.yaw_error_rad[index])
+        return _turned(self.world.vehicles.states.attitude[index], half)
+
+    def attitude_setpoint(
+        self, index: int, attitude_wxyz: list[float], rate_rad_s: list[float], thrust_frac: float, type_mask: int
+    ) -> None:
+        """SET_ATTITUDE_TARGET as PX4 takes it."""
+        yaw_rad = self.believed_yaw_rad(index)
+        setpoint = setpoints.from_attitude(
+            attitude_wxyz, rate_rad_s, thrust_frac, type_mask, now_s=self.clock_s(index), yaw_rad=yaw_rad
+        )
+        if setpoint is not None:
+            self.accept_setpoint(index, setpoint)
+
+    def position_setpoint(self, index: int, fields: Mapping[str, Any]) -> None:
+        """SET_POSITION_TARGET_LOCAL_NED by MAVLink's field names."""
+        yaw_rad = self.believed_yaw_rad(index)
+        setpoint = setpoints.from_local(fields, now_s=self.clock_s(index), yaw_rad=yaw_rad)
+        if isinstance(setpoint, Setpoint):
+            self.accept_setpoint(index, setpoint)
+        elif setpoint == "bad frame":
+            frame = int(fields["coordinate_frame"])
+            self.autopilots[index].journal.say(self.clock_s(index), setpoint, frame, frame=frame)
+        else:
+            self.autopilots[index].journal.say(self.clock_s(index), setpoint)
+
+    def accept_setpoint(self, index: int, setpoint: Setpoint) -> None:
+        """Hand a setpoint to its autopilot; a hung one does not hear it, a faulty one hears it and does nothing."""
+        autopilot = self.autopilots[index]
+        if self.disturbances.is_hung[index]:
+            return
+        if self.disturbances.ignores_setpoints[index] and autopilot.setpoint is not None:
+            setpoint = replace(autopilot.setpoint, time_s=setpoint.time_s)
+        autopilot.accept_setpoint(setpoint)
+
+    def vision(
+        self,
+        index: int,
+        position_ned_m: Array,
+        *,
+        yaw_rad: float = math.nan,
+        has_velocity: bool = False,
+        reset_count: int = 0,
+    ) -> None:
+        """One external position (ODOMETRY, VISION_POSITION_ESTIMATE), fused if the parameters say so.
+
+        Args:
+            index, position_ned_m: the vehicle and where it is said to be.
+            yaw_rad: its heading as said with it; NaN for the true one.
+            has_velocity: whether a velocity came with it.
+            reset_count: another one than before tells the estimator to begin anew there.
+        """
+        params, faults = self.autopilots[index].params, self.disturbances.vision
+        if not int(params["EKF2_EV_CTRL"]) & 1 or self.disturbances.is_hung[index]:
+            return
+        if math.isnan(yaw_rad):
+            yaw_rad = float(self.world.vehicles.states.yaw_rad[index])
+        self._uses_velocity(index, has_velocity)
+        self._told[index, :3] = position_ned_m
+        self._told[index, 3] = yaw_rad
+        if reset_count != self._told_resets[index]:
+            self._told_resets[index] = reset_count
+            self.estimator.begin_vision_anew(index)
+        if faults.is_clear:
+            self._fuse(index, self._told[index])
+        elif not faults.is_lost(index):
+            told = faults.apply(self._told, index)[index]
+            late_s = faults.delay_s(index)
+            if late_s > 0.0:
+                self._late_vision.append((self.time_s + late_s, index, told))
+            else:
+                self._fuse(index, told)
+
+    def _fuse(self, index: int, told: Array) -> None:
+        delay_s = self.autopilots[index].params["EKF2_EV_DELAY"] / 1000.0
+        yaw_error_rad = float(told[3]) - float(self.world.vehicles.states.yaw_rad[index])
+        self.estimator.fuse_vision(index, self.time_s, told[:3], delay_s=delay_s, yaw_error_rad=yaw_error_rad)
+
+    def _fuse_what_is_late(self) -> None:
+        due = [entry for entry in self._late_vision if entry[0] <= self.time_s + 1e-9]
+        self._late_vision = [entry for entry in self._late_vision if entry[0] > self.time_s + 1e-9]
+        for _, index, told in due:
+            if not self.disturbances.is_hung[index]:
+                self._fuse(index, told)
+
+    def _uses_velocity(self, index: int, has_velocity: bool) -> None:
+        params = self.autopilots[index].params
+        level = vision_level(
+            params["EKF2_EVP_NOISE"],
+            params["EKF2_TAU_VEL"],
+            has_velocity=has_velocity and bool(int(params["EKF2_EV_CTRL"]) & 4),
+        )
+        self.estimator.vision_levels[index] = level
+
+    def parameters_changed(self, index: int) -> None:
+        """Carry parameters over to where they act."""
+        params = self.autopilots[index].params
+        self.estimator.has_gps[index] = int(params["EKF2_GPS_CTRL"]) & 1 == 1 and int(params["SYS_HAS_GPS"]) != 0
+        self.estimator.uses_vision_yaw[index] = bool(int(params["EKF2_EV_CTRL"]) & 8)
+        self.estimator.vision_noise_m[index] = params["EKF2_EVP_NOISE"]
+        self._uses_velocity(index, has_velocity=False)
+
+    def _estimate(self) -> None:
+        states = self.world.vehicles.states
+        self.estimator.step(self.time_s, states.position_ned_m, states.velocity_ned_m_s, states.on_ground)
+
+    def _apply(self, index: int, actuation: Actuation) -> None:
+        commands = self.world.commands
+        # The autopilot steers in the heading it believes in; the vehicle turns in the one it has.
+        commands.attitude[index] = _turned(actuation.attitude, -0.5 * float(self.estimator.yaw_error_rad[index]))
+        commands.rate_rad_s[index] = actuation.rate_rad_s
+        commands.is_rate[index] = actuation.is_rate
+        commands.thrust_frac[index] = actuation.thrust_frac
+        commands.motors_on[index] = actuation.motors_on
+        self._applied[index] = actuation
+
+
+@functools.cache
+def _compile_loops() -> None:
+    """Have every compiled loop ready before time runs: the first start on a machine takes seconds, later ones none."""
+    profile = VehicleProfile()
+    world = World([profile, profile], np.array([[0.0, 0.0, 5.0], [3.0, 0.0, 5.0]]))
+    world.step()
+    states = world.vehicles.states
+    estimator = Estimator(states.position_ned_m, seed=0)
+    estimator.step(0.0, states.position_ned_m, states.velocity_ned_m_s, states.on_ground)
+
+
+def _turned(attitude: Array, half_rad: float) -> Array:
+    """An attitude (4,) turned about the vertical by twice `half_rad`."""
+    w, x, y, z = attitude.tolist()
+    c, s = math.cos(half_rad), math.sin(half_rad)
+    return np.array([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w])

@@ -1,0 +1,186 @@
+"""What each fault of `faults.py` does to the emulator when it begins, and how that is undone when it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from sitl.faults.catalogue import Fault, FaultPlan
+from sitl.faults.lossy_channel import NO_FAULTS, Wire, WireFaults
+from sitl.faults.pose_faults import PoseFault, PoseFaults
+
+if TYPE_CHECKING:
+    from sitl.emulator.emulator import Emulator
+
+LINKS, WAYS = ("companion", "ground"), ("in", "out")
+_REFUSES = "a fault forbids it"
+
+
+@dataclass(slots=True)
+class Clock:
+    """An autopilot's own time: it can drift, and stand still."""
+
+    shown_s: float = 0.0
+    since_s: float = 0.0
+    rate: float = 1.0
+    is_stopped: bool = False
+
+    def at(self, time_s: float) -> float:
+        """What it shows at a simulated time."""
+        if self.is_stopped:
+            return self.shown_s
+        return self.shown_s + self.rate * (time_s - self.since_s)
+
+    def change(self, time_s: float, *, rate: float | None = None, is_stopped: bool | None = None) -> None:
+        """Go on at another rate, stop, or go on."""
+        self.shown_s, self.since_s = self.at(time_s), time_s
+        self.rate = self.rate if rate is None else rate
+        self.is_stopped = self.is_stopped if is_stopped is None else is_stopped
+
+
+class Disturbances:
+    """All that is wrong now, per vehicle.
+
+    Attributes:
+        plan: what is to come.
+        wires: of each vehicle, by link and direction.
+        mocap, vision: faults of the poses that the motion capture gives out, and that the autopilots are told.
+        clocks: of the autopilots.
+        is_hung, ignores_setpoints: per vehicle.
+        boots: how often each autopilot has started anew.
+        news: sentences about what began and ended, for whoever takes them.
+    """
+
+    def __init__(self, names: list[str], *, seed: int) -> None:
+        n = len(names)
+        self.names = names
+        self.plan = FaultPlan(names)
+        self.wires: list[dict[tuple[str, str], Wire[bytes]]] = [
+            {
+                (link, way): Wire([seed, 6, index, place])
+                for place, (link, way) in enumerate((link, way) for link in LINKS for way in WAYS)
+            }
+            for index in range(n)
+        ]
+        self.mocap, self.vision = PoseFaults(n), PoseFaults(n)
+        self.clocks = [Clock() for _ in range(n)]
+        self.is_hung = [False] * n
+        self.ignores_setpoints = [False] * n
+        self.boots = [0] * n
+        self.news: list[str] = []
+
+    def advance(self, emulator: Emulator) -> None:
+        """Begin and end what is due."""
+        now_s = emulator.time_s
+        begins, ends = self.plan.advance(now_s)
+        for fault in ends:
+            _apply(emulator, fault, is_on=False)
+            self.news.append(f"fault over: {fault.sentence}")
+        for fault in begins:
+            _apply(emulator, fault, is_on=True)
+            self.news.append(f"fault: {fault.sentence}")
+
+    def take_news(self) -> list[str]:
+        """What began and ended since the last call."""
+        news, self.news = self.news, []
+        return news
+
+
+def _apply(emulator: Emulator, fault: Fault, *, is_on: bool) -> None:
+    index = emulator.disturbances.names.index(fault.vehicle)
+    family, _, kind = fault.name.partition("_")
+    if family in ("mocap", "vision"):
+        faults: PoseFaults = getattr(emulator.disturbances, family)
+        faults.set(index, _pose_fault(emulator, fault, family, kind) if is_on else None)
+    elif family == "link":
+        _disturb_wires(emulator, index, fault, kind, is_on=is_on)
+    else:
+        _EFFECTS[fault.name](emulator, index, fault, is_on)
+
+
+def _pose_fault(emulator: Emulator, fault: Fault, family: str, kind: str) -> PoseFault:
+    if kind == "swapped":
+        return PoseFault(kind, other=emulator.disturbances.names.index(fault.word("other")))
+    if kind == "jump":
+        east_m, north_m, up_m = (fault.number(name) for name in ("east_m", "north_m", "up_m"))
+        # The motion capture measures in the fleet's ENU, an autopilot is told in NED.
+        shift_m = (east_m, north_m, up_m) if family == "mocap" else (north_m, east_m, -up_m)
+        return PoseFault(kind, shift_m=shift_m)
+    return PoseFault(kind, delay_s=fault.number("delay_s") if kind == "late" else 0.0)
+
+
+def _disturb_wires(emulator: Emulator, index: int, fault: Fault, kind: str, *, is_on: bool) -> None:
+    links = LINKS if fault.word("link") == "both" else (fault.word("link"),)
+    ways = WAYS if fault.word("direction") == "both" else (fault.word("direction"),)
+    values: dict[str, float]
+    if kind == "delay":
+        values = {"delay_s": fault.number("delay_s"), "jitter_s": fault.number("jitter_s")}
+    elif kind == "reorder":
+        values = {"reorder": fault.number("share"), "reorder_s": fault.number("by_s")}
+    else:
+        values = {kind: fault.number("share")}
+    if not is_on:
+        values = {name: getattr(NO_FAULTS, name) for name in values}
+    for link in links:
+        for way in ways:
+            wire = emulator.disturbances.wires[index][link, way]
+            changed: WireFaults = replace(wire.faults, **values)
+            wire.faults = NO_FAULTS if changed == NO_FAULTS else changed
+
+
+def _motor(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+    share = fault.number("effectiveness") if fault.name == "motor_weak" else 0.0
+    emulator.world.vehicles.set_motor(index, int(fault.number("motor")), share if is_on else 1.0)
+
+
+def _battery_cell(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+    battery = emulator.autopilots[index].battery
+    battery.remaining_frac = max(0.0, battery.remaining_frac - 0.01 * fault.number("drop_pct"))
+
+
+def _gps_loss(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+    emulator.estimator.gps_blocked[index] = is_on
+
+
+def _hang(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+    disturbances = emulator.disturbances
+    disturbances.is_hung[index] = is_on
+    disturbances.clocks[index].change(emulator.time_s, is_stopped=is_on)
+    for link in LINKS:
+        # What arrives meanwhile waits in the socket, and is read when the process goes on.
+        disturbances.wires[index][link, "in"].is_held = is_on
+
+
+def _reboot(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+    emulator.reboot(index)
+
+
+def _clock_drift(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+    rate = 1.0 + 1e-3 * fault.number("ms_per_s") if is_on else 1.0
+    emulator.disturbances.clocks[index].change(emulator.time_s, rate=rate)
+
+
+def _arming(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+    obstacles = emulator.autopilots[index].faults
+    if is_on:
+        obstacles.append(_REFUSES)
+    elif _REFUSES in obstacles:
+        obstacles.remove(_REFUSES)
+
+
+def _setpoints(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+    emulator.disturbances.ignores_setpoints[index] = is_on
+
+
+_EFFECTS: dict[str, Callable[[Emulator, int, Fault, bool], None]] = {
+    "motor_weak": _motor,
+    "motor_dead": _motor,
+    "battery_cell": _battery_cell,
+    "gps_loss": _gps_loss,
+    "autopilot_hang": _hang,
+    "autopilot_reboot": _reboot,
+    "clock_drift": _clock_drift,
+    "arming_refused": _arming,
+    "setpoints_ignored": _setpoints,
+}

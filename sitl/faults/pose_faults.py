@@ -1,0 +1,71 @@
+"""Faults of measured poses, the same for a motion capture and for what an autopilot is told from outside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sitl.physics.frames import Array
+
+
+@dataclass(frozen=True, slots=True)
+class PoseFault:
+    """What is wrong with the poses of one body.
+
+    Attributes:
+        kind: frozen, swapped, jump, late or lost.
+        other: index of the body that it is taken for. shift_m: (3,) added. delay_s: later than it should be.
+    """
+
+    kind: str
+    other: int = 0
+    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    delay_s: float = 0.0
+
+
+class PoseFaults:
+    """The faults of all bodies."""
+
+    def __init__(self, count: int) -> None:
+        self._faults: list[PoseFault | None] = [None] * count
+        self._frozen: dict[int, Array] = {}
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether nothing is wrong."""
+        return not any(self._faults)
+
+    def set(self, index: int, fault: PoseFault | None) -> None:
+        """Begin a fault of one body, or end it; a swap concerns the other body as well."""
+        before = self._faults[index]
+        if before is not None and before.kind == "swapped":
+            self._faults[before.other] = None
+        self._faults[index] = fault
+        self._frozen.pop(index, None)
+        if fault is not None and fault.kind == "swapped":
+            self._faults[fault.other] = PoseFault("swapped", other=index)
+
+    def is_lost(self, index: int) -> bool:
+        """Whether this body is not measured."""
+        fault = self._faults[index]
+        return fault is not None and fault.kind == "lost"
+
+    def delay_s(self, index: int) -> float:
+        """How much later its pose comes."""
+        fault = self._faults[index]
+        return 0.0 if fault is None else fault.delay_s
+
+    def apply(self, poses: Array, index: int | None = None) -> Array:
+        """Poses (n, k), position first, as they are measured with the faults; of one body only with `index`."""
+        out = poses.copy()
+        for i, fault in enumerate(self._faults):
+            if fault is None or (index is not None and i != index):
+                continue
+            if fault.kind == "swapped":
+                out[i] = poses[fault.other]
+            elif fault.kind == "jump":
+                out[i, :3] += fault.shift_m
+            elif fault.kind == "frozen":
+                out[i] = self._frozen.setdefault(i, poses[i].copy())
+        return np.asarray(out)

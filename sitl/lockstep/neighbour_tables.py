@@ -1,0 +1,145 @@
+"""The tables of many vehicles as common arrays, and what they hear as arrays: one call where a loop would make many.
+
+For simulations of whole fleets in one process; a drone has one table, and hears message by message.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from onboard.bus.schema import StateMessage
+from onboard.neighbours import subscription
+from onboard.neighbours.table import COLUMNS, COLUMNS_1, NOBODY, WIDTH, NeighbourTable, is_usable, numbers_of
+from onboard.types import Array, BoolArray, IntArray, Neighbours
+
+_SHARED = ("_heard_ns", "_is_lost", "_numbers", "_stamp_ns", "_newest", "_flags", "_is_followed", "_silent_after_s")
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """State messages that arrive together, one of each vehicle at most, as arrays (N, ...) over the whole fleet.
+
+    numbers (N, 25): all vectors and scalars of the messages. whole (3, N): stamp, boot id, sequence. flags (6, N): is
+    there a message, is it finite, is_valid, is_airborne, is_cooperative, is it one of the slow ones that all hear.
+    """
+
+    numbers: Array
+    whole: IntArray
+    flags: BoolArray
+
+    @classmethod
+    def of(cls, messages: Sequence[StateMessage], places: Mapping[str, int]) -> Round:
+        """Of messages of vehicles that stand in ``places``."""
+        count = len(places)
+        numbers, whole = np.zeros((count, WIDTH)), np.zeros((3, count), dtype=np.int64)
+        flags = np.zeros((6, count), dtype=bool)
+        at = [places[m.vehicle] for m in messages]
+        rows = [numbers_of(m) for m in messages]
+        numbers[at] = rows
+        whole[:, at] = np.array([(m.stamp_ns, m.boot_id, m.sequence) for m in messages], dtype=np.int64).T
+        flags[:, at] = np.array(
+            [
+                (True, is_usable(m, row), m.is_valid, m.is_airborne, m.is_cooperative, subscription.is_slow(m.sequence))
+                for m, row in zip(messages, rows, strict=True)
+            ]
+        ).T
+        return cls(numbers, whole, flags)
+
+
+class Tables:
+    """The tables of several vehicles of one fleet, kept as the rows of common arrays: what all hear is heard at once.
+
+    A table stays what it is; only its arrays now lie here. Rows: tables (N), columns: their neighbours (K).
+    """
+
+    def __init__(self, tables: Sequence[NeighbourTable]) -> None:
+        """At least one table, all of equally many neighbours."""
+        self.tables = tuple(tables)
+        self.all_listening = np.ones(len(tables), dtype=bool)
+        self._others = np.array([table._others for table in tables])
+        self._is_successor = np.array([table._is_successor for table in tables])
+        for name in _SHARED:
+            stacked = np.array([getattr(table, name) for table in tables])
+            setattr(self, name, stacked)
+            for table, row in zip(tables, stacked, strict=True):
+                setattr(table, name, row)
+
+    _numbers: Array
+    _stamp_ns: IntArray
+    _heard_ns: IntArray
+    _newest: IntArray
+    _is_lost: BoolArray
+    _flags: BoolArray
+    _is_followed: BoolArray
+    _silent_after_s: Array
+
+    def hear(self, arrived: Round, received_ns: int, is_listening: BoolArray) -> None:
+        """:meth:`NeighbourTable.hear` of every message of a round but a vehicle's own, by all that follow its sender.
+
+        Args:
+            is_listening: which of the tables hear at all, (N,).
+        """
+        others = self._others
+        stamp_ns, boot_id, sequence = arrived.whole
+        is_here, is_usable, is_valid, is_airborne, is_cooperative, is_slow = arrived.flags
+        is_heard = is_here[others] & (self._is_followed | is_slow[others]) & is_listening[:, None]
+        newest_boot, newest = self._newest[:, 0], self._newest[:, 1]
+        stamps = np.minimum(stamp_ns, received_ns)[others]
+        is_same_life = newest_boot == boot_id[others]
+        is_old = np.where(is_same_life, sequence[others] <= newest, stamps < self._heard_ns)
+        is_news = is_heard & is_usable[others] & ~is_old
+        for row in np.flatnonzero(is_heard.any(axis=1)).tolist():
+            table = self.tables[row]
+            table.last_heard_ns = max(table.last_heard_ns, received_ns)
+        if is_heard.sum() != is_news.sum():
+            ignored = np.count_nonzero(is_heard & ~is_news, axis=1).tolist()
+            for table, count in zip(self.tables, ignored, strict=True):
+                table.ignored_messages += count
+        rows, columns = is_news.nonzero()
+        senders = others[rows, columns]
+        self._newest[rows, 0, columns], self._newest[rows, 1, columns] = boot_id[senders], sequence[senders]
+        self._is_lost[rows, columns] = ~is_valid[senders]
+        if not is_valid.all():
+            placed = is_valid[senders]
+            rows, columns, senders = rows[placed], columns[placed], senders[placed]
+        self._stamp_ns[rows, columns] = self._heard_ns[rows, columns] = stamps[rows, columns]
+        self._numbers[rows, columns] = arrived.numbers[senders]
+        for place, flag in enumerate((is_valid, is_airborne, is_cooperative, is_cooperative)):
+            self._flags[rows, place, columns] = flag[senders]
+        for table in self.tables:
+            if table.distrusted:
+                table._flags[2, list(table.distrusted)] = False
+
+    def age(self, now_ns: int) -> None:
+        """Let all tables know the ages at this time."""
+        ages_s = np.maximum(now_ns - self._stamp_ns, 0) * 1e-9
+        ages_s[~self._flags[:, 0]] = np.inf
+        has_silent = np.asarray((ages_s > self._silent_after_s).any(axis=1)).tolist()
+        for table, row, has_one in zip(self.tables, ages_s, has_silent, strict=True):
+            table._age(row, now_ns, has_one)
+
+    def snapshots(self, rows: Sequence[int], now_ns: int) -> Neighbours:
+        """The snapshots of some of the tables, (n, K, 3): as stacking them one by one."""
+        if not self.tables[0].names:
+            return Neighbours(
+                **{
+                    f.name: np.repeat(getattr(NOBODY, f.name)[None], len(rows), axis=0)
+                    for f in dataclasses.fields(Neighbours)
+                }
+            )
+        at = np.asarray(rows)
+        numbers, flags = self._numbers[at], self._flags[at]
+        ages_s = np.array([self.tables[row].ages_s(now_ns) for row in rows])
+        is_present = flags[:, 0]
+        return Neighbours(
+            age_s=np.where(is_present, ages_s, 0.0),
+            is_present=is_present,
+            is_cooperative=flags[:, 2] & (ages_s <= self._silent_after_s[at]),
+            is_paper_obstacle=self._is_successor[at] & is_present,
+            **{name: numbers[:, :, columns] for name, columns in COLUMNS.items()},
+            **{name: numbers[:, :, column] for name, column in COLUMNS_1.items()},
+        )

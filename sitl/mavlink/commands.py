@@ -1,0 +1,202 @@
+"""MAVLink commands (COMMAND_LONG, COMMAND_INT) as a table: number, what is done, and the answer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sitl.mavlink.codec import ID_BY_NAME, Message
+from sitl.mavlink.streams import BUILDERS
+from sitl.mavlink.view import HOME_ALTITUDE_M
+from sitl.px4.modes import Mode, Result
+
+if TYPE_CHECKING:
+    from sitl.mavlink.link import Link
+
+_DO_SET_MODE = 176
+_REQUEST_MESSAGE, _REQUEST_PROTOCOL_VERSION = 512, 519
+# Answered also when they are sent to everybody, and to any component.
+FOR_EVERYBODY = frozenset({_REQUEST_MESSAGE, _REQUEST_PROTOCOL_VERSION})
+_LARGEST = 2**31
+_HIGHEST_M = 1e5
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One command as it arrived.
+
+    Attributes:
+        numbers: the seven parameters; NaN, which clients send for what they do not use, is kept.
+        is_integer: whether places are degrees times 1e7 (COMMAND_INT).
+    """
+
+    numbers: tuple[float, ...]
+    is_integer: bool
+
+    def __getitem__(self, place: int) -> float:
+        """Parameter 1 to 7; 0 for NaN and infinity."""
+        value = self.numbers[place - 1]
+        return value if math.isfinite(value) else 0.0
+
+    def integer(self, place: int) -> int:
+        """Parameter 1 to 7 as the nearest whole number, -1 when it is too large to be one."""
+        value = self[place]
+        return round(value) if abs(value) < _LARGEST else -1
+
+
+Answer = tuple[Result, list[bytes]]
+Handler = Callable[["Link", Command], Answer]
+
+
+def handle(link: Link, message: Message) -> list[bytes]:
+    """Everything that is sent back for a command."""
+    f = message.fields
+    number = f["command"]
+    is_integer = message.name == "COMMAND_INT"
+    last = (float(f["x"]), float(f["y"]), f["z"]) if is_integer else (f["param5"], f["param6"], f["param7"])
+    command = Command((f["param1"], f["param2"], f["param3"], f["param4"], *last), is_integer)
+    handler = _COMMANDS.get(number)
+    if handler is None:
+        return [link.ack(message, number, Result.UNSUPPORTED)]
+    result, extra = handler(link, command)
+    answers = [link.ack(message, number, result)]
+    if number == _DO_SET_MODE:
+        # PX4 answers twice: its receiver at once and always yes, then its commander with the truth.
+        answers.insert(0, link.ack(message, number, Result.ACCEPTED))
+    return answers + extra
+
+
+def _enter(mode: Mode, said: str | None = None) -> Handler:
+    def handler(link: Link, command: Command) -> Answer:
+        return link.autopilot.request(link.view.now_s, mode, said), []
+
+    return handler
+
+
+def _accept(link: Link, command: Command) -> Answer:
+    return Result.ACCEPTED, []
+
+
+def _take_off(link: Link, command: Command) -> Answer:
+    above_sea_m = command.numbers[6]  # as PX4 takes it, whatever the frame
+    height_m = above_sea_m - HOME_ALTITUDE_M if abs(above_sea_m) < _HIGHEST_M else math.nan
+    return link.autopilot.request_takeoff(link.view.now_s, height_m), []
+
+
+def _arm(link: Link, command: Command) -> Answer:
+    wanted = command.integer(1)
+    if wanted not in (0, 1):
+        value = command[1]
+        link.autopilot.journal.say(link.view.now_s, "bad arm", value, value=value)
+        return Result.UNSUPPORTED, []
+    return link.autopilot.request_arm(link.view.now_s, wanted == 1, command[2]), []
+
+
+def _set_mode(link: Link, command: Command) -> Answer:
+    base, main, sub = command.integer(1) & 0xFF, command.integer(2) & 0xFF, command.integer(3) & 0xFF
+    return link.autopilot.request_mode(link.view.now_s, main, sub, base), []
+
+
+def _terminate(link: Link, command: Command) -> Answer:
+    if command[1] <= 0.5:
+        return Result.DENIED, []
+    return link.autopilot.request_termination(link.view.now_s), []
+
+
+def _reposition(link: Link, command: Command) -> Answer:
+    if command.integer(2) != 1:
+        return Result.UNSUPPORTED, []
+    result = link.autopilot.request(link.view.now_s, Mode.LOITER)
+    if result is Result.ACCEPTED:
+        scale = 1e-7 if command.is_integer else 1.0
+        latitude, longitude, altitude_m = (command.numbers[i] * s for i, s in ((4, scale), (5, scale), (6, 1.0)))
+        place = np.array(link.view.to_local(latitude, longitude, altitude_m))
+        # No coordinate, or one that is on another continent: stay.
+        link.autopilot.flight.hold_at(np.where(np.abs(place) < 1e4, place, math.nan))
+    return result, []
+
+
+def _change_speed(link: Link, command: Command) -> Answer:
+    speed_m_s = command[2]
+    if speed_m_s > 0.0:
+        limit = link.autopilot.params["MPC_XY_VEL_MAX"]
+        link.autopilot.params.values["MPC_XY_CRUISE"] = min(speed_m_s, limit)
+    return Result.ACCEPTED, []
+
+
+def _set_home(link: Link, command: Command) -> Answer:
+    # Home is where the vehicle was armed; only "here" can be said, as ground stations do.
+    if command[1] <= 0.5:
+        return Result.DENIED, []
+    return (Result.ACCEPTED if link.view.has_origin else Result.TEMPORARILY_REJECTED), []
+
+
+def _start_mission(link: Link, command: Command) -> Answer:
+    return Result.DENIED, []  # there is none
+
+
+def _reboot(link: Link, command: Command) -> Answer:
+    wanted = command.integer(1)
+    if wanted == 0:
+        return Result.ACCEPTED, []
+    if wanted != 1 or link.autopilot.is_armed:
+        return Result.DENIED, []
+    link.emulator.reboot(link.index)
+    return Result.ACCEPTED, []
+
+
+def _set_interval(link: Link, command: Command) -> Answer:
+    done = link.schedule.set_interval(command.integer(1), command[2], link.view.now_s)
+    return (Result.ACCEPTED if done else Result.FAILED), []
+
+
+def _get_interval(link: Link, command: Command) -> Answer:
+    wanted = command.integer(1) & 0xFFFF
+    interval_us = link.schedule.interval_us(wanted)
+    return Result.ACCEPTED, [link.encoder.encode_named("MESSAGE_INTERVAL", message_id=wanted, interval_us=interval_us)]
+
+
+def _send(link: Link, message_id: int) -> Answer:
+    answer = link.build(message_id)
+    return (Result.DENIED, []) if answer is None else (Result.ACCEPTED, [answer])
+
+
+def _request_message(link: Link, command: Command) -> Answer:
+    wanted = command.integer(1)
+    return _send(link, wanted) if wanted in BUILDERS else (Result.DENIED, [])
+
+
+def _request(name: str) -> Handler:
+    def handler(link: Link, command: Command) -> Answer:
+        _, answer = _send(link, ID_BY_NAME[name])
+        return Result.ACCEPTED, answer
+
+    return handler
+
+
+_COMMANDS: dict[int, Handler] = {
+    20: _enter(Mode.RTL, "returning"),  # NAV_RETURN_TO_LAUNCH
+    21: _enter(Mode.LAND),  # NAV_LAND
+    22: _take_off,  # NAV_TAKEOFF
+    _DO_SET_MODE: _set_mode,
+    178: _change_speed,  # DO_CHANGE_SPEED
+    179: _set_home,  # DO_SET_HOME
+    185: _terminate,  # DO_FLIGHTTERMINATION
+    189: _accept,  # DO_LAND_START: the landing part of a mission; without one nothing happens
+    192: _reposition,  # DO_REPOSITION
+    245: _accept,  # PREFLIGHT_STORAGE: parameters are kept for the run
+    246: _reboot,  # PREFLIGHT_REBOOT_SHUTDOWN
+    300: _start_mission,  # MISSION_START
+    400: _arm,  # COMPONENT_ARM_DISARM
+    410: _request("HOME_POSITION"),  # GET_HOME_POSITION
+    510: _get_interval,  # GET_MESSAGE_INTERVAL
+    511: _set_interval,  # SET_MESSAGE_INTERVAL
+    _REQUEST_MESSAGE: _request_message,
+    _REQUEST_PROTOCOL_VERSION: _request("PROTOCOL_VERSION"),
+    520: _request("AUTOPILOT_VERSION"),  # REQUEST_AUTOPILOT_CAPABILITIES
+    528: _request("FLIGHT_INFORMATION"),  # REQUEST_FLIGHT_INFORMATION
+}

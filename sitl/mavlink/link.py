@@ -1,0 +1,398 @@
+"""One MAVLink link of one emulated PX4: what it answers and what it streams. Bytes in, bytes out; no sockets.
+
+Whatever a client sends, nothing here raises: unknown messages are ignored, broken ones counted, odd numbers tamed.
+Commands are in `commands.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from sitl.emulator.emulator import Emulator
+from sitl.mavlink import commands
+from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder, Message, text_of
+from sitl.mavlink.streams import BUILDERS, Schedule
+from sitl.mavlink.view import View
+from sitl.px4 import setpoints
+from sitl.px4.commander import Autopilot
+from sitl.px4.events import Event
+from sitl.px4.modes import Result
+from sitl.px4.parameters import HASH_CHECK, MAV_PARAM_TYPE_UINT32
+from sitl.px4.signals import Setpoint, Text
+
+_ACK = ID_BY_NAME["COMMAND_ACK"]
+_PARAM_VALUE = ID_BY_NAME["PARAM_VALUE"]
+_STATUSTEXT = ID_BY_NAME["STATUSTEXT"]
+_EVENT = ID_BY_NAME["EVENT"]
+_ORIGIN = ID_BY_NAME["GPS_GLOBAL_ORIGIN"]
+_AUTOPILOT_COMPONENT = 1
+_MAV_TYPE_GCS = 6
+_GCS_TIMEOUT_S = 3.0
+_TEXT_BACKLOG_S = 5.0
+_TEXT_CHUNK = 50
+_PARAMS_PER_POLL = 4
+_LOCAL_NED, _LOCAL_FRD = 1, 20
+_MAX_POSITION_M = 1e4
+_DO_SET_MODE = 176
+_HASH_INDEX = 0xFFFF  # -1
+# MAVLink's file transfer: operation codes, and the errors of a server without files.
+_FTP_TERMINATE, _FTP_RESET, _FTP_ACK, _FTP_NAK = 1, 2, 128, 129
+_FTP_OPEN, _FTP_LIST = 4, 3
+_FTP_FAIL, _FTP_NOT_FOUND = 1, 10
+
+
+class Link:
+    """A MAVLink channel of one vehicle.
+
+    Args:
+        emulator, index: the vehicle.
+        rates_hz: default rate of each message it can stream.
+    """
+
+    def __init__(self, emulator: Emulator, index: int, rates_hz: Mapping[int, float]) -> None:
+        self.emulator = emulator
+        self.index = index
+        self.view = View(emulator, index)
+        self.encoder = Encoder(self.view.system_id)
+        self.schedule = Schedule(rates_hz)
+        self.schedule.start(self.view.now_s, boot_s=self.autopilot.boot_time_s, phase=index)
+        self._decoder = Decoder()
+        self._params_to_send: deque[str] = deque()
+        self._texts_seen = 0
+        self._events_seen = self.autopilot.journal.events_said
+        self._text_id = 0
+        self._gcs_time_s = -math.inf
+        self._has_gcs = False
+        self._origin_told: object = None
+
+    @property
+    def autopilot(self) -> Autopilot:
+        """The vehicle's PX4."""
+        return self.emulator.autopilots[self.index]
+
+    @property
+    def boot(self) -> int:
+        """How often the autopilot has started anew."""
+        return self.emulator.disturbances.boots[self.index]
+
+    @property
+    def malformed(self) -> int:
+        """Datagrams that were no MAVLink."""
+        return self._decoder.malformed
+
+    def receive(self, datagram: bytes) -> list[bytes]:
+        """Take one datagram; what is answered at once."""
+        answers: list[bytes] = []
+        for message in self._decoder.decode(datagram):
+            handler = _HANDLERS.get(message.name)
+            if handler is not None and message.fields.get("target_system", 0) in (0, self.view.system_id):
+                answers.extend(handler(self, message))
+        return answers
+
+    def poll(self) -> list[bytes]:
+        """Everything that is due at the emulator's present time."""
+        now = self.view.now_s
+        out: list[bytes] = []
+        for message_id in self.schedule.pop_due(now):
+            values = BUILDERS[message_id](self.view)
+            if values is None:
+                continue
+            if message_id == _ORIGIN:
+                # Streamed, but only when it is news for this link.
+                if values[:3] == self._origin_told:
+                    continue
+                self._origin_told = values[:3]
+            out.append(self.encoder.encode(message_id, *values))
+        if self._params_to_send:
+            for _ in range(min(_PARAMS_PER_POLL, len(self._params_to_send))):
+                out.append(self._param_value(self._params_to_send.popleft()))
+        journal = self.autopilot.journal
+        if journal.events_said != self._events_seen:
+            out.extend(self._event(event) for event in journal.events_since(self._events_seen))
+            self._events_seen = journal.events_said
+        if journal.texts_said != self._texts_seen or now - self._gcs_time_s < _GCS_TIMEOUT_S:
+            out.extend(self._texts(now))
+        return out
+
+    def build(self, message_id: int) -> bytes | None:
+        """One message that can be streamed, now; None when PX4 has nothing to say."""
+        builder = BUILDERS.get(message_id)
+        values = None if builder is None else builder(self.view)
+        return None if values is None else self.encoder.encode(message_id, *values)
+
+    def ack(self, message: Message, command: int, result: Result) -> bytes:
+        """COMMAND_ACK to the sender of a message."""
+        return self.encoder.encode(_ACK, command, int(result), 0, 0, message.system_id, message.component_id)
+
+    # -- texts, events, parameters ------------------------------------------------------------------------------
+
+    def _texts(self, now_s: float) -> list[bytes]:
+        # PX4 tells a link its texts only while a ground station's heartbeat arrives on that very link.
+        journal = self.autopilot.journal
+        new = journal.texts_since(self._texts_seen)
+        self._texts_seen = journal.texts_said
+        if now_s - self._gcs_time_s >= _GCS_TIMEOUT_S:
+            self._has_gcs = False
+            return []
+        if not self._has_gcs:
+            self._has_gcs = True
+            new = [text for text in journal.texts if now_s - text.time_s < _TEXT_BACKLOG_S]
+        return [chunk for text in new for chunk in self._chunks(text)]
+
+    def _chunks(self, text: Text) -> list[bytes]:
+        raw = text.text.encode("ascii", "replace")
+        if len(raw) <= _TEXT_CHUNK:
+            return [self.encoder.encode(_STATUSTEXT, text.severity, raw, 0, 0)]
+        self._text_id = self._text_id % 0xFFFF + 1
+        pieces = [raw[start : start + _TEXT_CHUNK] for start in range(0, len(raw), _TEXT_CHUNK)]
+        return [
+            self.encoder.encode(_STATUSTEXT, text.severity, piece, self._text_id, place)
+            for place, piece in enumerate(pieces)
+        ]
+
+    def _event(self, event: Event) -> bytes:
+        time_ms = round((event.time_s - self.autopilot.boot_time_s) * 1e3) & 0xFFFFFFFF
+        arguments = event.arguments.ljust(40, b"\0")
+        return self.encoder.encode(_EVENT, event.event_id, time_ms, event.sequence, 0, 0, event.log_levels, *arguments)
+
+    def _param_value(self, name: str) -> bytes:
+        params = self.autopilot.params
+        count = len(params.values)
+        if name == HASH_CHECK:
+            raw = name.encode("ascii")
+            return self.encoder.encode(
+                _PARAM_VALUE, params.hash_value(), count, _HASH_INDEX, raw, MAV_PARAM_TYPE_UINT32
+            )
+        return self.encoder.encode(
+            _PARAM_VALUE,
+            params.wire_value(name),
+            count,
+            params.place(name),
+            name.encode("ascii"),
+            params.kind(name),
+        )
+
+    def _is_ours(self, message: Message) -> bool:
+        """Whether it is for this very vehicle's autopilot: parameters and commands are not taken from broadcasts."""
+        return message.fields["target_system"] == self.view.system_id and self._is_for_autopilot(message)
+
+    # -- messages -----------------------------------------------------------------------------------------------
+
+    def _heartbeat(self, message: Message) -> list[bytes]:
+        if message.fields["type"] == _MAV_TYPE_GCS:
+            self._gcs_time_s = self.autopilot.ground_time_s = self.view.now_s
+        return []
+
+    def _timesync(self, message: Message) -> list[bytes]:
+        if message.fields["tc1"] != 0:
+            return []
+        answer = (self.view.boot_us * 1000, message.fields["ts1"])
+        return [self.encoder.encode(message.message_id, *answer)]
+
+    def _ping(self, message: Message) -> list[bytes]:
+        f = message.fields
+        if f["target_system"] != 0 or f["target_component"] != 0:
+            return []
+        answer = (f["time_usec"], f["seq"], message.system_id, message.component_id)
+        return [self.encoder.encode(message.message_id, *answer)]
+
+    def _param_list(self, message: Message) -> list[bytes]:
+        if self._is_ours(message):
+            # The checksum comes first, so that a ground station can use what it remembers.
+            self._params_to_send.clear()
+            self._params_to_send.extend([HASH_CHECK, *self.autopilot.params.names()])
+        return []
+
+    def _param_read(self, message: Message) -> list[bytes]:
+        if not self._is_ours(message):
+            return []
+        names = self.autopilot.params.names()
+        place = message.fields["param_index"]
+        name = text_of(message.fields["param_id"]) if place < 0 else names[place] if place < len(names) else ""
+        is_known = name in self.autopilot.params.values or name == HASH_CHECK
+        return [self._param_value(name)] if is_known else []
+
+    def _param_set(self, message: Message) -> list[bytes]:
+        f = message.fields
+        name = text_of(f["param_id"])
+        if not self._is_ours(message):
+            return []
+        if name == HASH_CHECK:
+            self._params_to_send.clear()  # the ground station knows them all
+            return []
+        # An unknown name and a wrong type are met with silence: PX4 only writes them to its console.
+        if not self.autopilot.params.set_from_wire(name, f["param_value"], f["param_type"]):
+            return []
+        self.emulator.parameters_changed(self.index)
+        return [self._param_value(name)]
+
+    def _attitude_target(self, message: Message) -> list[bytes]:
+        f = message.fields
+        if self._is_for_autopilot(message):
+            rates = [f["body_roll_rate"], f["body_pitch_rate"], f["body_yaw_rate"]]
+            self.emulator.attitude_setpoint(self.index, f["q"], rates, f["thrust"], f["type_mask"])
+        return []
+
+    def _position_target(self, message: Message) -> list[bytes]:
+        if self._is_for_autopilot(message):
+            self.emulator.position_setpoint(self.index, message.fields)
+        return []
+
+    def _global_target(self, message: Message) -> list[bytes]:
+        f = message.fields
+        frame = f["coordinate_frame"]
+        if not self._is_for_autopilot(message) or not self.view.has_origin:
+            return []
+        if frame not in setpoints.ABOVE_SEA and frame not in setpoints.ABOVE_HOME:
+            return []
+        above_sea_m = f["alt"] + (self.view.home_altitude_m if frame in setpoints.ABOVE_HOME else 0.0)
+        place = self.view.to_local(f["lat_int"] * 1e-7, f["lon_int"] * 1e-7, above_sea_m)
+        setpoint = setpoints.from_global(f, place, now_s=self.view.now_s)
+        if isinstance(setpoint, Setpoint):
+            self.emulator.accept_setpoint(self.index, setpoint)
+        return []
+
+    def _is_for_autopilot(self, message: Message) -> bool:
+        return message.fields["target_component"] in (0, _AUTOPILOT_COMPONENT)
+
+    def _odometry(self, message: Message) -> list[bytes]:
+        f = message.fields
+        if f["frame_id"] in (_LOCAL_NED, _LOCAL_FRD):
+            w, x, y, z = f["q"]
+            yaw_rad = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+            has_velocity = math.isfinite(f["vx"] + f["vy"] + f["vz"])
+            self._told(message, yaw_rad if abs(w) + abs(x) + abs(y) + abs(z) > 0.0 else math.nan, has_velocity)
+        return []
+
+    def _vision(self, message: Message) -> list[bytes]:
+        self._told(message, message.fields["yaw"], False)
+        return []
+
+    def _told(self, message: Message, yaw_rad: float, has_velocity: bool) -> None:
+        f = message.fields
+        place = (f["x"], f["y"], f["z"])
+        if all(abs(c) < _MAX_POSITION_M for c in place):
+            yaw_rad = yaw_rad if abs(yaw_rad) < _MAX_POSITION_M else math.nan
+            self.emulator.vision(
+                self.index,
+                np.array(place),
+                yaw_rad=yaw_rad,
+                has_velocity=has_velocity,
+                reset_count=f["reset_counter"],
+            )
+
+    def _set_origin(self, message: Message) -> list[bytes]:
+        self.emulator.has_global_origin[self.index] = True
+        self.emulator.estimator.set_origin_altitude(self.index, message.fields["altitude"] * 1e-3)
+        return []
+
+    def _set_mode(self, message: Message) -> list[bytes]:
+        f = message.fields
+        custom = f["custom_mode"]
+        result = self.autopilot.request_mode(self.view.now_s, custom >> 16 & 0xFF, custom >> 24 & 0xFF, f["base_mode"])
+        return [self.ack(message, _DO_SET_MODE, result)]
+
+    def _command(self, message: Message) -> list[bytes]:
+        f = message.fields
+        broadcast = f["target_system"] == 0 and f["command"] in commands.FOR_EVERYBODY
+        component = f["target_component"] in (0, _AUTOPILOT_COMPONENT) or f["command"] in commands.FOR_EVERYBODY
+        if not (broadcast or (f["target_system"] == self.view.system_id and component)):
+            return []
+        return commands.handle(self, message)
+
+    def _play_tune(self, message: Message) -> list[bytes]:
+        f = message.fields
+        if f["target_system"] in (0, self.view.system_id) and f["target_component"] in (0, _AUTOPILOT_COMPONENT):
+            self.autopilot.play_tune()
+        return []  # PX4 acknowledges no tune
+
+    def _request_event(self, message: Message) -> list[bytes]:
+        f = message.fields
+        first, last = f["first_sequence"], f["last_sequence"]
+        events = self.autopilot.journal.events
+        span = (last - first) & 0xFFFF
+        found = [event for event in events if (event.sequence - first) & 0xFFFF <= span]
+        if found:
+            return [self._event(event) for event in found]
+        oldest = events[0].sequence if events else 0
+        return [
+            self.encoder.encode_named(
+                "RESPONSE_EVENT_ERROR",
+                sequence=first,
+                sequence_oldest_available=oldest,
+                target_system=message.system_id,
+                target_component=message.component_id,
+            )
+        ]
+
+    # -- what is not emulated: refused, so that nobody waits for a timeout ----------------------------------------
+
+    def _mission_list(self, message: Message) -> list[bytes]:
+        return [self._to_sender("MISSION_COUNT", message)]
+
+    def _mission_upload(self, message: Message) -> list[bytes]:
+        unsupported = 3
+        return [self._to_sender("MISSION_ACK", message, type=0 if message.fields["count"] == 0 else unsupported)]
+
+    def _mission_clear(self, message: Message) -> list[bytes]:
+        return [self._to_sender("MISSION_ACK", message)]
+
+    def _mission_item(self, message: Message) -> list[bytes]:
+        invalid_sequence = 13
+        return [self._to_sender("MISSION_ACK", message, type=invalid_sequence)]
+
+    def _to_sender(self, name: str, message: Message, **fields: int) -> bytes:
+        kind = message.fields.get("mission_type", 0)
+        to = {"target_system": message.system_id, "target_component": message.component_id}
+        return self.encoder.encode_named(name, **to, mission_type=kind, **fields)
+
+    def _log_list(self, message: Message) -> list[bytes]:
+        return [self.encoder.encode_named("LOG_ENTRY")]  # there are none
+
+    def _file_transfer(self, message: Message) -> list[bytes]:
+        f = message.fields
+        asked = bytes(f["payload"])
+        sequence, session, operation = asked[0] | asked[1] << 8, asked[2], asked[3]
+        if operation in (_FTP_ACK, _FTP_NAK):
+            return []
+        answer = bytearray(251)
+        answer[0:2] = ((sequence + 1) & 0xFFFF).to_bytes(2, "little")
+        answer[2], answer[5] = session, operation
+        if operation in (_FTP_TERMINATE, _FTP_RESET):
+            answer[3] = _FTP_ACK
+        else:
+            answer[3], answer[4] = _FTP_NAK, 1
+            answer[12] = _FTP_NOT_FOUND if operation in (_FTP_OPEN, _FTP_LIST) else _FTP_FAIL
+        return [self.encoder.encode(message.message_id, 0, message.system_id, message.component_id, *answer)]
+
+
+_HANDLERS: dict[str, Callable[[Link, Message], list[bytes]]] = {
+    "HEARTBEAT": Link._heartbeat,
+    "TIMESYNC": Link._timesync,
+    "PING": Link._ping,
+    "PARAM_REQUEST_LIST": Link._param_list,
+    "PARAM_REQUEST_READ": Link._param_read,
+    "PARAM_SET": Link._param_set,
+    "COMMAND_LONG": Link._command,
+    "COMMAND_INT": Link._command,
+    "SET_MODE": Link._set_mode,
+    "SET_GPS_GLOBAL_ORIGIN": Link._set_origin,
+    "SET_ATTITUDE_TARGET": Link._attitude_target,
+    "SET_POSITION_TARGET_LOCAL_NED": Link._position_target,
+    "SET_POSITION_TARGET_GLOBAL_INT": Link._global_target,
+    "ODOMETRY": Link._odometry,
+    "VISION_POSITION_ESTIMATE": Link._vision,
+    "PLAY_TUNE": Link._play_tune,
+    "REQUEST_EVENT": Link._request_event,
+    "MISSION_REQUEST_LIST": Link._mission_list,
+    "MISSION_COUNT": Link._mission_upload,
+    "MISSION_CLEAR_ALL": Link._mission_clear,
+    "MISSION_REQUEST_INT": Link._mission_item,
+    "MISSION_REQUEST": Link._mission_item,
+    "LOG_REQUEST_LIST": Link._log_list,
+    "FILE_TRANSFER_PROTOCOL": Link._file_transfer,
+}

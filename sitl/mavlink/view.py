@@ -1,0 +1,219 @@
+"""One vehicle as its messages show it: estimate and sensors, in PX4's frames, computed once per step and kept."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from sitl.emulator.emulator import Emulator
+from sitl.px4.commander import Autopilot
+from sitl.px4.estimator import HOME_ALTITUDE_M as HOME_ALTITUDE_M
+
+HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG = 47.397742, 8.545594
+METRES_PER_DEGREE = 111_319.49
+METRES_PER_DEGREE_EAST = METRES_PER_DEGREE * math.cos(math.radians(HOME_LATITUDE_DEG))
+_ATTITUDE_NOISE_RAD = math.radians(0.06)
+_YAW_NOISE_RAD = math.radians(0.11)
+_GYRO_NOISE_RAD_S = math.radians(0.33)
+# Accelerometer noise of PX4's simulator per sample, and the little that is left on the ground.
+_ACCEL_NOISE_M_S2 = (0.5, 1.7, 1.4)
+_ACCEL_NOISE_RESTING_M_S2 = 0.05
+_NOISE_BLOCK = 4096
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class View:
+    """What the streams of one vehicle say.
+
+    Sensor noise has a generator of its own, so that who listens, and to what, does not change how the vehicle flies.
+
+    Args:
+        emulator, index: the vehicle.
+        seed: of the sensor noise.
+    """
+
+    def __init__(self, emulator: Emulator, index: int, *, seed: int = 0) -> None:
+        self.emulator = emulator
+        self.index = index
+        self.system_id = emulator.specs[index].system_id
+        self._rng = np.random.default_rng([seed, 7, index])
+        self._noise: list[float] = []
+        self._step = self._clock_step = -1
+        self._clock_s = 0.0
+        self._attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)
+        self._rates: Vector = (0.0, 0.0, 0.0)
+        self._position: Vector = (0.0, 0.0, 0.0)
+        self._velocity: Vector = (0.0, 0.0, 0.0)
+
+    @property
+    def autopilot(self) -> Autopilot:
+        """The vehicle's PX4; asked for anew each time, since a restart makes a new one."""
+        return self.emulator.autopilots[self.index]
+
+    @property
+    def now_s(self) -> float:
+        """The autopilot's clock: simulated time, unless a fault lets it drift."""
+        step = self.emulator.world.vehicles.steps
+        if step != self._clock_step:
+            self._clock_step, self._clock_s = step, self.emulator.clock_s(self.index)
+        return self._clock_s
+
+    @property
+    def time_s(self) -> float:
+        """Time since this autopilot started, by its own clock."""
+        return self.now_s - self.autopilot.boot_time_s
+
+    @property
+    def boot_ms(self) -> int:
+        """time_boot_ms."""
+        return round(self.time_s * 1e3) & 0xFFFFFFFF
+
+    @property
+    def boot_us(self) -> int:
+        """time_usec of messages that count from boot."""
+        return round(self.time_s * 1e6)
+
+    @property
+    def unix_s(self) -> float:
+        """The date, as seconds since 1970."""
+        return self.emulator.unix_start_s + self.emulator.time_s
+
+    @property
+    def home_ned_m(self) -> Vector:
+        """Where it was armed last, or will be."""
+        north, east, down = self.autopilot.flight.home_ned_m.tolist()
+        return north, east, down
+
+    @property
+    def home_altitude_m(self) -> float:
+        """Altitude of that place."""
+        return HOME_ALTITUDE_M - float(self.autopilot.flight.home_ned_m[2])
+
+    @property
+    def attitude(self) -> Quaternion:
+        """Believed attitude wxyz with a sample of noise."""
+        self._refresh()
+        return self._attitude
+
+    @property
+    def rates_rad_s(self) -> Vector:
+        """Measured body rates."""
+        self._refresh()
+        return self._rates
+
+    @property
+    def position_ned_m(self) -> Vector:
+        """Estimated position in this vehicle's own frame."""
+        self._refresh()
+        return self._position
+
+    @property
+    def velocity_ned_m_s(self) -> Vector:
+        """Estimated velocity."""
+        self._refresh()
+        return self._velocity
+
+    @property
+    def yaw_rad(self) -> float:
+        """Estimated heading, without noise."""
+        return self.emulator.believed_yaw_rad(self.index)
+
+    @property
+    def origin_deg(self) -> tuple[float, float]:
+        """Latitude and longitude of the local frame's origin."""
+        east, north, _ = self.emulator.specs[self.index].start_enu_m
+        return HOME_LATITUDE_DEG + north / METRES_PER_DEGREE, HOME_LONGITUDE_DEG + east / METRES_PER_DEGREE_EAST
+
+    @property
+    def global_position(self) -> Vector:
+        """Latitude [deg], longitude [deg], altitude [m] of the estimate."""
+        return self.to_global(self.position_ned_m)
+
+    def to_global(self, position_ned_m: Vector) -> Vector:
+        """Latitude [deg], longitude [deg], altitude [m] of a place in the local frame."""
+        latitude, longitude = self.origin_deg
+        north, east, down = position_ned_m
+        return (
+            latitude + north / METRES_PER_DEGREE,
+            longitude + east / METRES_PER_DEGREE_EAST,
+            HOME_ALTITUDE_M - down,
+        )
+
+    def to_local(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> Vector:
+        """The inverse of :meth:`to_global`."""
+        latitude, longitude = self.origin_deg
+        return (
+            (latitude_deg - latitude) * METRES_PER_DEGREE,
+            (longitude_deg - longitude) * METRES_PER_DEGREE_EAST,
+            HOME_ALTITUDE_M - altitude_m,
+        )
+
+    @property
+    def has_fix(self) -> bool:
+        """Whether satellites are seen."""
+        return self.emulator.estimator.sees_satellites(self.index, self.emulator.time_s)
+
+    @property
+    def has_origin(self) -> bool:
+        """Whether PX4 knows where on earth its local frame is: from satellites, or because somebody said so."""
+        return self.has_fix or self.emulator.has_global_origin[self.index]
+
+    @property
+    def origin_altitude_m(self) -> float:
+        """Of the local frame's origin above the sea."""
+        known = self.emulator.estimator.origin_altitude_m[self.index]
+        return HOME_ALTITUDE_M if known is None else known
+
+    @property
+    def reset_counter(self) -> int:
+        """How often the estimate jumped, modulo 256; PX4's filter has jumped a dozen times before it rests."""
+        return self.emulator.estimator.reset_counter(self.index)
+
+    def accelerometer(self) -> Vector:
+        """One sample of the specific force in the body frame [m/s^2]."""
+        states = self.emulator.world.vehicles.states
+        a, b, c = self._draw(), self._draw(), self._draw()
+        if states.on_ground[self.index]:
+            s = _ACCEL_NOISE_RESTING_M_S2
+            return s * a, s * b, s * c - 9.80665
+        lift = 9.80665 * float(states.thrust_frac[self.index])
+        lift /= self.emulator.specs[self.index].profile.hover_thrust_frac
+        x, y, z = _ACCEL_NOISE_M_S2
+        return x * a, y * b, z * c - lift
+
+    def _refresh(self) -> None:
+        step = self.emulator.world.vehicles.steps
+        if step == self._step:
+            return
+        self._step = step
+        i = self.index
+        states = self.emulator.world.vehicles.states
+        w, x, y, z = states.attitude[i].tolist()
+        # The compass's error turns the attitude about the vertical; the noise is small enough for a linear turn.
+        half = 0.5 * float(self.emulator.estimator.yaw_error_rad[i])
+        c, s = math.cos(half), math.sin(half)
+        w, x, y, z = c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w
+        roll, pitch = _ATTITUDE_NOISE_RAD * self._draw(), _ATTITUDE_NOISE_RAD * self._draw()
+        yaw = _YAW_NOISE_RAD * self._draw()
+        w, x, y, z = (
+            w - 0.5 * (x * roll + y * pitch + z * yaw),
+            x + 0.5 * (w * roll + y * yaw - z * pitch),
+            y + 0.5 * (w * pitch + z * roll - x * yaw),
+            z + 0.5 * (w * yaw + x * pitch - y * roll),
+        )
+        scale = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
+        self._attitude = (w * scale, x * scale, y * scale, z * scale)
+        p, q = states.tilt_rate_rad_s[i].tolist()
+        r = float(states.yaw_rate_rad_s[i])
+        noise = _GYRO_NOISE_RAD_S
+        self._rates = (p + noise * self._draw(), q + noise * self._draw(), r + noise * self._draw())
+        local = self.emulator.estimator.local(i)
+        self._position, self._velocity = local.position_ned_m, local.velocity_ned_m_s
+
+    def _draw(self) -> float:
+        if not self._noise:
+            self._noise = self._rng.standard_normal(_NOISE_BLOCK).tolist()
+        return self._noise.pop()

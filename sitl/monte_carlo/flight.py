@@ -1,0 +1,180 @@
+"""Many flights at once, from start to arrival: sense, hear, control, publish, move, judge; tick by tick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from onboard.control import pipeline, trajectory
+from onboard.rollout import batch
+from onboard.types import Array, BoolArray, Goal, IntArray, Neighbours
+from sitl.monte_carlo.metrics import Judge, Outcome
+from sitl.monte_carlo.noise import Noise
+from sitl.monte_carlo.radio import Radio
+from sitl.monte_carlo.scenarios import Plan
+from sitl.monte_carlo.sensing import sensing
+from sitl.monte_carlo.settings import Setup
+from sitl.monte_carlo.vehicles import TICK_S, Physics, Truth
+
+MakeController = Callable[[Sequence[pipeline.PipelineParams], Array], batch.Controller]
+_TIMES_STRAIGHT = 5.5  # a flight that takes longer than so many times the lone one has failed
+_ALONE_SPARE_S = 20.0
+_STOP_S = 0.5  # at top speed the limits of acceleration and the lag need about so much to stop
+
+
+_STRAIGHT_S: dict[tuple[str, str, int], float] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """A plan, what came of it, and how long its slowest vehicle takes alone (inf: it does not arrive even alone)."""
+
+    plan: Plan
+    outcome: Outcome
+    straight_line_s: float
+
+
+def fly(
+    plans: Sequence[Plan],
+    setup: Setup,
+    *,
+    controller: MakeController = batch.FleetPipeline,
+    has_trace: bool = False,
+) -> list[Flown]:
+    """Fly plans of equally many vehicles; each outcome depends on its own plan only.
+
+    Straight-line times are flown too, see :func:`straight_line_s`.
+    """
+    patience = _patience_s(plans, setup)
+    straight = straight_line_s(plans, setup)
+    longest = [_TIMES_STRAIGHT * min(times) for times in zip(straight, patience, strict=True)]
+    flown = _fly(plans, setup, longest, controller=controller, has_trace=has_trace)
+    return [Flown(plan, outcome, time) for plan, outcome, time in zip(plans, flown, straight, strict=True)]
+
+
+def straight_line_s(plans: Sequence[Plan], setup: Setup) -> list[float]:
+    """Makespans of the same flights, noise and vehicles with the law off, where nobody knows of anybody.
+
+    They do not depend on the law or its values, so they are flown once per process.
+    """
+    alone = replace(setup, law="off", law_table={})
+    keys = [(repr(alone), plan.scenario, plan.seed) for plan in plans]
+    missing = [plan for plan, key in zip(plans, keys, strict=True) if key not in _STRAIGHT_S]
+    if missing:
+        outcomes = _fly(missing, alone, _patience_s(missing, setup), is_alone=True)
+        for plan, outcome in zip(missing, outcomes, strict=True):
+            _STRAIGHT_S[repr(alone), plan.scenario, plan.seed] = outcome.makespan_s
+    return [_STRAIGHT_S[key] for key in keys]
+
+
+def _patience_s(plans: Sequence[Plan], setup: Setup) -> list[float]:
+    """Time after which a lone flight will not arrive any more."""
+    vehicles = setup.fleet(plans[0].count).vehicles.values()
+    params = trajectory.GuidanceParams(
+        min(vehicle.max_speed_m_s for vehicle in vehicles), min(vehicle.max_acceleration_m_s2 for vehicle in vehicles)
+    )
+    reach = [float(np.linalg.norm(plan.goal_enu_m - plan.start_enu_m, axis=1).max()) for plan in plans]
+    return [
+        max(float(trajectory.shortest_duration_s(far, params)), plan.duration_s, plan.earliest_s) + _ALONE_SPARE_S
+        for far, plan in zip(reach, plans, strict=True)
+    ]
+
+
+def _fly(
+    plans: Sequence[Plan],
+    setup: Setup,
+    longest_s: Sequence[float],
+    *,
+    controller: MakeController = batch.FleetPipeline,
+    is_alone: bool = False,
+    has_trace: bool = False,
+) -> list[Outcome]:
+    count = plans[0].count
+    fleet = setup.fleet(count)
+    vehicles = list(fleet.vehicles.values())
+    start = np.stack([plan.start_enu_m for plan in plans])
+    noise = Noise([plan.seed for plan in plans], count, has_links=not is_alone)
+    scripted = np.full(start.shape, np.nan)
+    for f, plan in enumerate(plans):
+        if plan.intruder_m_s is not None:
+            scripted[f, -1] = plan.intruder_m_s
+    world = Physics(vehicles, start, scripted, noise, setup.perturbation)
+    truth = world.truth()
+    senses = sensing(setup.errors, vehicles, truth, noise)
+    pilots = controller([pipeline.pipeline_params(fleet, vehicle.name) for vehicle in vehicles], start)
+    throttle = np.broadcast_to([vehicle.hover_thrust_frac for vehicle in vehicles], start.shape[:2])
+    hover = throttle
+    judge = Judge(plans, longest_s, fleet, setup.errors, start, has_trace=has_trace)
+    orders = _Orders(plans)
+    radio: Radio | None = None
+    while True:
+        normals, luck = noise.next()
+        state = senses.update(truth, normals, throttle, hover)
+        if radio is None and not is_alone:
+            radio = Radio(state, np.isfinite(scripted).all(-1), setup.perturbation)
+        frozen, mute = orders.lost(judge.time_s)
+        neighbours = _nobody(start.shape[:2]) if radio is None else radio.receive(luck, mute, frozen)
+        if radio is not None and frozen.any():  # the autopilot holds by itself, and avoids nobody
+            neighbours = replace(neighbours, is_present=neighbours.is_present & ~frozen[..., None])
+        tick = pilots.step(state, orders.goal(frozen, truth), neighbours, dt_s=TICK_S)
+        if radio is not None:
+            radio.publish(state, tick.law)
+        throttle, hover = tick.attitude.thrust_frac, tick.hover_thrust_frac
+        world.advance(tick.attitude, normals)
+        truth = world.truth()
+        active = tick.law.active_neighbour if radio is None else radio.vehicle(tick.law.active_neighbour)
+        going_on = judge.look(truth, tick, active)
+        if len(going_on) == len(start):
+            continue
+        if not len(going_on):
+            return judge.outcomes
+        start, throttle, hover = start[going_on], throttle[going_on], hover[going_on]
+        truth = batch.keep_flights(truth, going_on)
+        for part in (noise, senses, pilots, world, judge, orders, *(() if radio is None else (radio,))):
+            part.keep(going_on)
+
+
+class _Orders:
+    """Goals of the flights, and who is lost from when on."""
+
+    def __init__(self, plans: Sequence[Plan]) -> None:
+        count = plans[0].count
+        self._goal = np.stack([plan.goal_enu_m for plan in plans])
+        self._duration = np.repeat([[plan.duration_s] for plan in plans], count, axis=1)
+        self._sequence = np.zeros(self._goal.shape[:2], np.int64)
+        self._lost_at = np.full(self._goal.shape[:2], np.inf)
+        self._freezes, self._mutes = (np.zeros(self._goal.shape[:2], bool) for _ in range(2))
+        for f, plan in enumerate(plans):
+            if plan.lost is not None:
+                place, time_s, kind = plan.lost
+                self._lost_at[f, place] = time_s
+                self._freezes[f, place], self._mutes[f, place] = kind != "silent", kind != "frozen"
+
+    def lost(self, time_s: float) -> tuple[BoolArray, BoolArray]:
+        """Who stands still for ever, avoiding nobody, and who is never heard again, (F, N) each."""
+        is_lost = np.asarray(time_s >= self._lost_at)
+        return is_lost & self._freezes, is_lost & self._mutes
+
+    def goal(self, frozen: BoolArray, truth: Truth) -> Goal:
+        """The goals of this tick; who has just frozen stops where it comes to rest, and stays."""
+        fresh = frozen & (self._sequence == 0)
+        if fresh.any():
+            self._goal = np.where(fresh[..., None], truth.position_enu_m + _STOP_S * truth.velocity_enu_m_s, self._goal)
+            self._duration = np.where(fresh, 0.0, self._duration)
+            self._sequence = np.where(fresh, 1, self._sequence)
+        return Goal(self._goal, self._duration, self._sequence)
+
+    def keep(self, flights: IntArray) -> None:
+        """Go on with these flights of the batch only."""
+        self._goal, self._duration = self._goal[flights], self._duration[flights]
+        self._sequence, self._lost_at = self._sequence[flights], self._lost_at[flights]
+        self._freezes, self._mutes = self._freezes[flights], self._mutes[flights]
+
+
+def _nobody(shape: tuple[int, ...]) -> Neighbours:
+    vectors, scalars, nobody = np.zeros((*shape, 0, 3)), np.zeros((*shape, 0)), np.zeros((*shape, 0), bool)
+    return Neighbours(
+        *(vectors, vectors, vectors, vectors, vectors, vectors), *(scalars, scalars, scalars), *(nobody, nobody, nobody)
+    )

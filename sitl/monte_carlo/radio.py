@@ -1,0 +1,82 @@
+"""What reaches whom, and when: messages are late, get lost per link, and senders fall silent for a while."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from onboard.neighbours.table import SILENT_S
+from onboard.rollout import batch
+from onboard.types import Array, BoolArray, IntArray, LawOutput, Neighbours, State
+from sitl.monte_carlo.settings import Perturbation
+from sitl.monte_carlo.vehicles import TICK_S
+
+_MOST_SENDERS = 32  # in larger fleets only so many nearest are gathered; the law itself uses fewer
+
+
+class Radio:
+    """The newest message of every sender at every receiver; (F, receiver, sender, ...)."""
+
+    def __init__(self, state: State, is_stranger: BoolArray, perturbation: Perturbation) -> None:
+        """``is_stranger`` (F, N): tracked, but of no fleet; never cooperative, and nobody knows its intentions."""
+        first = batch.message(state, None)
+        flights, count = first.shape[:2]
+        self._p = perturbation
+        # what is published in a tick can be heard in the next one at the earliest
+        self._late = max(1, math.ceil(round(perturbation.delay_s / TICK_S, 6)))
+        self._sent: deque[Array] = deque([first] * self._late, self._late)
+        self._inbox = np.repeat(first[:, None], count, axis=1)
+        self._age_s = np.full((flights, count, count), self._late * TICK_S)
+        self._silence_s = np.zeros((flights, count))
+        self._is_stranger = is_stranger
+        self._others = self._heard = batch.all_others(count)
+
+    def publish(self, state: State, law: LawOutput) -> None:
+        """Everybody's message of this tick."""
+        self._sent.appendleft(batch.message(state, law))
+
+    def receive(self, luck: Array, is_mute: BoolArray, is_frozen: BoolArray) -> Neighbours:
+        """What everybody knows of the others now.
+
+        Args:
+            luck: (F, N, N) uniform in [0, 1). is_mute: (F, N) sends nothing. is_frozen: (F, N) does not cooperate.
+        """
+        p = self._p
+        silent = is_mute
+        if p.burst_s > 0.0:
+            begins = np.einsum("fnn->fn", luck) < TICK_S / p.burst_every_s
+            self._silence_s = np.where(begins & (self._silence_s <= 0.0), p.burst_s, self._silence_s - TICK_S)
+            silent = silent | (self._silence_s > 0.0)
+        arrived = (luck >= p.loss_share) & ~silent[:, None, :]
+        np.copyto(self._inbox, self._sent[-1][:, None], where=arrived[..., None])
+        self._age_s = np.where(arrived, self._late * TICK_S, self._age_s + TICK_S)
+        is_cooperative = (self._age_s <= SILENT_S) & ~(self._is_stranger | is_frozen)[:, None, :]
+        self._heard = self._senders()
+        return batch.heard(self._inbox, self._age_s, self._heard, is_cooperative)
+
+    def vehicle(self, neighbour: IntArray) -> IntArray:
+        """Places in the fleet (F, N) of places among the neighbours received last; -1 stays."""
+        if not self._heard.shape[-1]:
+            return np.full_like(neighbour, -1)
+        senders = np.broadcast_to(self._heard, (*neighbour.shape, self._heard.shape[-1]))
+        is_one = (neighbour >= 0) & (neighbour < senders.shape[-1])
+        places = np.take_along_axis(senders, np.where(is_one, neighbour, 0)[..., None], axis=-1)[..., 0]
+        return np.where(is_one, places, -1)
+
+    def _senders(self) -> IntArray:
+        count = self._inbox.shape[1]
+        if count - 1 <= _MOST_SENDERS:
+            return self._others
+        known = np.einsum("fiic->fic", self._inbox[..., :2])
+        gap = self._inbox[..., :2] - known[:, :, None]
+        distance_2 = np.einsum("fijc,fijc->fij", gap, gap)
+        distance_2[:, np.arange(count), np.arange(count)] = np.inf
+        return np.sort(np.argpartition(distance_2, _MOST_SENDERS, axis=-1)[..., :_MOST_SENDERS], axis=-1)
+
+    def keep(self, flights: IntArray) -> None:
+        """Go on with these flights of the batch only."""
+        self._sent = deque([message[flights] for message in self._sent], self._late)
+        self._inbox, self._age_s = self._inbox[flights], self._age_s[flights]
+        self._silence_s, self._is_stranger = self._silence_s[flights], self._is_stranger[flights]

@@ -1,0 +1,224 @@
+"""Who flies from where to where: public scenarios, each drawn from its seed alone.
+
+A name says everything: ``swap8`` (jittered) or ``swap8x`` (exact), ``rand16`` or ``rand16d4`` (4 m^2 per vehicle),
+``cross8@180``, ``intruder6@2``, ``lost8@silent``. Positions are fleet ENU, everybody at one height.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from onboard.config.fleet import ConfigError
+from onboard.types import Array
+
+HEIGHT_M = 1.0
+MIX = (
+    *("form3", "swap4", "swap8", "swap16", "swap32", "swap4x", "swap8x", "swap16x", "swap32x"),
+    *("rand8", "rand16", "rand32"),
+)
+_MAX_VEHICLES = 250
+KNOWN = (
+    "form3, swapN (jittered) and swapNx (exact), randN and randNdA (A m^2 per vehicle), crossN@90, crossN@180, "
+    "squeeze, intruderN@1, intruderN@2, lostN@frozen, lostN@silent, lostN@dead, and mix (the benchmark); "
+    f"N is a number up to {_MAX_VEHICLES}"
+)
+_TRIANGLE_SIDE_M = 1.6
+_PERMUTATIONS = tuple(itertools.permutations(range(3)))
+_RAND_SPACING_M = 1.4
+_CROSS_SPACING_M = 1.2
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """One flight to be flown; N vehicles.
+
+    start_enu_m, goal_enu_m: (N, 3). duration_s: asked of the trajectory, 0 = as fast as the limits allow. earliest_s:
+    the flight is not over before. intruder_m_s: the last vehicle is somebody else's, flies straight from its start at
+    this velocity (3,) and listens to nobody. lost: place, time [s] and kind of a vehicle that is lost on the way:
+    "frozen" stops and avoids nobody, which its messages say; "silent" flies on, hears the others and is not heard;
+    "dead" stops, avoids nobody and is not heard.
+    """
+
+    scenario: str
+    seed: int
+    start_enu_m: Array
+    goal_enu_m: Array
+    duration_s: float = 0.0
+    earliest_s: float = 0.0
+    intruder_m_s: Array | None = None
+    lost: tuple[int, float, str] | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of vehicles."""
+        return int(self.start_enu_m.shape[0])
+
+
+def expand(names: list[str]) -> list[str]:
+    """Scenario names with ``mix`` replaced by the twelve of the benchmark; ConfigError on an unknown one."""
+    wanted = [name for given in names for name in (MIX if given == "mix" else (given,))]
+    for name in wanted:
+        vehicle_count(name)
+    return list(dict.fromkeys(wanted))
+
+
+def vehicle_count(name: str) -> int:
+    """Vehicles of a scenario; ConfigError with a sentence when there is none of that name."""
+    return plan(name, 0).count
+
+
+def plan(name: str, seed: int, *, scale: float = 1.0) -> Plan:
+    """The flight of a scenario and a seed; ``scale`` multiplies every position in the plane.
+
+    Raises:
+        ConfigError: no such scenario.
+    """
+    for pattern, make in _SCENARIOS.items():
+        match = re.fullmatch(pattern, name)
+        if match:
+            made = make(name, seed, *match.groups())
+            stretch = np.array([scale, scale, 1.0])
+            return Plan(
+                name,
+                seed,
+                made.start_enu_m * stretch,
+                made.goal_enu_m * stretch,
+                made.duration_s * scale,
+                made.earliest_s * scale,
+                made.intruder_m_s,
+                made.lost,
+            )
+    raise ConfigError(f"'{name}' is not a scenario. Known: {KNOWN}.")
+
+
+def _raised(points: Array) -> Array:
+    """Points (N, 2) at the common height."""
+    return np.concatenate([points, np.full((len(points), 1), HEIGHT_M)], axis=1)
+
+
+def _number(name: str, text: str | None, default: int, *, low: int = 2) -> int:
+    count = default if text is None else int(text)
+    if not low <= count <= _MAX_VEHICLES:
+        raise ConfigError(f"'{name}' asks for {count} vehicles; this scenario takes {low} to {_MAX_VEHICLES}.")
+    return count
+
+
+def _form3(name: str, seed: int) -> Plan:
+    """Into a triangle of side 1.6 m about (0, 1.2) by the 6 permutations, trajectories of 7 s and 5 s in turn."""
+    rng = np.random.default_rng(seed)
+    start = np.array([[-1.5, -1.5], [0.0, -1.5], [1.5, -1.5]]) + rng.normal(0.0, 0.1, (3, 2))
+    radius = _TRIANGLE_SIDE_M / math.sqrt(3.0)
+    slots = np.array([[0.0, radius], [-0.8, -0.5 * radius], [0.8, -0.5 * radius]]) + np.array([0.0, 1.2])
+    goal = slots[list(_PERMUTATIONS[seed % 6])]
+    return Plan(name, seed, _raised(start), _raised(goal), duration_s=(7.0, 5.0)[seed // 6 % 2])
+
+
+def _circle(count: int) -> Array:
+    radius = max(2.5, 1.25 * count / (2.0 * math.pi))
+    angle = 2.0 * math.pi * np.arange(count) / count
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _swap(name: str, seed: int, number: str, exact: str) -> Plan:
+    """Everybody to the opposite place of a circle; all through its centre. Without jitter all seeds start alike."""
+    count = _number(name, number, 2)
+    places = _circle(count)
+    jitter = np.random.default_rng(seed).normal(0.0, 0.05, (count, 2))
+    return Plan(name, seed, _raised(places if exact else places + jitter), _raised(-places))
+
+
+def _rand(name: str, seed: int, number: str, density: str | None) -> Plan:
+    """Random starts and goals in a square, each set spaced by 1.4 m or more."""
+    count = _number(name, number, 2, low=1)
+    area = 6.0 if density is None else float(density)
+    if not 3.5 <= area <= 1000.0:
+        raise ConfigError(f"'{name}' asks for {area:g} m^2 per vehicle; spacings of 1.4 m fit from 3.5 m^2 on.")
+    side = math.sqrt(area * count)
+    rng = np.random.default_rng(seed)
+    return Plan(name, seed, _raised(_scatter(rng, count, side)), _raised(_scatter(rng, count, side)))
+
+
+def _scatter(rng: np.random.Generator, count: int, side_m: float) -> Array:
+    """``count`` points of a square about the origin, drawn one by one; begun anew when there is no room left."""
+    while True:
+        points = np.empty((0, 2))
+        for _ in range(400 * count):
+            point = rng.uniform(-0.5 * side_m, 0.5 * side_m, 2)
+            if ((points - point) ** 2).sum(1).min(initial=np.inf) >= _RAND_SPACING_M**2:
+                points = np.concatenate([points, point[None]])
+                if len(points) == count:
+                    return points
+
+
+def _cross(name: str, seed: int, number: str | None, angle: str | None) -> Plan:
+    """Two blocks, spacing 1.2 m, fly through each other at 90 or 180 degrees; starts jittered by 5 cm."""
+    count = _number(name, number, 8)
+    turn = math.radians(float(angle or 90))
+    first = count // 2
+    width = math.ceil(math.sqrt(count - first))
+    place = np.arange(count - first)
+    block = _CROSS_SPACING_M * np.stack([place // width, place % width], axis=1).astype(np.float64)
+    block -= 0.5 * (block.min(0) + block.max(0))
+    reach = np.array([2.0 + 0.5 * _CROSS_SPACING_M * width, 0.0])
+    turned = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    start = np.concatenate([block[:first] - reach, (block - reach) @ turned.T])
+    goal = np.concatenate([block[:first] + reach, (block + reach) @ turned.T])
+    jitter = np.random.default_rng(seed).normal(0.0, 0.05, (count, 2))
+    return Plan(name, seed, _raised(start + jitter), _raised(goal))
+
+
+def _squeeze(name: str, seed: int) -> Plan:
+    """Three in a line; the outer two move in to 1.1 m beside the middle one."""
+    start = np.array([[-2.5, 0.0], [0.0, 0.0], [2.5, 0.0]])
+    goal = np.array([[-1.1, 0.0], [0.0, 0.0], [1.1, 0.0]])
+    jitter = np.random.default_rng(seed).normal(0.0, 0.05, (3, 2))
+    return Plan(name, seed, _raised(start + jitter), _raised(goal))
+
+
+def _intruder(name: str, seed: int, number: str | None, speed: str | None) -> Plan:
+    """A hovering formation (rows of three, spacing 2 m); somebody else's vehicle flies straight through it."""
+    count = _number(name, number, 6, low=1)
+    speed_m_s = float(speed or 1)
+    rng = np.random.default_rng(seed)
+    place = np.arange(count)
+    slots = 2.0 * np.stack([place % 3, place // 3], axis=1)
+    slots = slots - 0.5 * (slots.min(0) + slots.max(0))
+    angle, aside = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-1.5, 1.5)
+    along = np.array([math.cos(angle), math.sin(angle)])
+    reach = float(np.hypot(*slots.T).max()) + 3.0
+    entry = aside * np.array([-along[1], along[0]]) - reach * along
+    exit_ = entry + 2.0 * reach * along
+    return Plan(
+        name,
+        seed,
+        _raised(np.concatenate([slots, entry[None]])),
+        _raised(np.concatenate([slots, exit_[None]])),
+        earliest_s=2.0 * reach / speed_m_s,
+        intruder_m_s=np.array([*(speed_m_s * along), 0.0]),
+    )
+
+
+def _lost(name: str, seed: int, number: str | None, kind: str | None) -> Plan:
+    """A jittered swap; one vehicle is lost after 1 to 5 s, frozen or silent in turn if the name does not say."""
+    count = _number(name, number, 8)
+    base = _swap(name, seed, str(count), "")
+    rng = np.random.default_rng([seed, 9])
+    lost = (int(rng.integers(count)), float(rng.uniform(1.0, 5.0)), kind or ("frozen", "silent")[seed % 2])
+    return Plan(name, seed, base.start_enu_m, base.goal_enu_m, lost=lost)
+
+
+_SCENARIOS: dict[str, Callable[..., Plan]] = {
+    r"form3": _form3,
+    r"swap(\d{1,4})(x?)": _swap,
+    r"rand(\d{1,4})(?:d(\d+(?:\.\d+)?))?": _rand,
+    r"cross(\d{1,4})?(?:@(90|180))?": _cross,
+    r"squeeze": _squeeze,
+    r"intruder(\d{1,4})?(?:@(1|2))?": _intruder,
+    r"lost(\d{1,4})?(?:@(frozen|silent|dead))?": _lost,
+}

@@ -1,0 +1,249 @@
+"""Everything that is chosen for a campaign: vehicles, law, errors, perturbation; and ``--set key=value``."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from onboard.config.fleet import (
+    ConfigError,
+    FleetConfig,
+    LawConfig,
+    SitlProfile,
+    Vehicle,
+    fleet_from_mapping,
+    load_fleet,
+    read_toml,
+)
+
+LAWS = ("covey", "paper", "off")
+_CONFIGS = Path(__file__).resolve().parents[2] / "configs" / "fleets"
+_EXAMPLES = ("sih.toml", "paper.toml")  # whose types can be named without --fleet
+_FLEET_KEYS = ("safety_distance_m", "body_diameter_m")  # what a fleet file gives to a campaign besides types and law
+# short names for what is otherwise a value of the law or of the vehicle
+_ALIASES = {"tilt_deg": "vehicle.max_tilt_deg", "range_m": "law.range_m", "neighbours": "law.max_neighbours"}
+_NOT_A_VEHICLE_VALUE = (
+    *("name", "index", "system_id", "start_enu_m", "agent", "autopilot", "direct", "mocap_body", "type", "enabled"),
+    *("px4_params", "sitl", "mocap_required"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Perturbation:
+    """What the control does not know, on top of the estimate's errors.
+
+    delay_s: age of a message when it arrives, in whole ticks of 20 ms, one at least. loss_share: of each link's
+    messages. burst_s, burst_every_s: length and mean interval of a sender's silences (0: none). gust_m_s2: std per
+    horizontal axis, correlated over 1 s. lag_mismatch, gain, drag_mismatch, hover_mismatch: half widths of uniform
+    relative errors of attitude lag, attitude gain, drag and hover throttle, constant per vehicle.
+    lag_error_s: added to the dead time.
+    """
+
+    delay_s: float = 0.04
+    loss_share: float = 0.10
+    burst_s: float = 0.0
+    burst_every_s: float = 10.0
+    gust_m_s2: float = 0.1
+    lag_mismatch: float = 0.10
+    lag_error_s: float = 0.0
+    gain: float = 0.05
+    drag_mismatch: float = 0.0
+    hover_mismatch: float = 0.0
+
+
+_BOUNDS = {
+    "delay_s": (0.0, 2.0),
+    "loss_share": (0.0, 1.0),
+    "burst_s": (0.0, 60.0),
+    "burst_every_s": (0.1, 1e4),
+    "gust_m_s2": (0.0, 5.0),
+    "lag_mismatch": (0.0, 0.9),
+    "lag_error_s": (0.0, 1.0),
+    "gain": (0.0, 0.9),
+    "drag_mismatch": (0.0, 0.9),
+    "hover_mismatch": (0.0, 0.5),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorClass:
+    """Accuracy of the own estimate, per axis; correlated over a time unless that is 0.
+
+    arrival_m, slow_m_s: a vehicle has arrived when it is truly this near its goal and this slow; three standard
+    deviations wider than with a mocap, since it holds its estimate on the goal and not itself. law: values that a fleet
+    of that accuracy flies with, where the fleet file does not say.
+    """
+
+    name: str
+    position_std_m: float
+    velocity_std_m_s: float
+    position_time_s: float
+    velocity_time_s: float
+    arrival_m: float = 0.15
+    slow_m_s: float = 0.15
+    law: Mapping[str, float] = field(default_factory=dict)
+
+
+ERRORS = {
+    "none": ErrorClass("none", 0.0, 0.0, 0.0, 0.0),
+    "mocap": ErrorClass("mocap", 0.003, 0.0, 0.0, 0.0),
+    "vision": ErrorClass(
+        *("vision", 0.05, 0.12, 0.5, 0.5),
+        arrival_m=0.30,
+        slow_m_s=0.50,
+        law={
+            "kappa_1_1_s": 5.0,
+            "kappa_2_1_s": 10.0,
+            "shortfall_gain": 0.6,
+            "v_perp_m_s": 0.5,
+            "v_perp_crowd_m_s": 0.7,
+            "crowd_count": 5,
+            "accuracy_time_s": 0.5,
+        },
+    ),
+    "gps": ErrorClass(
+        *("gps", 0.2, 0.2, 5.0, 0.7),
+        arrival_m=0.75,
+        slow_m_s=0.75,
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """One choice of everything but the scenario; ``types`` are given to the vehicles in turn."""
+
+    law: str
+    types: tuple[str, ...]
+    type_tables: Mapping[str, Mapping[str, Any]]
+    law_table: Mapping[str, Any]
+    fleet_table: Mapping[str, Any]
+    errors: ErrorClass
+    perturbation: Perturbation
+    scale: float = 1.0
+
+    def fleet(self, count: int) -> FleetConfig:
+        """A fleet of ``count`` vehicles, validated like any fleet file; ConfigError when the values do not go."""
+        spacing = 2.0 + 10.0 * float(self.fleet_table.get("safety_distance_m", 0.8))
+        vehicles = {
+            f"v{i}": {
+                "type": self.types[i % len(self.types)],
+                "system_id": i + 1,
+                "start_enu_m": [spacing * i, 0.0, 0.0],
+                "agent": f"tcp/127.0.0.1:{20000 + i}",
+                "autopilot": f"udpin://127.0.0.1:{30000 + i}",
+            }
+            for i in range(count)
+        }
+        wide = 1e6
+        fleet = {
+            **{key: self.fleet_table[key] for key in _FLEET_KEYS if key in self.fleet_table},
+            "name": "campaign",
+            "geofence_m": {"x": [-wide, wide], "y": [-wide, wide], "z": [-wide, wide]},
+        }
+        return fleet_from_mapping(
+            {
+                "schema": 1,
+                "fleet": fleet,
+                "law": {**self.law_table, "name": self.law},
+                "types": {name: dict(table) for name, table in self.type_tables.items()},
+                "vehicles": vehicles,
+            },
+            path="covey simulate",
+        )
+
+
+def choose(
+    *,
+    law: str | None = None,
+    types: str | None = None,
+    fleet_path: str | None = None,
+    errors: str = "mocap",
+    scale: float = 1.0,
+    changes: Sequence[str] = (),
+) -> Setup:
+    """The setup that a command line asks for.
+
+    Args:
+        types: names separated by commas, given to the vehicles in turn (default: sih, or the fleet file's first).
+        changes: ``key=value`` each; see :func:`keys`.
+    Raises:
+        ConfigError: unknown law, type, errors or key, a value out of bounds, or a fleet file that is wrong.
+    """
+    data = tomllib.loads(load_fleet(fleet_path).text) if fleet_path is not None else _examples()
+    common = {key: value for key, value in data.get("defaults", {}).items() if key not in ("type", "enabled")}
+    tables = {name: {**common, **table} for name, table in data.get("types", {}).items()}
+    default = "sih" if "sih" in tables else next(iter(tables), "")
+    names = tuple((default if types is None else types).split(","))
+    for name in names:
+        if name not in tables:
+            raise ConfigError(f"--type: there is no vehicle type '{name}'. Known here: {', '.join(tables) or 'none'}.")
+    if errors not in ERRORS:
+        raise ConfigError(f"--errors is '{errors}', but there are only {', '.join(ERRORS)}. Name one of these.")
+    given_law = dict(data.get("law", {}))
+    law = law or str(given_law.get("name", "covey"))
+    if law not in LAWS:
+        raise ConfigError(f"--law is '{law}', but there are only {', '.join(LAWS)}. Name one of these.")
+    if not (math.isfinite(scale) and 0.1 <= scale <= 100.0):
+        raise ConfigError(f"--scale is {scale}; it must lie between 0.1 and 100.")
+    law_table: dict[str, Any] = {**ERRORS[errors].law, **given_law}
+    perturbation = Perturbation()
+    for change in changes:
+        key, equals, text = change.partition("=")
+        key = _ALIASES.get(key, key)
+        group, _, rest = key.rpartition(".")
+        if not equals or key not in keys():
+            raise ConfigError(
+                f"--set {change}: {'there is no such key' if equals else 'write it as key=value'}. "
+                f"Keys: {', '.join(keys(with_aliases=True))}."
+            )
+        value = _value(change, text)
+        if group == "law":
+            law_table[rest] = value
+        elif group == "sitl":
+            for name in names:
+                tables[name]["sitl"] = {**tables[name].get("sitl", {}), rest: value}
+        elif group == "vehicle":
+            for name in names:
+                tables[name][rest] = value
+        else:
+            low, high = _BOUNDS[key]
+            if isinstance(value, (bool, str)) or not low <= value <= high:
+                raise ConfigError(f"--set {change}: the value must be a number from {low:g} to {high:g}.")
+            perturbation = replace(perturbation, **{key: float(value)})
+    return Setup(law, names, tables, law_table, data.get("fleet", {}), ERRORS[errors], perturbation, scale)
+
+
+def keys(*, with_aliases: bool = False) -> list[str]:
+    """All keys of ``--set``; the short names too when asked for."""
+    law = [f"law.{name}" for name in LawConfig.__struct_fields__ if name != "name"]
+    vehicle = [f"vehicle.{name}" for name in Vehicle.__struct_fields__ if name not in _NOT_A_VEHICLE_VALUE]
+    sitl = [f"sitl.{name}" for name in SitlProfile.__struct_fields__]
+    short = [*_ALIASES] if with_aliases else []
+    return [entry.name for entry in fields(Perturbation)] + short + law + vehicle + sitl
+
+
+def _value(change: str, text: str) -> float | int | bool | str:
+    """A number (also ``.7``, which TOML refuses), true or false, else the words, whose quotes may stand."""
+    try:
+        value: object = tomllib.loads(f"x = {text}")["x"]
+    except tomllib.TOMLDecodeError:
+        try:
+            value = float(text)
+        except ValueError:
+            value = text
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ConfigError(f"--set {change}: the value must be finite.")
+    return value if isinstance(value, float | int | str) else text
+
+
+def _examples() -> dict[str, Any]:
+    """The vehicle types of the example fleets; nothing else of them."""
+    types: dict[str, Any] = {}
+    for name in _EXAMPLES:
+        types |= read_toml(str(_CONFIGS / name), "fleet file")[0].get("types", {})
+    return {"types": types}

@@ -1,0 +1,58 @@
+"""PX4's arming checks as a table: what has to be there, and the sentence when it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from sitl.px4.battery import BatteryStage
+from sitl.px4.modes import Need
+
+BOOT_S = 4.3
+
+
+@dataclass(frozen=True, slots=True)
+class Readiness:
+    """What the checks look at.
+
+    Attributes:
+        since_boot_s: age of this autopilot.
+        needs: of the mode that is to be armed in.
+        missing: those of them that are not there now.
+        battery: how empty it is.
+        needs_ground, has_ground: whether a ground station has to be connected, and is.
+        faults: further reasons, as sentences.
+    """
+
+    since_boot_s: float
+    needs: Need
+    missing: Need
+    battery: BatteryStage
+    needs_ground: bool
+    has_ground: bool
+    faults: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One row: the sentence, and when it applies."""
+
+    sentence: str
+    fails: Callable[[Readiness], bool]
+
+
+CHECKS: tuple[Check, ...] = (
+    Check("system is still starting", lambda r: r.since_boot_s < BOOT_S),
+    Check("no offboard setpoints", lambda r: Need.SETPOINTS in r.missing),
+    Check("no local position", lambda r: Need.LOCAL_POSITION in r.missing),
+    Check("no global position for this mode", lambda r: Need.GLOBAL_POSITION in r.missing),
+    Check("no mission", lambda r: Need.MISSION in r.missing),
+    Check("this mode cannot be armed in", lambda r: Need.ARMING in r.needs),
+    Check("battery too low", lambda r: r.battery.value >= BatteryStage.CRITICAL.value),
+    Check("no connection to the ground station", lambda r: r.needs_ground and not r.has_ground),
+)
+
+
+def obstacles(readiness: Readiness) -> list[str]:
+    """Why arming would be denied now; empty when it would not."""
+    return [check.sentence for check in CHECKS if check.fails(readiness)] + list(readiness.faults)

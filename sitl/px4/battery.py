@@ -1,0 +1,64 @@
+"""PX4's simulated battery: it empties while armed, down to a floor, and fills again after disarming."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from sitl.px4.parameters import Parameters
+
+FULL_MV = 16200
+EMPTY_MV = 14400
+_REFILL_S = 4.0
+# SIM_BAT_DRAIN seconds are for a whole charge; PX4's simulator was measured to take half of it for half a charge.
+
+
+class BatteryStage(Enum):
+    """How empty the battery is; the numbers are those of BATTERY_STATUS.charge_state."""
+
+    OK = 1
+    LOW = 2
+    CRITICAL = 3
+    EMERGENCY = 4
+
+
+# From the emptiest: parameter of the threshold, stage.
+STAGES: tuple[tuple[str, BatteryStage], ...] = (
+    ("BAT_EMERGEN_THR", BatteryStage.EMERGENCY),
+    ("BAT_CRIT_THR", BatteryStage.CRITICAL),
+    ("BAT_LOW_THR", BatteryStage.LOW),
+)
+
+
+def stage_of(charge_frac: float, params: Parameters) -> BatteryStage:
+    """The stage of a state of charge."""
+    for parameter, stage in STAGES:
+        if charge_frac <= params[parameter]:
+            return stage
+    return BatteryStage.OK
+
+
+@dataclass(slots=True)
+class Battery:
+    """State of charge of one vehicle."""
+
+    remaining_frac: float = 1.0
+
+    def step(self, dt_s: float, *, is_armed: bool, drain_s: float, floor_pct: float) -> None:
+        """Advance by `dt_s`: empty in `drain_s` for a whole charge while armed, not below `floor_pct`."""
+        if is_armed:
+            floor_frac = min(1.0, max(0.0, floor_pct / 100.0))
+            if self.remaining_frac > floor_frac:
+                self.remaining_frac = max(floor_frac, self.remaining_frac - dt_s / max(drain_s, 1e-3))
+        else:
+            self.remaining_frac = min(1.0, self.remaining_frac + dt_s / _REFILL_S)
+
+    @property
+    def voltage_mv(self) -> int:
+        """Voltage of the whole pack [mV], linear in the charge."""
+        return round(EMPTY_MV + (FULL_MV - EMPTY_MV) * self.remaining_frac)
+
+    @property
+    def remaining_pct(self) -> int:
+        """Charge in whole percent."""
+        return round(100.0 * self.remaining_frac)

@@ -1,0 +1,375 @@
+"""One PX4 commander: arming, mode requests, failsafes, landing. Pure: time comes in, texts and events go out.
+
+The mode that was asked for (`intent`) and the mode that is flown (`mode`) are two things, as in PX4: a failsafe changes
+only the second, and when its cause is gone the first is flown again without being asked for. What each mode needs is in
+`modes.py`, what forbids arming in `checks.py`, what takes a vehicle out of its mode in `failsafes.py`, how a mode is
+flown in `flight.py`, what is said in `events.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from sitl.physics.frames import euler, uprightness
+from sitl.px4 import arming_checks, modes
+from sitl.px4.arming_checks import BOOT_S, Readiness
+from sitl.px4.battery import Battery, BatteryStage, stage_of
+from sitl.px4.events import REASONS, Journal
+from sitl.px4.failsafes import ACTION_MODE, Action, Facts, Failsafe
+from sitl.px4.land_detector import LandDetector
+from sitl.px4.mode_control import TICK_S, Flight
+from sitl.px4.modes import MODES, Landed, Mode, Need, Result, SystemStatus
+from sitl.px4.parameters import Parameters
+from sitl.px4.position_control import Goal
+from sitl.px4.signals import Actuation, Setpoint, SetpointKind, Situation, Text
+
+__all__ = ["BOOT_S", "TICK_S", "Autopilot"]
+
+_FORCE_MAGIC = 21196.0
+_SAID_OF_BATTERY: dict[BatteryStage, str] = {
+    BatteryStage.LOW: "battery low",
+    BatteryStage.CRITICAL: "battery critical",
+    BatteryStage.EMERGENCY: "battery emergency",
+}
+
+
+@dataclass(slots=True)
+class Autopilot:
+    """State of one PX4.
+
+    Attributes:
+        params: survive a restart.
+        boot_time_s: simulated time at which it started.
+        faults: reasons against arming from outside, as sentences; a fault of the emulator writes here.
+        ground_time_s: when a ground station's heartbeat last came, on any link.
+        tunes: how many it was asked to play.
+    """
+
+    params: Parameters = field(default_factory=Parameters)
+    boot_time_s: float = 0.0
+    battery: Battery = field(default_factory=Battery)
+    intent: Mode = Mode.LOITER
+    mode: Mode = Mode.LOITER
+    is_armed: bool = False
+    setpoint: Setpoint | None = None
+    battery_stage: BatteryStage = BatteryStage.OK
+    faults: list[str] = field(default_factory=list)
+    ground_time_s: float = -math.inf
+    tunes: int = 0
+    journal: Journal = field(default_factory=Journal)
+    failsafe: Failsafe = field(default_factory=Failsafe)
+    land_detector: LandDetector = field(default_factory=LandDetector)
+    flight: Flight = field(default_factory=Flight)
+    _after_disarm: Mode = Mode.LOITER
+    _armed_time_s: float = 0.0
+    _tilted_since_s: float = math.inf
+    _has_failed: bool = False
+    _last: Situation | None = None
+
+    # -- what the messages show ---------------------------------------------------------------------------------
+
+    @property
+    def texts(self) -> list[Text]:
+        """The newest texts, oldest first."""
+        return self.journal.texts
+
+    @property
+    def landed(self) -> Landed:
+        """EXTENDED_SYS_STATE.landed_state."""
+        return self.land_detector.state
+
+    @property
+    def actuation(self) -> Actuation:
+        """What the vehicle is to do now."""
+        return self.flight.actuation
+
+    @property
+    def goal(self) -> Goal | None:
+        """Where PX4's own control flies to."""
+        return self.flight.goal
+
+    @property
+    def is_failsafe(self) -> bool:
+        """Whether a failsafe has taken the vehicle out of its mode."""
+        return self.is_armed and (self.failsafe.is_active or self.mode is not self.intent)
+
+    def has_fresh_setpoint(self, now_s: float) -> bool:
+        """Whether OFFBOARD may be flown: the newest setpoint is younger than COM_OF_LOSS_T, and can be followed."""
+        if self.setpoint is None or now_s - self.setpoint.time_s > self.params["COM_OF_LOSS_T"]:
+            return False
+        return not self.setpoint.needs_position or (self._last is not None and self._last.has_local_position)
+
+    def arming_obstacles(self, now_s: float) -> list[str]:
+        """Why this vehicle cannot be armed now; empty when it can."""
+        needs = MODES[self.intent].needs
+        readiness = Readiness(
+            since_boot_s=now_s - self.boot_time_s if self._last is not None else 0.0,
+            needs=needs,
+            missing=needs & ~self._available(now_s),
+            battery=stage_of(self.battery.remaining_frac, self.params),
+            needs_ground=self.params.integer("NAV_DLL_ACT") > 0,
+            has_ground=now_s - self.ground_time_s <= self.params["COM_DL_LOSS_T"],
+            faults=tuple(self.faults),
+        )
+        return arming_checks.obstacles(readiness)
+
+    def system_status(self, now_s: float) -> SystemStatus:
+        """HEARTBEAT.system_status."""
+        if self.is_armed:
+            return SystemStatus.CRITICAL if self.is_failsafe else SystemStatus.ACTIVE
+        return SystemStatus.UNINIT if self.arming_obstacles(now_s) else SystemStatus.STANDBY
+
+    def base_mode(self, now_s: float) -> int:
+        """HEARTBEAT.base_mode."""
+        base = MODES[self.mode].base_mode
+        if self.mode is Mode.OFFBOARD:
+            if not self.has_fresh_setpoint(now_s):
+                base = modes.OFFBOARD_WITHOUT_SETPOINTS_BASE_MODE
+            elif self.setpoint and self.setpoint.kind is SetpointKind.RATE:
+                base = modes.OFFBOARD_RATES_BASE_MODE
+        return base | (modes.ARMED_BIT if self.is_armed else 0)
+
+    # -- requests -----------------------------------------------------------------------------------------------
+
+    def request_arm(self, now_s: float, arm: bool, magic: float) -> Result:
+        """MAV_CMD_COMPONENT_ARM_DISARM. The magic number forces disarming; for arming from outside PX4 ignores it."""
+        if arm == self.is_armed:
+            return Result.ACCEPTED
+        if arm:
+            if self.arming_obstacles(now_s):
+                self.journal.say(now_s, "arm denied")
+                return Result.TEMPORARILY_REJECTED
+            self._arm(now_s)
+            return Result.ACCEPTED
+        if self.landed is not Landed.ON_GROUND and magic != _FORCE_MAGIC:
+            self.journal.say(now_s, "disarm denied")
+            return Result.TEMPORARILY_REJECTED
+        self._disarm(now_s, "command")
+        return Result.ACCEPTED
+
+    def request_mode(self, now_s: float, main: int, sub: int, base_mode: int = 1) -> Result:
+        """DO_SET_MODE or SET_MODE: the commander's own answer (the receiver's early one is the link's)."""
+        mode = modes.mode_of(base_mode, main, sub)
+        if mode is not None:
+            return self.request(now_s, mode)
+        # PX4 refuses an automatic mode that it does not have; any other number means nothing to it, and passes.
+        if main != modes.AUTO_MAIN:
+            return Result.ACCEPTED
+        self.journal.say(now_s, "no such mode")
+        return Result.TEMPORARILY_REJECTED
+
+    def request(self, now_s: float, mode: Mode, said: str | None = None) -> Result:
+        """Ask for a mode. Disarmed, everything is taken; armed, only what can be flown now.
+
+        Args:
+            now_s: present time.
+            mode: what is asked for.
+            said: what PX4 says when it accepts; by default what belongs to the mode.
+        """
+        # A landing is always begun: without a position it becomes a level descent.
+        needs = Need.NOTHING if mode is Mode.LAND else MODES[mode].needs & ~Need.ARMING
+        if self.is_armed and needs & ~self._available(now_s):
+            return Result.TEMPORARILY_REJECTED
+        said = said or ("landing" if mode is Mode.LAND else None)
+        if said is not None:
+            self.journal.say(now_s, said)
+        self._intend(mode)
+        self.failsafe.mode_asked()
+        self._choose_mode(now_s)
+        return Result.ACCEPTED
+
+    def request_takeoff(self, now_s: float, height_m: float) -> Result:
+        """MAV_CMD_NAV_TAKEOFF to a height above home; NaN for the default, which is also the least."""
+        result = self.request(now_s, Mode.TAKEOFF)
+        if result is Result.ACCEPTED:
+            self.flight.takeoff_height_m = height_m if math.isfinite(height_m) else None
+            if self.is_armed:
+                self._say_takeoff_height(now_s)
+        return result
+
+    def play_tune(self) -> None:
+        """Play one; only its number is kept."""
+        self.tunes += 1
+
+    def request_termination(self, now_s: float) -> Result:
+        """MAV_CMD_DO_FLIGHTTERMINATION: motors off, still armed, until somebody disarms or it lies on the ground."""
+        if not self.is_armed:
+            return Result.DENIED
+        self.intent = Mode.TERMINATION
+        self._choose_mode(now_s)
+        self.flight.terminate()
+        return Result.ACCEPTED
+
+    def accept_setpoint(self, setpoint: Setpoint) -> None:
+        """Take the newest OFFBOARD setpoint; attitude and rates act at once."""
+        self.setpoint = setpoint
+        if self.is_armed and self.mode is Mode.OFFBOARD:
+            self.flight.take_setpoint(setpoint)
+
+    # -- time ---------------------------------------------------------------------------------------------------
+
+    def tick(self, situation: Situation) -> None:
+        """Everything that happens at 50 Hz."""
+        now = situation.time_s
+        self._last = situation
+        self.battery.step(
+            TICK_S,
+            is_armed=self.is_armed,
+            drain_s=self.params["SIM_BAT_DRAIN"],
+            floor_pct=self.params["SIM_BAT_MIN_PCT"],
+        )
+        if not self.is_armed:
+            self._choose_mode(now)
+            return
+        self._watch_battery(now)
+        self._watch_attitude(situation)
+        self._choose_mode(now)
+        if not self.is_armed:
+            return
+        said = self.land_detector.step(situation, self.mode, self.actuation.thrust_frac, self.params)
+        if said is not None:
+            self.journal.say(now, said)
+        self._auto_disarm(now)
+        if self.is_armed and self.flight.step(situation, self.mode, self.landed, self.params, self.setpoint):
+            self._intend(Mode.LOITER)
+
+    def _available(self, now_s: float) -> Need:
+        have = Need.NOTHING
+        if self._last is not None and self._last.has_local_position:
+            have |= Need.LOCAL_POSITION
+        if self._last is not None and self._last.has_global_position:
+            have |= Need.GLOBAL_POSITION
+        if self.has_fresh_setpoint(now_s):
+            have |= Need.SETPOINTS
+        return have
+
+    def _intend(self, mode: Mode) -> None:
+        self.intent = mode
+        # A mode that nobody can arm in is not what a vehicle goes back to when it is disarmed.
+        if Need.ARMING not in MODES[mode].needs:
+            self._after_disarm = mode
+
+    def _arm(self, now_s: float) -> None:
+        self.is_armed = True
+        self._armed_time_s = now_s
+        self._has_failed = False
+        self._tilted_since_s = math.inf
+        self.battery_stage = BatteryStage.OK
+        self.failsafe.reset()
+        self.land_detector.disarmed()
+        self.flight.armed(now_s, self._last, self.params)
+        why, number = REASONS["command"]
+        self.journal.say(now_s, "armed", number, why=why)
+        if self.intent is Mode.TAKEOFF:
+            self._say_takeoff_height(now_s)
+        self._choose_mode(now_s)
+        if self.mode is Mode.OFFBOARD and self.setpoint is not None:
+            self.flight.take_setpoint(self.setpoint)
+
+    def _say_takeoff_height(self, now_s: float) -> None:
+        least_m, asked_m = self.params["MIS_TAKEOFF_ALT"], self.flight.takeoff_height_m
+        if asked_m is None:
+            self.journal.say(now_s, "takeoff height", height=least_m)
+        elif asked_m < least_m:
+            self.flight.takeoff_height_m = None
+            self.journal.say(now_s, "least takeoff height", height=least_m)
+
+    def _disarm(self, now_s: float, reason: str) -> None:
+        self.is_armed = False
+        self.land_detector.disarmed()
+        self.failsafe.reset()
+        self.intent = self._after_disarm
+        why, number = REASONS[reason]
+        self.journal.say(now_s, "disarmed", number, why=why)
+        self.flight.takeoff_height_m = None
+        self._choose_mode(now_s)
+        self.flight.disarmed()
+
+    def _choose_mode(self, now_s: float) -> None:
+        mode = self.intent
+        if self.is_armed:
+            self._watch(now_s)
+            if self.failsafe.action is Action.DISARM:
+                self._disarm(now_s, "failsafe")
+                return
+            mode = ACTION_MODE.get(self.failsafe.action, mode)
+            if self.intent is Mode.TERMINATION:
+                mode = Mode.TERMINATION
+            flyable = self._flyable(mode)
+            if flyable is not mode and flyable is not self.mode:
+                self.journal.say(now_s, "failsafe", MODES[flyable].custom_mode, Action.LAND)
+            mode = flyable
+        if mode is not self.mode:
+            self.mode = mode
+            self.flight.entered(self._last)
+            if mode is Mode.OFFBOARD and self.is_armed and self.setpoint is not None:
+                self.flight.take_setpoint(self.setpoint)
+
+    def _flyable(self, mode: Mode) -> Mode:
+        # POSCTL is left alone: without sticks it is a blind descent in any case, and PX4 shows it.
+        has_position = self._last is not None and self._last.has_local_position
+        while mode in modes.FALLBACK and mode is not Mode.POSCTL and not has_position:
+            mode = modes.FALLBACK[mode]
+        return mode
+
+    def _watch(self, now_s: float) -> None:
+        facts = Facts(
+            has_offboard_signal=self.intent is not Mode.OFFBOARD or self.has_fresh_setpoint(now_s),
+            battery=self.battery_stage,
+            attitude_failed=self._has_failed,
+            from_home_m=self._from_home_m(),
+            ground_silent_s=now_s - self.ground_time_s,
+        )
+        if not self.failsafe.step(now_s, facts, self.params):
+            return
+        shown = MODES[ACTION_MODE.get(self.failsafe.action, self.intent)].custom_mode
+        if self.failsafe.delayed is not Action.NONE:
+            seconds = self.params["COM_FAIL_ACT_T"]
+            shown_s = int(min(65535.0, max(0.0, seconds)))
+            self.journal.say(now_s, "failsafe hold", shown, self.failsafe.delayed, shown_s, seconds=seconds)
+        else:
+            self.journal.say(now_s, "failsafe", shown, self.failsafe.action)
+
+    def _from_home_m(self) -> tuple[float, float]:
+        if self._last is None:
+            return 0.0, 0.0
+        north, east, down = (self._last.position_ned_m - self.flight.home_ned_m).tolist()
+        return math.hypot(north, east), -down
+
+    def _watch_battery(self, now_s: float) -> None:
+        stage = stage_of(self.battery.remaining_frac, self.params)
+        # While armed a battery does not recover.
+        if stage.value > self.battery_stage.value:
+            self.battery_stage = stage
+            self.journal.say(now_s, _SAID_OF_BATTERY[stage])
+            if stage is BatteryStage.EMERGENCY:
+                self.journal.say(now_s, "no shutdown")
+
+    def _watch_attitude(self, situation: Situation) -> None:
+        if self._has_failed or situation.on_ground:
+            return
+        limit_rad = math.radians(min(self.params["FD_FAIL_R"], self.params["FD_FAIL_P"]))
+        if uprightness(situation.attitude) > math.cos(limit_rad):
+            self._tilted_since_s = math.inf
+            return
+        w, x, y, z = situation.attitude.tolist()
+        roll, pitch, _ = euler((w, x, y, z))
+        is_roll = abs(roll) > math.radians(self.params["FD_FAIL_R"])
+        if not is_roll and abs(pitch) <= math.radians(self.params["FD_FAIL_P"]):
+            self._tilted_since_s = math.inf
+            return
+        self._tilted_since_s = min(self._tilted_since_s, situation.time_s)
+        if situation.time_s - self._tilted_since_s >= self.params["FD_FAIL_R_TTRI"]:
+            self._has_failed = True
+            self.journal.say(situation.time_s, "roll failure" if is_roll else "pitch failure")
+
+    def _auto_disarm(self, now_s: float) -> None:
+        if self.landed is not Landed.ON_GROUND:
+            return
+        after_landing, before_flight = self.params["COM_DISARM_LAND"], self.params["COM_DISARM_PRFLT"]
+        if self.land_detector.has_flown:
+            if after_landing > 0.0 and now_s - self.land_detector.landed_time_s >= after_landing:
+                self._disarm(now_s, "landing")
+        elif before_flight > 0.0 and now_s - self._armed_time_s >= before_flight:
+            self._disarm(now_s, "preflight")

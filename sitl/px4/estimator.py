@@ -1,0 +1,335 @@
+"""What the autopilot believes about its own state: not an EKF, but an estimate that errs as PX4's does.
+
+Each vehicle has its own local origin. Position and velocity carry the slow errors of `errors.py`, sized by the source:
+satellites, external vision, nothing. Without satellites the estimate follows vision, right or wrong: a jump sideways at
+once, one in height when it has been refused for 5 s; each jump of the estimate counts up PX4's reset counters. Without
+any source it drifts away.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sitl.physics import kernels
+from sitl.physics.frames import Array
+from sitl.physics.step import STEP_S
+from sitl.px4 import estimator_errors
+from sitl.px4.estimator_errors import GPS as GPS
+from sitl.px4.estimator_errors import PAD as PAD
+from sitl.px4.estimator_errors import PAD_VISION as PAD_VISION
+from sitl.px4.estimator_errors import VISION_DEFAULT as VISION_DEFAULT
+from sitl.px4.estimator_errors import VISION_TRUSTED as VISION_TRUSTED
+from sitl.px4.estimator_errors import VISION_TUNED as VISION_TUNED
+from sitl.px4.estimator_errors import VISION_TUNED_WITH_VELOCITY as VISION_TUNED_WITH_VELOCITY
+from sitl.px4.estimator_errors import ErrorLevel as ErrorLevel
+from sitl.px4.estimator_errors import Source as Source
+from sitl.px4.estimator_errors import vision_level as vision_level
+
+ESTIMATE_EVERY_STEPS = 2  # 125 Hz, the rate of PX4's estimator
+GPS_FIX_S = 2.3
+PERIOD_S = ESTIMATE_EVERY_STEPS * STEP_S
+_BLOCK = 64  # random numbers are drawn for so many periods at once
+_CHOOSE_EVERY = 4  # periods between looks at the sources: 31 Hz
+_HISTORY = 64
+_VISION_TIMEOUT_S = 1.0
+_HEIGHT_REFUSED_S = 5.0
+_FLAGS_FADE_S = 5.0
+_FUSE_GAIN = 0.2
+_YAW_FUSE_GAIN = 0.1
+_GATE_SIGMAS, _SMALLEST_GATE_M = 5.0, 0.2
+# Dead reckoning: displacement after so many seconds, uniform between two values; it grows with the square of time.
+_DRIFT_TIME_S, _DRIFT_LEAST_M, _DRIFT_MOST_M = 6.0, 0.5, 1.3
+_DRIFT_UP = 0.3
+_COMPASS_MEAN_DEG, _COMPASS_STD_DEG = (2.0, 17.0), (2.0, 7.0)
+_YAW_KEEP = math.exp(-PERIOD_S / estimator_errors.YAW_CORRELATION_S)
+# Reset counters in PX4's order, and how often its filter has jumped before it has any position: 13 on the pad.
+XY, VXY, Z, VZ, HEADING = range(5)
+_RESETS_AT_START = (2, 2, 2, 2, 1)
+HOME_ALTITUDE_M = 489.4  # of the ground where simulated vehicles start
+POSITION_ACCURACY_M = 0.3  # what ESTIMATOR_STATUS says of the horizontal error, always
+# ESTIMATOR_STATUS.flags. With satellites PX4 adds what is absolute to what it was measured to say with vision.
+_FLAGS = {Source.VISION: 0x1EF, Source.GPS: 0x3FF}
+_FLAGS_RECKONING, _FLAGS_LOST = 0xEF, 0xE5
+_FLAG_ABSOLUTE = 0x10  # it is known where on Earth the local frame lies
+
+
+@dataclass(frozen=True, slots=True)
+class LocalEstimate:
+    """One vehicle's estimate in its own local NED frame."""
+
+    position_ned_m: tuple[float, float, float]
+    velocity_ned_m_s: tuple[float, float, float]
+
+
+class Estimator:
+    """Estimates of all vehicles; rows as in the world.
+
+    Args:
+        start_ned_m: (n, 3) true start positions: each is the origin of its vehicle's local frame.
+        seed: of all errors.
+        is_common: all vehicles err alike, as PX4 instances do that are started together and share SIH's random numbers;
+            otherwise each errs on its own.
+        scale: of all random errors; 0 for an estimate that is right.
+        uses_numba: the compiled loop, or numpy.
+
+    Attributes:
+        offset_ned_m: (n, 3) of the local frame against the true motion since the start.
+        yaw_error_rad: (n,) believed heading minus true heading.
+        source: what each estimate rests on.
+        has_gps, uses_vision_yaw, vision_levels, vision_noise_m: by parameters, per vehicle.
+        gps_blocked: (list) satellites are not received, whatever the parameters say.
+        resets: (n, 5) counters XY, VXY, Z, VZ, HEADING.
+        reset_ned_m: (n, 3) by how much the position jumped at its newest reset.
+        origin_altitude_m: (list) of the local frame's origin above the sea: from satellites, or as somebody said; None
+            before either.
+        jumps: which vehicle's position jumped by how much, until somebody takes them.
+    """
+
+    def __init__(
+        self,
+        start_ned_m: Array,
+        *,
+        seed: int,
+        is_common: bool = False,
+        scale: float = 1.0,
+        uses_numba: bool = kernels.HAS_NUMBA,
+    ) -> None:
+        n = start_ned_m.shape[0]
+        self._advance = kernels.advance if uses_numba else estimator_errors.advance
+        self._rng = np.random.default_rng([seed, 2])
+        self._luck_of_drift = np.random.default_rng([seed, 5])
+        self._is_common, self._scale = is_common, scale
+        self._origin = np.array(start_ned_m, dtype=np.float64)
+        self._blocks = np.zeros((n, estimator_errors.BLOCKS, 3))
+        self._scalars = np.zeros((n, estimator_errors.SCALARS))
+        self._draws = np.zeros((_BLOCK, n, 4))
+        self._place = 0
+        self._blocks[:, estimator_errors.UNIT_V] = self._random(lambda size: self._rng.standard_normal((size, 3)))
+        self._luck = scale * self._random(lambda size: self._rng.standard_normal((size, 3)))
+        # The filter starts before the vehicle rests: height on the ground is not exactly zero.
+        self.offset_ned_m = self._blocks[:, estimator_errors.OFFSET]
+        self.offset_ned_m[:, 2] = scale * self._random(lambda size: self._rng.uniform(-0.2, 0.2, size))
+        sign = self._random(lambda size: self._rng.choice([-1.0, 1.0], size))
+        mean = scale * np.radians(self._random(lambda size: self._rng.uniform(*_COMPASS_MEAN_DEG, size)))
+        std = scale * np.radians(self._random(lambda size: self._rng.uniform(*_COMPASS_STD_DEG, size)))
+        self._scalars[:, estimator_errors.YAW_MEAN], self._scalars[:, estimator_errors.YAW_STD] = sign * mean, std
+        self._scalars[:, estimator_errors.YAW_SHARE] = self._scalars[:, estimator_errors.YAW_SHARE_GOAL] = 1.0
+        self.yaw_error_rad = self._scalars[:, estimator_errors.YAW_ERROR]
+        self.yaw_error_rad[:] = sign * mean
+        self._vision_time_s = [-math.inf] * n
+        self._height_time_s = [-math.inf] * n
+        self._lost_time_s = [-math.inf] * n
+        self._start_time_s = [0.0] * n
+        self._vision_frame: list[Array | None] = [None] * n
+        self._history = np.zeros((_HISTORY, n, 3))
+        self._history_index = 0
+        self.source = [Source.NONE] * n
+        self.has_gps = [True] * n
+        self.gps_blocked = [False] * n
+        self.uses_vision_yaw = [True] * n
+        self.vision_levels = [VISION_DEFAULT] * n
+        self.vision_noise_m = [0.1] * n
+        self.resets = np.tile(np.array(_RESETS_AT_START, dtype=np.int64), (n, 1))
+        self.reset_ned_m = np.zeros((n, 3))
+        self.jumps: list[tuple[int, Array]] = []
+        self.origin_altitude_m: list[float | None] = [None] * n
+        self._levels: list[ErrorLevel | None] = [None] * n
+        self._rests = [True] * n
+
+    def step(self, time_s: float, position_ned_m: Array, velocity_ned_m_s: Array, on_ground: NDArray[np.bool_]) -> None:
+        """Advance the errors by one estimator period and form the estimates from the true motion."""
+        if self._place % _CHOOSE_EVERY == 0:
+            for i, is_resting in enumerate(on_ground.tolist()):
+                self._choose(i, time_s, is_resting)
+        place = self._place % _BLOCK
+        if place == 0:
+            self._draws[:] = self._random(lambda size: self._rng.standard_normal((size, _BLOCK, 4))).swapaxes(0, 1)
+        self._place += 1
+        local = position_ned_m - self._origin
+        self._advance(self._blocks, self._scalars, self._draws[place], PERIOD_S, local, velocity_ned_m_s, _YAW_KEEP)
+        self._history_index = (self._history_index + 1) % _HISTORY
+        self._history[self._history_index] = self._blocks[:, estimator_errors.BASE]
+
+    def fuse_vision(
+        self,
+        index: int,
+        time_s: float,
+        position_ned_m: Array,
+        *,
+        delay_s: float,
+        yaw_error_rad: float = 0.0,
+    ) -> None:
+        """Take one external position of a vehicle, in the frame of its sender; what is not finite is ignored.
+
+        While satellites give the frame, vision only steadies the estimate (PX4 then estimates the offset between both).
+
+        Args:
+            index, time_s, position_ned_m: which vehicle, when, where.
+            delay_s: how old PX4 takes it to be (EKF2_EV_DELAY).
+            yaw_error_rad: the sender's heading minus the true one.
+        """
+        x, y, z = position_ned_m.tolist()
+        if not math.isfinite(x + y + z):
+            return
+        back = min(_HISTORY - 1, max(0, round(delay_s / PERIOD_S)))
+        bx, by, bz = self._history[(self._history_index - back) % _HISTORY, index].tolist()
+        is_first = time_s - self._vision_time_s[index] >= _VISION_TIMEOUT_S
+        self._vision_time_s[index] = time_s
+        if is_first:
+            self._scalars[index, estimator_errors.VISION_YAW] = yaw_error_rad
+        else:
+            miss = math.remainder(yaw_error_rad - self._scalars[index, estimator_errors.VISION_YAW], 2.0 * math.pi)
+            self._scalars[index, estimator_errors.VISION_YAW] += _YAW_FUSE_GAIN * miss
+        if self.sees_satellites(index, time_s):
+            frame = self._vision_frame[index]
+            if frame is None or is_first:
+                frame = self._vision_frame[index] = np.array([bx - x, by - y, bz - z])
+            fx, fy, fz = frame.tolist()
+            x, y, z = x + fx, y + fy, z + fz
+            self._height_time_s[index] = time_s
+            self._correct(index, (_FUSE_GAIN * (x - bx), _FUSE_GAIN * (y - by), _FUSE_GAIN * (z - bz)))
+            return
+        # PX4 takes the height for one above the sea: its local height is off by the altitude of its origin
+        z += self.origin_altitude_m[index] or 0.0
+        ex, ey, ez = x - bx, y - by, z - bz
+        gate_m = max(_SMALLEST_GATE_M, _GATE_SIGMAS * self.vision_noise_m[index])
+        jumps = is_first or math.hypot(ex, ey) > gate_m
+        if not jumps:
+            ex, ey = _FUSE_GAIN * ex, _FUSE_GAIN * ey
+        is_refused = abs(ez) > gate_m and not is_first
+        lifts = is_first or (is_refused and time_s - self._height_time_s[index] >= _HEIGHT_REFUSED_S)
+        if not is_refused or lifts:
+            self._height_time_s[index] = time_s
+        if not lifts:
+            ez = 0.0 if is_refused else _FUSE_GAIN * ez
+        self._correct(index, (ex, ey, ez))
+        self.resets[index, XY] += jumps
+        self.resets[index, Z] += lifts
+        if jumps or lifts:
+            shift = np.array([ex if jumps else 0.0, ey if jumps else 0.0, ez if lifts else 0.0])
+            self.reset_ned_m[index] = shift
+            self.jumps.append((index, shift))
+
+    def set_origin_altitude(self, index: int, altitude_m: float) -> None:
+        """Somebody says how high the local frame's origin lies: local heights change by the difference."""
+        before, self.origin_altitude_m[index] = self.origin_altitude_m[index], altitude_m
+        shift_m = altitude_m - (before or 0.0)
+        if shift_m and self.source[index] is not Source.NONE:
+            self._correct(index, (0.0, 0.0, shift_m))
+            self.resets[index, Z] += 1
+
+    def begin_vision_anew(self, index: int) -> None:
+        """The sender says that its positions are other ones from here on: the next is taken wherever it lies."""
+        self._vision_time_s[index] = -math.inf
+
+    def restart(self, index: int, time_s: float, position_ned_m: Array) -> None:
+        """Begin anew, as after a reboot: a new origin where the vehicle is, no source yet, counters as at a start."""
+        local = position_ned_m - self._origin[index]
+        self._blocks[index, estimator_errors.OFFSET] = -local
+        self._blocks[index, [estimator_errors.UNIT_P, estimator_errors.DRIFT_V]] = 0.0
+        self._history[:, index] = 0.0
+        self._vision_time_s[index] = self._height_time_s[index] = self._lost_time_s[index] = -math.inf
+        self._start_time_s[index] = time_s
+        self._vision_frame[index] = None
+        self._levels[index] = None
+        self.origin_altitude_m[index] = None
+        self.source[index] = Source.NONE
+        self.resets[index] = _RESETS_AT_START
+
+    def local(self, index: int) -> LocalEstimate:
+        """The newest estimate of one vehicle."""
+        x, y, z = self._blocks[index, estimator_errors.POSITION].tolist()
+        vx, vy, vz = self._blocks[index, estimator_errors.VELOCITY].tolist()
+        return LocalEstimate((x, y, z), (vx, vy, vz))
+
+    @property
+    def position_ned_m(self) -> Array:
+        """Estimated positions (n, 3), each in its own frame: a window, not a copy."""
+        return self._blocks[:, estimator_errors.POSITION]
+
+    @property
+    def bias_ned_m(self) -> Array:
+        """Constant errors (n, 3) of the positions: a window, not a copy."""
+        return self._blocks[:, estimator_errors.BIAS]
+
+    @property
+    def velocity_ned_m_s(self) -> Array:
+        """Estimated velocities (n, 3): a window, not a copy."""
+        return self._blocks[:, estimator_errors.VELOCITY]
+
+    def reset_counter(self, index: int) -> int:
+        """ODOMETRY.reset_counter: all jumps of the estimate so far, modulo 256."""
+        return int(self.resets[index].sum()) & 0xFF
+
+    def flags(self, index: int, time_s: float) -> int:
+        """ESTIMATOR_STATUS.flags: they fade in two stages when the last source is gone."""
+        absolute = _FLAG_ABSOLUTE if self.origin_altitude_m[index] is not None else 0
+        known = _FLAGS.get(self.source[index])
+        if known is not None:
+            return known | absolute
+        return _FLAGS_RECKONING | absolute if time_s - self._lost_time_s[index] < _FLAGS_FADE_S else _FLAGS_LOST
+
+    def sees_satellites(self, index: int, time_s: float) -> bool:
+        """Whether the estimate may rest on satellites: allowed, received, and a fix since the start."""
+        has_fix = time_s - self._start_time_s[index] >= GPS_FIX_S
+        return self.has_gps[index] and has_fix and not self.gps_blocked[index]
+
+    def _choose(self, i: int, time_s: float, is_resting: bool) -> None:
+        """Follow the sources of one vehicle: what its estimate rests on, and so how it errs."""
+        if time_s - self._vision_time_s[i] < _VISION_TIMEOUT_S:
+            source, level = Source.VISION, PAD_VISION if is_resting else self.vision_levels[i]
+        elif self.sees_satellites(i, time_s):
+            source, level = Source.GPS, PAD if is_resting else GPS
+        else:
+            source, level = Source.NONE, PAD if is_resting else GPS
+        before = self.source[i]
+        if source is before and level is self._levels[i] and is_resting is self._rests[i]:
+            return
+        self._rests[i] = is_resting
+        if level is not self._levels[i]:
+            self._levels[i] = level
+            estimator_errors.set_level(self._blocks, self._scalars, i, level, self._luck[i], PERIOD_S)
+            if self._scale != 1.0:
+                self._blocks[i, [estimator_errors.STD_P_GOAL, estimator_errors.STD_V_GOAL]] *= self._scale
+        self._scalars[i, estimator_errors.FLIES] = float(not is_resting)
+        self._scalars[i, estimator_errors.DRIFTS] = float(source is Source.NONE and not is_resting)
+        if source is before:
+            return
+        self.source[i] = source
+        if source is Source.GPS and self.origin_altitude_m[i] is None:
+            self.origin_altitude_m[i] = HOME_ALTITUDE_M
+        if source is not Source.VISION:
+            self._vision_frame[i] = None
+        has_yaw = source is Source.VISION and self.uses_vision_yaw[i]
+        # When everything is gone the gyros carry the heading on from where it was.
+        if source is not Source.NONE:
+            self._scalars[i, estimator_errors.YAW_SHARE_GOAL] = 0.0 if has_yaw else 1.0
+        if has_yaw:
+            self.resets[i, HEADING] += 1
+        if source is Source.NONE:
+            self._lost_time_s[i] = time_s
+            self._blocks[i, estimator_errors.DRIFT_A] = self._drift()
+        elif before is Source.NONE:
+            # A first position is a jump of everything; vision has counted its own of the position.
+            counted = [VXY, VZ] if source is Source.VISION else [XY, VXY, Z, VZ]
+            self.resets[i, counted] += 1
+
+    def _drift(self) -> Array:
+        heading = self._luck_of_drift.uniform(0.0, 2.0 * math.pi)
+        most_m = self._luck_of_drift.uniform(_DRIFT_LEAST_M, _DRIFT_MOST_M)
+        up = _DRIFT_UP * self._luck_of_drift.uniform(-1.0, 1.0)
+        direction = np.array([math.cos(heading), math.sin(heading), up])
+        return np.asarray(2.0 * most_m / _DRIFT_TIME_S**2 * direction)
+
+    def _correct(self, index: int, correction: tuple[float, float, float]) -> None:
+        self._blocks[index, estimator_errors.OFFSET] += correction
+        self._history[:, index] += correction
+
+    def _random(self, draw: Callable[[int], Array]) -> Array:
+        n = self._origin.shape[0]
+        return np.repeat(draw(1), n, axis=0) if self._is_common else draw(n)

@@ -1,0 +1,65 @@
+"""PX4's land detector: from contact, thrust and mode to MAV_LANDED_STATE."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sitl.px4.modes import Landed, Mode
+from sitl.px4.parameters import Parameters
+from sitl.px4.signals import Situation
+
+# How long contact and low thrust have to last. PX4's own modes push down before they give up, setpoints do not.
+_PATIENCE_S = 4.3
+_PATIENCE_OFFBOARD_S = 2.2
+_LOWEST_THRUST = 0.12
+_LOW_SHARE = 0.3
+
+# What a vehicle in the air is said to be doing, by mode; everything else is just in the air.
+_IN_MODE: dict[Mode, Landed] = {
+    Mode.TAKEOFF: Landed.TAKEOFF,
+    Mode.LAND: Landed.LANDING,
+    Mode.DESCEND: Landed.LANDING,
+}
+
+
+@dataclass(slots=True)
+class LandDetector:
+    """Memory of the detector.
+
+    Attributes:
+        state: what is reported.
+        has_flown: whether there was a take-off since arming.
+        landed_time_s: when the last landing was detected.
+    """
+
+    state: Landed = Landed.ON_GROUND
+    has_flown: bool = False
+    landed_time_s: float = 0.0
+    _contact_time_s: float = 0.0
+
+    def disarmed(self) -> None:
+        """Whatever is not armed is taken for landed."""
+        self.state = Landed.ON_GROUND
+        self.has_flown = False
+
+    def step(self, situation: Situation, mode: Mode, thrust_frac: float, params: Parameters) -> str | None:
+        """Look again; the key of what PX4 says when it has changed its mind."""
+        now = situation.time_s
+        was_on_ground = self.state is Landed.ON_GROUND
+        if not situation.on_ground:
+            self._contact_time_s = now
+            self.state = _IN_MODE.get(mode, Landed.IN_AIR)
+            if was_on_ground:
+                self.has_flown = True
+                return "takeoff"
+            return None
+        low_thrust = _LOWEST_THRUST + _LOW_SHARE * (params["MPC_THR_HOVER"] - _LOWEST_THRUST)
+        if thrust_frac > low_thrust:
+            self._contact_time_s = now
+            return None
+        patience_s = _PATIENCE_OFFBOARD_S if mode is Mode.OFFBOARD else _PATIENCE_S
+        if was_on_ground or now - self._contact_time_s < patience_s:
+            return None
+        self.state = Landed.ON_GROUND
+        self.landed_time_s = now
+        return "landed"

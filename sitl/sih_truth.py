@@ -1,0 +1,240 @@
+"""The command ``covey sitl-truth``: ground truth of real PX4s with their built-in simulator (SIH), put on the bus.
+
+PX4's SIH tells its true state on a link of its own (19450+N to 19410+N, N = system id - 1). As truth it lets a flight
+of real PX4s be judged as one of emulated ones is; as motion capture (``--mocap``) it feeds agents that need one. This
+stands where `server.py` stands in an emulated flight: same node, same topics, and no emulator.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import math
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import numpy as np
+
+from onboard.bus.schema import MocapPose, Truth
+from onboard.bus.session import BusError, BusSession
+from onboard.bus.topics import Topic
+from onboard.config.fleet import ConfigError, FleetConfig, Origin, Vehicle, load_fleet
+from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder
+from sitl.physics.frames import enu_flu_from_ned_frd
+
+EXIT_OK, EXIT_WRONG_INPUT = 0, 2
+_FIRST_PORT = 19410
+_STATE, _ACTUATORS = "HIL_STATE_QUATERNION", "HIL_ACTUATOR_CONTROLS"
+_SET_MESSAGE_INTERVAL = 511
+_PERIOD_US = 10_000.0  # PX4 makes 99 Hz of that
+_ASK_AGAIN_S = 2.0
+_MOCAP_PERIOD_S = 0.019
+_MOCAP_NOISE_M = 0.002
+_EARTH_RADIUS_M = 6_371_000.0
+_GROUND_M, _STILL_M_S = 0.10, 0.10
+
+Vec3 = tuple[float, float, float]
+
+
+def east_north_m(origin: tuple[float, float], place: tuple[float, float]) -> tuple[float, float]:
+    """East and north from one place on Earth to another, latitude and longitude in degrees; for a few kilometres."""
+    north = math.radians(place[0] - origin[0])
+    middle = math.radians(0.5 * (place[0] + origin[0]))
+    return _EARTH_RADIUS_M * math.radians(place[1] - origin[1]) * math.cos(middle), _EARTH_RADIUS_M * north
+
+
+@dataclass(slots=True)
+class Body:
+    """One vehicle's true state in the fleet frame.
+
+    Without a global origin of the fleet, or with ``is_placed``, the vehicle's first place counts as the one of the
+    fleet file: simulated vehicles may then all begin at the same place on Earth.
+    """
+
+    vehicle: Vehicle
+    origin: Origin | None
+    _begin: tuple[float, float, float] | None = field(default=None)
+
+    def truth(self, state: dict[str, Any], stamp_ns: int) -> Truth:
+        """From the fields of HIL_STATE_QUATERNION."""
+        at = (state["lat"] * 1e-7, state["lon"] * 1e-7, state["alt"] * 1e-3)
+        self._begin = self._begin or at
+        start = self.vehicle.start_enu_m
+        if self.origin is None:
+            east, north = east_north_m(self._begin[:2], at[:2])
+            east, north = east + start[0], north + start[1]
+        else:
+            east, north = east_north_m((self.origin.latitude_deg, self.origin.longitude_deg), at[:2])
+        height = at[2] - self._begin[2] + start[2]
+        w, x, y, z = enu_flu_from_ned_frd(np.array(state["attitude_quaternion"], dtype=np.float64)).tolist()
+        velocity = (0.01 * state["vy"], 0.01 * state["vx"], -0.01 * state["vz"])
+        return Truth(
+            vehicle=self.vehicle.name,
+            stamp_ns=stamp_ns,
+            position_enu_m=(east, north, height),
+            velocity_enu_m_s=velocity,
+            quaternion_enu_flu_wxyz=(w, x, y, z),
+            is_on_ground=height - start[2] < _GROUND_M and math.hypot(*velocity) < _STILL_M_S,
+            is_collided=False,  # vehicles of different PX4s fly through each other
+        )
+
+
+class Listener(asyncio.DatagramProtocol):
+    """One PX4's truth link: asks for the rate it needs, hands every state on.
+
+    heard: how many states have come.
+    """
+
+    def __init__(self, system_id: int, take: Callable[[dict[str, Any], int], None]) -> None:
+        self.heard = 0
+        self._system_id, self._take = system_id, take
+        self._decoder, self._encoder = Decoder(), Encoder(system_id=255, component_id=190)
+        self._asked_s = -math.inf
+        self._transport: asyncio.DatagramTransport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Keep the socket, to ask PX4."""
+        self._transport = cast(asyncio.DatagramTransport, transport)
+
+    def datagram_received(self, data: bytes, addr: tuple[str | Any, int]) -> None:
+        """One datagram of PX4."""
+        now_ns = time.monotonic_ns()
+        for message in self._decoder.decode(data):
+            if message.system_id != self._system_id:
+                continue
+            if message.name == _STATE:
+                self.heard += 1
+                self._take(message.fields, now_ns)
+            elif message.name == _ACTUATORS and now_ns * 1e-9 - self._asked_s > _ASK_AGAIN_S:
+                # what PX4 sends here unasked: it has just started, or has not heard us yet
+                self._asked_s = now_ns * 1e-9
+                self._ask(addr, ID_BY_NAME[_STATE], _PERIOD_US)
+                self._ask(addr, ID_BY_NAME[_ACTUATORS], -1.0)
+
+    def _ask(self, addr: tuple[str | Any, int], message_id: int, period_us: float) -> None:
+        assert self._transport is not None
+        command = self._encoder.encode_named(
+            "COMMAND_LONG",
+            target_system=self._system_id,
+            target_component=1,
+            command=_SET_MESSAGE_INTERVAL,
+            param1=float(message_id),
+            param2=period_us,
+        )
+        self._transport.sendto(command, addr)
+
+
+@dataclass(slots=True)
+class Relay:
+    """Truth, and poses if wanted, of one vehicle onto the bus."""
+
+    bus: BusSession
+    body: Body
+    with_mocap: bool
+    boot_id: int
+    noise: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    _sequence: int = 0
+    _pose_s: float = -math.inf
+
+    def take(self, state: dict[str, Any], stamp_ns: int) -> None:
+        """Publish one state."""
+        truth = self.body.truth(state, stamp_ns)
+        vehicle = self.body.vehicle
+        self.bus.publish(Topic.TRUTH, vehicle.name, truth)
+        if not self.with_mocap or stamp_ns * 1e-9 - self._pose_s < _MOCAP_PERIOD_S:
+            return
+        self._pose_s = stamp_ns * 1e-9
+        self._sequence += 1
+        name = vehicle.mocap_body or vehicle.name
+        # no camera is that still: agents take poses that are the same to the last bit for frozen ones
+        x, y, z = (truth.position_enu_m + self.noise.normal(0.0, _MOCAP_NOISE_M, 3)).tolist()
+        pose = MocapPose(
+            body=name,
+            boot_id=self.boot_id,
+            sequence=self._sequence,
+            stamp_ns=stamp_ns,
+            is_tracked=True,
+            position_enu_m=(x, y, z),
+            quaternion_enu_flu_wxyz=truth.quaternion_enu_flu_wxyz,
+        )
+        self.bus.publish(Topic.MOCAP, name, pose)
+
+
+async def _run(fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, with_mocap: bool) -> int:
+    loop, stopped = asyncio.get_running_loop(), asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stopped.set)
+    boot_id = time.time_ns() & 0x7FFFFFFF
+    listeners: dict[str, Listener] = {}
+    transports = []
+    bus.start()
+    try:
+        for name in names:
+            vehicle = fleet.vehicles[name]
+            relay = Relay(bus, Body(vehicle, fleet.fleet.global_origin), with_mocap, boot_id)
+            port = _FIRST_PORT + vehicle.system_id - 1
+            listener = Listener(vehicle.system_id, relay.take)
+            try:
+                transport, _ = await loop.create_datagram_endpoint(
+                    lambda listener=listener: listener,  # type: ignore[misc]
+                    ("127.0.0.1", port),
+                )
+            except OSError as error:
+                print(
+                    f"sitl-truth: UDP port {port} of {name} is taken ({error.strerror}). Stop who listens there.",
+                    file=sys.stderr,
+                )
+                return EXIT_WRONG_INPUT
+            listeners[name] = listener
+            transports.append(transport)
+        places = ", ".join(f"{name} at {_FIRST_PORT + fleet.vehicles[name].system_id - 1}" for name in names)
+        print(f"listening: {places}", flush=True)
+        before = dict.fromkeys(names, False)
+        while not stopped.is_set():
+            counts = {name: listener.heard for name, listener in listeners.items()}
+            try:
+                await asyncio.wait_for(stopped.wait(), 2.0)
+            except TimeoutError:
+                for name, listener in listeners.items():
+                    is_heard = listener.heard > counts[name]
+                    if is_heard != before[name]:
+                        before[name] = is_heard
+                        print(f"{name}: {'heard' if is_heard else 'silent'}", flush=True)
+    finally:
+        for transport in transports:
+            transport.close()
+        bus.stop()
+    return EXIT_OK
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command `covey sitl-truth`."""
+    parser = argparse.ArgumentParser(
+        prog="covey sitl-truth",
+        description="Put the ground truth of real PX4s (SITL with SIH) on the fleet's bus, for verdicts and records.",
+    )
+    parser.add_argument("--fleet", required=True, help="fleet file")
+    parser.add_argument("--vehicles", help="names or places (default: all enabled)")
+    parser.add_argument("--mocap", action="store_true", help="publish it as motion capture too, at 50 Hz")
+    arguments = parser.parse_args(argv)
+    try:
+        fleet = load_fleet(arguments.fleet)
+        names = fleet.select(arguments.vehicles)
+    except ConfigError as error:
+        print(f"sitl-truth: {error}", file=sys.stderr)
+        return EXIT_WRONG_INPUT
+    agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
+    bus = BusSession(namespace=fleet.namespace, node="sitl", listen=[fleet.simulator_endpoint], connect=agents)
+    try:
+        return asyncio.run(_run(fleet, names, bus, with_mocap=arguments.mocap))
+    except BusError as error:
+        print(f"sitl-truth: {error}", file=sys.stderr)
+        return EXIT_WRONG_INPUT
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,91 @@
+"""Where contestants fly: the simulated campaigns, with a contestant's controller in the place of the product's."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from onboard.control.pipeline import PipelineParams
+from onboard.types import Array
+from sitl.monte_carlo import flight, scenarios, settings
+from tests.bench.peers.contestants import Contestant, TimedPipeline
+from tests.bench.peers.report import Outcome
+
+MIX = scenarios.MIX
+
+
+@dataclass(frozen=True, slots=True)
+class Flights:
+    """Outcomes of one contestant in one scenario; busy_s in its law for vehicle_steps calls for one vehicle."""
+
+    outcomes: tuple[Outcome, ...]
+    busy_s: float
+    vehicle_steps: int
+
+
+def size(scenario: str) -> int:
+    """Number of vehicles."""
+    return scenarios.vehicle_count(scenario)
+
+
+def fly(
+    contestant: Contestant, scenario: str, seeds: Sequence[int], *, errors: str = "mocap", types: str | None = None
+) -> Flights:
+    """The flights of a scenario, one for each seed; ``types`` are given to the vehicles in turn (None: sih)."""
+    made: list[TimedPipeline] = []
+    flown = _flown(contestant, scenario, seeds, errors, made, types=types)
+    outcomes = [
+        Outcome(
+            scenario=scenario,
+            seed=one.plan.seed,
+            success=one.outcome.is_success,
+            min_separation_m=one.outcome.min_separation_m,
+            violation_s=one.outcome.violation_s,
+            collision=one.outcome.is_collision,
+            ratio=one.outcome.makespan_s / one.straight_line_s if math.isfinite(one.straight_line_s) else math.nan,
+            relaxed_share=one.outcome.relaxed_share,
+            slew_m_s3=one.outcome.slew_rms_m_s3,
+            max_speed_m_s=one.outcome.max_speed_m_s,
+        )
+        for one in flown
+    ]
+    return Flights(tuple(outcomes), sum(own.law.busy_s for own in made), sum(own.law.vehicle_steps for own in made))
+
+
+def trace(
+    contestant: Contestant,
+    scenario: str,
+    seed: int,
+    *,
+    errors: str = "mocap",
+    sets: Sequence[str] = (),
+    types: str | None = None,
+) -> tuple[Array, Array]:
+    """One flight: time (T,), true positions (T, N, 3)."""
+    chosen = dataclasses.replace(contestant, sets=(*contestant.sets, *sets))
+    (one,) = _flown(chosen, scenario, [seed], errors, [], types=types, has_trace=True)
+    if one.outcome.trace is None:
+        raise RuntimeError("The campaign has kept no trace although it was asked to.")
+    return one.outcome.trace.t_s, one.outcome.trace.position_enu_m
+
+
+def _flown(
+    contestant: Contestant,
+    scenario: str,
+    seeds: Sequence[int],
+    errors: str,
+    made: list[TimedPipeline],
+    *,
+    types: str | None = None,
+    has_trace: bool = False,
+) -> list[flight.Flown]:
+    setup = settings.choose(law=contestant.law, types=types, errors=errors, changes=contestant.sets)
+    plans = [scenarios.plan(scenario, seed) for seed in seeds]
+
+    def controller(params: Sequence[PipelineParams], start_enu_m: Array) -> TimedPipeline:
+        made.append(contestant.controller(params, start_enu_m))
+        return made[-1]
+
+    return flight.fly(plans, setup, controller=controller, has_trace=has_trace)

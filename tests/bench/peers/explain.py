@@ -1,0 +1,104 @@
+"""Pictures for docs/law.md, each made by flying or computing what it shows: ``covey bench law --explain``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from onboard.avoidance import constraints
+from onboard.avoidance.params import LawParams
+from onboard.avoidance.projection import Rows, no_rows, project
+from onboard.config.fleet import load_fleet
+from tests.bench.peers import arena, ideal_ring, pictures
+from tests.bench.peers.ablation import VARIANTS
+from tests.bench.peers.contestants import COVEY, PEERS, Contestant
+from tests.bench.peers.encounter import Array, length
+
+_FLEET = Path(__file__).parents[3] / "configs/fleets/paper.toml"
+WEAK = "ardrone"
+# nothing errs: only the vehicle's own lag and limits are left
+_STILL = ("delay_s=0", "loss_share=0", "gust_m_s2=0", "lag_mismatch=0", "gain=0")
+_UNDISTURBED: dict[str, Any] = {
+    "errors": "none",
+    "sets": (*_STILL, "sitl.static_gain=1", "sitl.tilt_bias_deg=0"),
+    "types": WEAK,
+}
+
+
+def draw(folder: Path) -> list[Path]:
+    """Draw all of them into ``folder``; returns their paths."""
+    drawn = {
+        "law_half_planes.png": half_planes,
+        "law_ring.png": ring,
+        "law_lag.png": lag,
+        "law_turn.png": turn,
+    }
+    paths = []
+    for name, picture in drawn.items():
+        paths.append(folder / name)
+        picture(paths[-1])
+    return paths
+
+
+def half_planes(path: Path) -> None:
+    """One tick in which a vehicle is asked to fly between two neighbours that come nearer."""
+    numbers = LawParams().numbers
+    gap = np.array([[-1.15, -0.50], [-0.15, 1.10]])  # own minus neighbour's
+    closing = np.array([[0.50, 0.25], [0.20, -0.30]])
+    d = np.full(2, numbers.safety_distance_m + numbers.margin_m)
+    normals, bounds = constraints.distance_rows(gap, closing, d, np.zeros((2, 2)), np.zeros(2, bool), n=numbers)
+    wanted, radius = np.array([3.5, -1.9]), 4.5
+    found = project(
+        wanted[None],
+        Rows(normals[None], bounds[None], np.ones((1, 2), bool)),
+        no_rows((1,)),
+        radius_m_s2=np.array([radius]),
+    ).point_m_s2[0]
+    names = ["forbidden by neighbour 1", "forbidden by neighbour 2"]
+    pictures.half_planes(wanted, found, normals, bounds, names, radius, path)
+
+
+def nearest(track: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Time, and the smallest distance of any pair at that time."""
+    t_s, positions = track
+    first, second = np.triu_indices(positions.shape[1], 1)
+    return t_s, length((positions[:, first] - positions[:, second])[..., :2]).min(-1)
+
+
+def ring(path: Path) -> None:
+    """The paper's ring where its assumptions hold, and on vehicles that have to tilt first."""
+    t_s, positions, _ = ideal_ring.fly(load_fleet(_FLEET), (0, 1, 2))
+    printed = replace(PEERS["ring"], change=COVEY.change)
+    curves = {
+        "as in the proof: no lag, no error": nearest((t_s, positions)),
+        "nothing errs, but the drone has to tilt": nearest(arena.trace(printed, "form3", 0, **_UNDISTURBED)),
+        "everything errs a little": nearest(arena.trace(printed, "form3", 0, types=WEAK)),
+    }
+    pictures.histories(curves, path, "The paper's ring, three vehicles into a triangle", {"0.80 m": 0.8}, 14.0)
+
+
+def lag(path: Path) -> None:
+    """Two vehicles that change places, with and without prediction over the own lag."""
+    variants: Sequence[tuple[str, Contestant]] = [
+        ("Covey", COVEY),
+        ("no prediction", VARIANTS["no-prediction"]),
+        ("no avoidance", PEERS["off"]),
+    ]
+    curves = {name: nearest(arena.trace(contestant, "swap8", 3, types=WEAK)) for name, contestant in variants}
+    title = "Eight weak vehicles change places: smallest distance of all pairs"
+    pictures.histories(curves, path, title, {"0.80 m": 0.8}, 20.0)
+
+
+def turn(path: Path) -> None:
+    """Exact swaps, where nobody has a reason to prefer a side."""
+    variants = {"no rotation rows": VARIANTS["no-rotation"], "own direction only": VARIANTS["pair"], "Covey": COVEY}
+    traces = {
+        f"{name}, {scenario[4:-1]} vehicles": arena.trace(contestant, scenario, 1)[1]
+        for scenario in ("swap2x", "swap8x")
+        for name, contestant in variants.items()
+    }
+    pictures.paths(traces, path, "Who turns about whom", columns=3)

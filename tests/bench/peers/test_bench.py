@@ -1,0 +1,123 @@
+"""``covey bench law`` flies everybody, writes tables that say what happened, and the pages point at what exists."""
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+from groundstation import cli
+from onboard.control import pipeline
+from sitl.monte_carlo import flight, scenarios, settings
+from tests.bench.peers import bench, pages
+from tests.bench.peers.ablation import VARIANTS
+from tests.bench.peers.arena import fly
+from tests.bench.peers.contestants import COVEY, PEERS, same
+from tests.bench.peers.report import Outcome, interval, summary, table
+
+ROOT = Path(__file__).parents[3]
+PAGES = ["law.md", "law-bench.md", "law-ablation.md", "law-tuning.md"]
+
+
+def rows_of(markdown: str) -> dict[str, list[str]]:
+    """The first table that has a column of separations: first cell of each line, and the others."""
+    lines = [line for line in markdown.splitlines() if line.startswith("|")]
+    start = next(k for k, line in enumerate(lines) if "worst m" in line)
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[start + 2 :]]
+    width = len(lines[start].strip("|").split("|"))
+    return {row[0]: row[1:] for row in cells if len(row) == width}
+
+
+@pytest.mark.timeout(600)
+def test_the_quick_bench_flies_everybody_and_its_table_says_who_kept_the_distance(tmp_path, capsys):
+    (tmp_path / "law.md").write_text("before\n<!-- bench: comparison -->\nold\n<!-- end -->\nafter\n")
+    assert bench.main(["--quick", "--seeds", "0:1", "--jobs", "1", "--out", str(tmp_path)]) == 0
+    page = (tmp_path / "law-bench.md").read_text()
+    rows = rows_of(page)
+    assert list(rows) == [contestant.title for contestant in PEERS.values()]
+    flights, success, below, _, worst = rows["Covey"][:5]
+    assert (flights, success, below) == ("2", "100 %", "0 % (0-78)")
+    assert float(worst) > 0.8
+    assert rows["no avoidance"][2].startswith("100 %")
+    assert "covey bench law --quick --seeds 0:1 --out docs" in page
+    explained = (tmp_path / "law.md").read_text()
+    assert "old" not in explained
+    assert explained.startswith("before")
+    assert explained.endswith("after\n")
+    assert rows_of(explained) == rows
+    for name in re.findall(r"\]\((figures/[^)]+)\)", page):
+        assert (tmp_path / name).stat().st_size > 10_000
+    assert "Covey" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("contestant", [*VARIANTS.values(), *PEERS.values()], ids=lambda one: one.title)
+def test_what_a_contestant_sets_exists(contestant):
+    fleet = settings.choose(law=contestant.law, changes=contestant.sets).fleet(4)
+    params = pipeline.pipeline_params(fleet, "v0")
+    changed = contestant.change(params)
+    is_alike = changed == params and not contestant.sets
+    assert not is_alike or contestant.step or contestant.hear is not same or contestant is COVEY
+
+
+def test_a_contestant_in_the_laws_place_changes_nothing_when_it_is_the_law_itself():
+    ours = fly(COVEY, "swap4", [3]).outcomes[0]
+    (plain,) = flight.fly([scenarios.plan("swap4", 3)], settings.choose())
+    # not to the bit: the law itself flies in one compiled pass, a contestant stage by stage
+    assert ours.min_separation_m == pytest.approx(plain.outcome.min_separation_m, abs=1e-6)
+    assert ours.ratio == pytest.approx(plain.outcome.makespan_s / plain.straight_line_s, abs=1e-6)
+
+
+def outcome(separation_m, ratio=1.2):
+    is_there = math.isfinite(ratio)
+    return Outcome("swap4", 0, is_there, separation_m, 0.1 * (separation_m < 0.8), separation_m < 0.5, ratio, 0, 9, 1)
+
+
+def test_a_summary_counts_what_happened_and_takes_the_ratio_of_those_that_arrived():
+    found = summary([outcome(0.9), outcome(0.7, 1.4), outcome(0.4, math.inf), outcome(1.0)], 3.0)
+    assert (found.flights, found.successes, found.violations, found.collisions) == (4, 3, 2, 1)
+    assert found.worst_m == 0.4
+    assert found.ratio == pytest.approx((1.2 + 1.4 + 1.2) / 3)
+    assert "| a | 4 | 75 % | 50 % (6.8-93) | 1 | 0.400 |" in table({"a": found})
+
+
+def test_none_of_n_is_bounded_by_three_over_n():
+    assert interval(0, 300) == pytest.approx((0.0, 3.0 / 300), rel=0.01)
+    assert interval(300, 300)[0] == pytest.approx(1.0 - 3.0 / 300, rel=0.001)
+    low, high = interval(5, 100)  # Clopper and Pearson's own kind of table: 1.64 to 11.28 per cent
+    assert (low, high) == pytest.approx((0.01643, 0.11284), abs=1e-5)
+
+
+def test_wrong_seeds_are_refused_in_words(capsys):
+    assert cli.main(["bench", "law", "--seeds", "9:3"]) == 2
+    assert "--seeds is '9:3'" in capsys.readouterr().err
+
+
+def test_outside_of_a_clone_the_command_says_where_it_lives(tmp_path, monkeypatch, capsys):
+    (tmp_path / "groundstation").mkdir()
+    monkeypatch.setattr(cli, "__file__", str(tmp_path / "groundstation" / "cli.py"))
+    assert cli.main(["bench", "law"]) == 2
+    assert "Run it in a clone" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_link_and_figure_of_the_law_pages_exists(name):
+    page = ROOT / "docs" / name
+    targets = re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8"))
+    assert targets or name in ("law-tuning.md",)
+    for target in targets:
+        assert (page.parent / target).exists(), f"docs/{name} points at {target}, which is not there"
+
+
+@pytest.mark.parametrize(("name", "block"), [("law.md", "comparison"), ("law.md", "ablation")])
+def test_the_tables_of_the_law_page_are_filled_in(name, block):
+    text = (ROOT / "docs" / name).read_text(encoding="utf-8")
+    filled = text.partition(f"<!-- bench: {block} -->")[2].partition("<!-- end -->")[0]
+    assert "Written by `covey bench law" in filled
+    assert "| **Covey**" in filled or "| Covey |" in filled
+
+
+def test_a_page_without_the_place_for_a_table_stays_as_it_is(tmp_path):
+    page = tmp_path / "law.md"
+    page.write_text("nothing here\n")
+    pages.insert(page, "comparison", "table")
+    assert page.read_text() == "nothing here\n"

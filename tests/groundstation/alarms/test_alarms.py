@@ -1,0 +1,257 @@
+"""Alarms: the table is whole, and what lasts is one line."""
+
+from __future__ import annotations
+
+import pytest
+
+from groundstation.alarms.alarms import LINGER_S, MAX_OVER, Alarms, conditions, lasting
+from groundstation.alarms.table import TABLE, Ground, Severity
+from groundstation.fleet import state as fleet_state
+from groundstation.fleet.state import FleetState
+from onboard.bus.schema import Event, Truth
+from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.safety.failsafe_table import Condition
+from tests.groundstation.console.fake import telemetry
+
+SECOND = 1_000_000_000
+
+
+class Ground3:
+    """Three vehicles, and a clock that the test turns."""
+
+    def __init__(self) -> None:
+        self.fleet: FleetConfig = load_fleet("configs/fleets/paper.toml")
+        self.state: FleetState = fleet_state.initial(self.fleet)
+        self.alarms = Alarms(self.fleet)
+        self.now_ns, self.sequence = 100 * SECOND, 0
+
+    def hear(self, vehicle: str = "mav0", **changes: object) -> None:
+        self.sequence += 1
+        place = {"position_enu_m": (2.0 * self.fleet.enabled_names.index(vehicle) - 1.5, 0.0, 1.0)}
+        told = telemetry(vehicle, sequence=self.sequence, **{**place, **changes})
+        self.state = fleet_state.fold(self.state, told, self.now_ns)
+
+    def all_hear(self, **changes: object) -> None:
+        for name in self.fleet.enabled_names:
+            self.hear(name, **changes)
+
+    def kinds(self) -> list[object]:
+        return [alarm.kind for alarm in conditions(self.state, self.fleet, self.now_ns)]
+
+    def wait(self, seconds: float) -> None:
+        self.now_ns += int(seconds * SECOND)
+
+    def update(self) -> None:
+        self.alarms.update(self.state, self.now_ns)
+
+    def texts(self) -> list[str]:
+        return [line.text(self.now_ns) for line in self.alarms.lines]
+
+
+@pytest.fixture
+def ground() -> Ground3:
+    return Ground3()
+
+
+@pytest.mark.parametrize("condition", list(Condition), ids=lambda condition: condition.name)
+def test_every_failsafe_condition_has_an_alarm_with_a_sentence_and_advice(
+    ground: Ground3, condition: Condition
+) -> None:
+    assert TABLE[condition].sentence
+    assert TABLE[condition].advice
+    assert TABLE[condition].in_flight > Severity.NOTE
+    ground.all_hear()
+    ground.hear("mav1", conditions=(condition.value,))
+    found = conditions(ground.state, ground.fleet, ground.now_ns)
+    assert [(alarm.kind, alarm.subject) for alarm in found] == [(condition, "mav1")]
+    assert "mav1" in found[0].sentence
+
+
+def test_every_row_of_the_table_can_be_written_as_a_sentence() -> None:
+    for kind in Ground:
+        row = TABLE[kind]
+        assert row.on_ground <= row.in_flight
+        assert "{" not in row.sentence.format(who="mav0", what="3")
+
+
+def test_a_condition_that_this_console_does_not_know_is_told_in_its_own_words(ground: Ground3) -> None:
+    ground.all_hear()
+    ground.hear("mav2", conditions=("propeller\x1b[2J missing",))
+    (alarm,) = conditions(ground.state, ground.fleet, ground.now_ns)
+    assert alarm.kind is Ground.UNKNOWN
+    assert alarm.sentence == "mav2: propeller [2J missing"
+
+
+def test_all_well_is_no_alarm(ground: Ground3) -> None:
+    ground.all_hear()
+    assert ground.kinds() == []
+
+
+def test_what_numbers_show_is_an_alarm_even_if_the_vehicle_does_not_report_it(ground: Ground3) -> None:
+    ground.all_hear()
+    ground.hear("mav0", battery_frac=0.05)
+    ground.hear("mav1", is_position_valid=False)
+    ground.hear("mav2", position_enu_m=(500.0, 0.0, 1.0))
+    assert set(ground.kinds()) == {Condition.BATTERY_LOW, Condition.POSITION_LOST, Condition.FENCE_BREACH}
+
+
+def test_of_two_that_say_the_same_only_the_worse_is_told(ground: Ground3) -> None:
+    ground.all_hear()
+    both = (Condition.BUS_LOST.value, Condition.BUS_LOST_LONG.value)
+    ground.hear("mav0", conditions=both)
+    assert ground.kinds() == [Condition.BUS_LOST_LONG]
+
+
+def test_silence_is_critical_in_the_air_and_a_warning_on_the_ground(ground: Ground3) -> None:
+    ground.all_hear()
+    ground.hear("mav1", is_airborne=False, position_enu_m=(0.5, 0.0, 0.0))
+    ground.wait(5.0)
+    found = {alarm.subject: alarm.severity for alarm in conditions(ground.state, ground.fleet, ground.now_ns)}
+    assert found == {"mav0": Severity.CRITICAL, "mav1": Severity.WARNING, "mav2": Severity.CRITICAL}
+
+
+def test_a_silence_counts_from_the_last_word(ground: Ground3) -> None:
+    ground.all_hear()
+    ground.wait(7.0)
+    ground.update()
+    assert "mav0: silent (7 s)" in ground.texts()[0]
+
+
+def test_every_pair_below_the_limit_is_named_with_its_distance(ground: Ground3) -> None:
+    ground.hear("mav0", position_enu_m=(0.0, 0.0, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0))
+    ground.hear("mav1", position_enu_m=(0.3, 0.0, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0))
+    ground.hear("mav2", position_enu_m=(0.6, 0.0, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0))
+    found = conditions(ground.state, ground.fleet, ground.now_ns)
+    assert [alarm.subject for alarm in found] == ["mav0 – mav1", "mav0 – mav2", "mav1 – mav2"]
+    assert "0.30 m apart" in found[0].sentence
+
+
+def test_a_collision_by_ground_truth_is_the_worst_of_all(ground: Ground3) -> None:
+    ground.all_hear(battery_frac=0.01)
+    zero = (0.0, 0.0, 0.0)
+    truth = Truth(vehicle="mav2", stamp_ns=1, position_enu_m=zero, velocity_enu_m_s=zero,
+                  quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0), is_on_ground=False, is_collided=True)  # fmt: skip
+    ground.state = fleet_state.fold(ground.state, truth, ground.now_ns)
+    ground.update()
+    assert ground.alarms.worst is not None
+    assert ground.alarms.worst.alarm.sentence == "mav2 collided"
+
+
+def test_an_alarm_that_lasts_is_one_line_with_a_duration(ground: Ground3) -> None:
+    for _ in range(700):
+        ground.all_hear()
+        ground.hear("mav1", conditions=(Condition.LOOP_LATE.value,))
+        ground.update()
+        ground.wait(0.1)
+    (line,) = ground.texts()
+    assert line.startswith("mav1: its loop is late (1 min 10 s). ")
+    assert ground.alarms.over == []
+
+
+def test_an_alarm_that_flickers_is_one_line_and_rings_once(ground: Ground3) -> None:
+    news = 0
+    for step in range(100):
+        ground.all_hear()
+        if step % 2:
+            ground.hear("mav1", conditions=(Condition.POSITION_STALE.value,))
+        ground.update()
+        news += ground.alarms.is_news
+        ground.wait(0.1)
+    assert news == 1
+    assert len(ground.alarms.lines) == 1
+    assert ground.alarms.over == []
+
+
+def test_an_alarm_that_ends_is_kept_as_over_with_how_long_it_lasted(ground: Ground3) -> None:
+    ground.all_hear(battery_frac=0.05)
+    ground.hear("mav1")
+    ground.hear("mav2")
+    ground.update()
+    ground.wait(0.5)
+    ground.all_hear()
+    ground.update()
+    ground.wait(LINGER_S + 0.1)
+    ground.all_hear()
+    ground.update()
+    assert ground.alarms.lines == []
+    (line,) = ground.alarms.over
+    assert line.alarm.kind is Condition.BATTERY_LOW
+    assert "over for 3 s" in line.text(ground.now_ns)
+
+
+def test_an_acknowledged_alarm_stays_in_sight_behind_the_open_ones(ground: Ground3) -> None:
+    ground.all_hear()
+    ground.hear("mav0", conditions=(Condition.FALLEN.value,))
+    ground.update()
+    assert ground.alarms.acknowledge(ground.alarms.worst) == 1
+    ground.hear("mav1", conditions=(Condition.LOOP_LATE.value,))
+    ground.update()
+    assert [line.alarm.kind for line in ground.alarms.lines] == [Condition.LOOP_LATE, Condition.FALLEN]
+    assert ground.alarms.lines[1].is_acknowledged
+    assert ground.alarms.acknowledge() == 1
+
+
+def test_what_gets_worse_after_it_was_acknowledged_presses_and_rings_again(ground: Ground3) -> None:
+    ground.all_hear(is_airborne=False)
+    ground.hear("mav0", is_airborne=False, conditions=(Condition.POSITION_LOST.value,))
+    ground.update()
+    ground.alarms.acknowledge()
+    ground.wait(0.1)
+    ground.hear("mav0", is_airborne=True, conditions=(Condition.POSITION_LOST.value,))
+    ground.update()
+    assert ground.alarms.is_news
+    assert ground.alarms.worst is not None
+    assert not ground.alarms.worst.is_acknowledged
+
+
+def test_the_same_alarm_of_many_vehicles_is_one_line_and_acknowledged_together(ground: Ground3) -> None:
+    names = [f"mav{index}" for index in range(8)]
+    views = {name: fleet_state.VehicleView(name) for name in names}
+    state = fleet_state.FleetState(views)
+    for index, name in enumerate(names):
+        told = telemetry(name, position_enu_m=(0.2 * index, 0.0, 0.0), is_airborne=False, battery_frac=0.1)
+        state = fleet_state.fold(state, told, ground.now_ns)
+    ground.alarms.update(state, ground.now_ns)
+    (line,) = ground.alarms.lines
+    assert line.count == 8
+    assert line.alarm.sentence == "8 of them: mav0, mav1, mav2 and 5 more: battery low, 10 %"
+    assert ground.alarms.acknowledge(line) == 8
+    assert [line.alarm.kind for line in ground.alarms.of("mav7")] == [Condition.BATTERY_WARNING]
+
+
+def test_an_event_that_ends_the_record_stays_until_it_is_acknowledged(ground: Ground3) -> None:
+    ground.all_hear()
+    event = Event(vehicle="ground", stamp_ns=1, severity="critical", code="record_failed", sentence="The disk is full.")
+    ground.state = fleet_state.fold(ground.state, event, ground.now_ns)
+    for _ in range(100):
+        ground.all_hear()
+        ground.update()
+        ground.wait(0.1)
+    assert [line.alarm.kind for line in ground.alarms.lines] == [Ground.RECORD_ENDED]
+    ground.alarms.acknowledge()
+    ground.update()
+    assert ground.alarms.lines == []
+    assert [line.alarm.kind for line in ground.alarms.over] == [Ground.RECORD_ENDED]
+
+
+def test_a_vehicle_that_comes_and_goes_a_thousand_times_costs_no_memory(ground: Ground3) -> None:
+    for _ in range(1000):
+        ground.all_hear(battery_frac=0.05)
+        ground.update()
+        ground.all_hear()
+        ground.wait(LINGER_S + 1.0)
+        ground.all_hear()
+        ground.update()
+    assert len(ground.alarms.over) == MAX_OVER
+    assert ground.alarms.lines == []
+
+
+def test_telemetry_that_is_not_finite_raises_nothing(ground: Ground3) -> None:
+    nan = float("nan")
+    ground.all_hear(battery_frac=nan, position_enu_m=(nan, nan, nan), state="failed", reason="\n")
+    ground.update()
+    assert all(line.alarm.kind in (Ground.FAILED, Condition.POSITION_LOST) for line in ground.alarms.lines)
+
+
+def test_durations_are_short_and_right() -> None:
+    assert [lasting(value) for value in (0.0, 59.9, 61.0, 7500.0)] == ["0 s", "59 s", "1 min 1 s", "2 h 5 min"]

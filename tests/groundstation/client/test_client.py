@@ -1,0 +1,279 @@
+"""The client on a real bus with a fake agent, and on a fake bus with silent ones."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import socket
+import threading
+import time
+import tomllib
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import pytest
+
+from groundstation.client.client import FleetClient
+from groundstation.client.direct_mavlink import DirectResult, mavutil_address, send_direct
+from groundstation.orders.grammar import OrderError
+from groundstation.processes.free_ports import with_free_ports
+from onboard.bus.codec import Malformed
+from onboard.bus.schema import Event, Order, OrderReply, TickBatch
+from onboard.bus.session import BusSession
+from onboard.bus.topics import Topic
+from onboard.config.fleet import FleetConfig, fleet_from_mapping
+from tests.groundstation.recorded import tick
+
+
+@pytest.fixture
+def private_fleet(fleet: FleetConfig) -> FleetConfig:
+    return fleet_from_mapping(with_free_ports(tomllib.loads(fleet.text), fleet))
+
+
+async def test_an_agent_on_a_real_bus_is_seen_ordered_and_heard(
+    private_fleet: FleetConfig, make_telemetry: Callable[..., Any]
+) -> None:
+    agent = BusSession(
+        namespace=private_fleet.namespace, node="mav0", listen=[private_fleet.vehicles["mav0"].agent], connect=[]
+    )
+    loop = asyncio.get_running_loop()
+    got: list[Order] = []
+
+    def answer(order: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
+        assert isinstance(order, Order)
+        got.append(order)
+        loop.call_soon_threadsafe(finish, order, reply)
+
+    def finish(order: Order, reply: Callable[[OrderReply], None]) -> None:
+        accepted = order.kind != "arm"
+        reply(
+            OrderReply(order_id=order.order_id, vehicle="mav0", is_accepted=accepted, reason="" if accepted else "No.")
+        )
+        if accepted:
+            event = Event(
+                vehicle="mav0",
+                stamp_ns=1,
+                severity="info",
+                code="order",
+                sentence="Landed.",
+                order_id=order.order_id,
+                order_outcome="done",
+            )
+            loop.call_later(0.05, agent.publish, Topic.EVENT, "mav0", event)
+
+    async def publish_for_ever() -> None:
+        for sequence in itertools.count():  # like telemetry: what is sent before the bus knows its hearers is lost
+            agent.publish(Topic.TELEMETRY, "mav0", make_telemetry("mav0", sequence=sequence))
+            agent.publish(Topic.TELEMETRY, "mav1", make_telemetry("mav2"))  # a name that is not the key's
+            await asyncio.sleep(0.05)
+
+    await asyncio.to_thread(agent.start)
+    agent.serve_orders("mav0", answer)
+    client = FleetClient(private_fleet, author="tester", extra_topics=(Topic.STATE,))
+    heard: list[tuple[Topic, str]] = []
+    client.add_sink(lambda topic, name, message, now_ns: heard.append((topic, name)))
+    await client.start()
+    try:
+        assert await client.wait_for(lambda state: state.vehicles["mav0"].is_alive, 10.0)
+        beat = asyncio.create_task(publish_for_ever())
+        assert await client.wait_for(lambda state: state.vehicles["mav0"].telemetry is not None, 5.0)
+        landed = (await client.order("land mav0", 5.0))["mav0"]
+        assert (landed.phase, landed.sentence) == ("done", "Landed.")
+        refused = (await client.order("arm mav0", 5.0))["mav0"]
+        assert (refused.phase, refused.sentence) == ("refused", "No.")
+        assert await client.wait_for(lambda state: state.malformed > 0, 5.0)
+        beat.cancel()
+        assert [order.author for order in got] == ["tester", "tester"]
+        assert {(Topic.ORDER, "mav0"), (Topic.TELEMETRY, "mav0"), (Topic.EVENT, "mav0")} <= set(heard)
+        await asyncio.to_thread(agent.stop)
+        assert await client.wait_for(lambda state: not state.vehicles["mav0"].is_alive, 10.0)
+    finally:
+        await client.stop()
+        await asyncio.to_thread(agent.stop)
+
+
+async def test_the_values_of_a_vehicle_that_is_looked_at_come_over_a_real_bus(private_fleet: FleetConfig) -> None:
+    agent = BusSession(namespace=private_fleet.namespace, node="mav0", listen=[private_fleet.vehicles["mav0"].agent])
+    await asyncio.to_thread(agent.start)
+    client = FleetClient(private_fleet, author="tester")
+    await client.start()
+    try:
+        client.ticks.follow("mav0")
+        async with asyncio.timeout(10.0):
+            while not client.ticks.values:
+                agent.publish(Topic.TICK, "mav0", TickBatch(vehicle="mav0", boot_id=1, sequence=1, ticks=(tick(1),)))
+                await asyncio.sleep(0.02)
+    finally:
+        await client.stop()
+        await asyncio.to_thread(agent.stop)
+
+
+async def test_who_hears_an_event_over_a_real_bus_finds_the_state_that_was_told_before_it(
+    private_fleet: FleetConfig, make_telemetry: Callable[..., Any]
+) -> None:
+    agent = BusSession(namespace=private_fleet.namespace, node="mav0", listen=[private_fleet.vehicles["mav0"].agent])
+    await asyncio.to_thread(agent.start)
+    client = FleetClient(private_fleet, author="tester")
+    found: list[tuple[str, str]] = []
+
+    def hear(event: Event) -> None:
+        told = client.state.vehicles["mav0"].telemetry
+        if event.vehicle == "mav0" and told is not None:
+            found.append((event.code, told.order_id))
+
+    client.add_event_listener(hear)
+    await client.start()
+    try:
+        async with asyncio.timeout(15.0):
+            for number in itertools.count():
+                agent.publish(Topic.TELEMETRY, "mav0", make_telemetry("mav0", sequence=number, order_id=str(number)))
+                await asyncio.sleep(0.002)
+                event = Event(vehicle="mav0", stamp_ns=number, severity="info", code=str(number), sentence="Done.")
+                await asyncio.to_thread(agent.publish, Topic.EVENT, "mav0", event)
+                await asyncio.sleep(0.005)
+                if len(found) >= 30:
+                    break
+    finally:
+        await client.stop()
+        await asyncio.to_thread(agent.stop)
+    assert all(int(told) >= int(code) for code, told in found), found  # a later one may have come meanwhile
+
+
+async def test_a_line_that_is_no_order_sends_nothing(client: Any, bus: Any) -> None:
+    with pytest.raises(OrderError):
+        await client.submit("land evrybody")
+    assert not bus.orders
+
+
+async def test_each_vehicle_has_its_own_result_and_progress_comes_as_it_happens(client: Any, bus: Any) -> None:
+    bus.misbehave = {"mav0": "refuse", "mav1": "stuck"}
+    handle = await client.submit("takeoff all 1.0")
+    seen: list[tuple[str, str]] = []
+    handle.add_listener(lambda result: seen.append((result.vehicle, result.phase)))
+    results = await handle.wait(0.5)
+    assert {name: result.phase for name, result in results.items()} == {
+        "mav0": "refused",
+        "mav1": "unfinished",
+        "mav2": "done",
+    }
+    assert results["mav0"].sentence == "Because I say so."
+    assert "0.5 s" in results["mav1"].sentence
+    assert seen.index(("mav2", "accepted")) < seen.index(("mav2", "done"))
+
+
+async def test_an_order_from_another_thread_is_sent_while_the_loop_does_not_get_on(client: Any, bus: Any) -> None:
+    handles: list[Any] = []
+    sender = threading.Thread(target=lambda: handles.append(client.submit_now("land all")))
+    sender.start()
+    sender.join(5.0)
+    assert len(bus.orders) == len(client.fleet.enabled_names)
+    results = await handles[0].wait(10.0)
+    assert {result.phase for result in results.values()} == {"done"}
+
+
+async def test_an_agent_that_does_not_answer_is_said_to_and_the_others_go_on(client: Any, bus: Any) -> None:
+    bus.misbehave["mav1"] = "silent"
+    results = await client.order("takeoff all 1.0", 5.0)
+    assert results["mav1"].phase == "no answer"
+    assert "did not answer" in results["mav1"].sentence
+    assert results["mav0"].is_done
+
+
+@pytest.mark.parametrize("verb", ["land", "kill"])
+async def test_kill_and_land_go_straight_to_px4_when_the_agent_is_silent(
+    fleet: FleetConfig, bus: Any, verb: str
+) -> None:
+    sent: list[tuple[Any, ...]] = []
+
+    def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
+        sent.append((endpoint, system_id, kind, time.monotonic()))
+        return DirectResult(True, True, "PX4 accepted it, and it is disarmed")
+
+    bus.misbehave["mav1"] = "silent"
+    client = FleetClient(fleet, bus=bus, send=send)
+    await client.start()
+    begin_s = time.monotonic()
+    results = await client.order(f"{verb} all", 5.0)
+    await client.stop()
+    ((endpoint, system_id, kind, at_s),) = sent
+    assert (endpoint, system_id, kind) == ("udpout://127.0.0.1:18571", 2, verb)
+    assert 0.25 < at_s - begin_s < 1.0
+    assert results["mav1"].is_done
+    assert "did not answer within 0.3 s" in results["mav1"].sentence
+    assert "straight to PX4" in results["mav1"].sentence
+
+
+async def test_what_an_agent_that_comes_back_says_does_not_end_an_order_that_went_straight_to_px4(
+    fleet: FleetConfig, bus: Any
+) -> None:
+    def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
+        time.sleep(0.4)
+        return DirectResult(True, True, "PX4 accepted it, and it is disarmed")
+
+    bus.misbehave["mav1"] = "silent"
+    client = FleetClient(fleet, bus=bus, send=send)
+    await client.start()
+    handle = await client.submit("land mav1")
+    went = asyncio.Event()
+    handle.add_listener(lambda result: went.set())
+    await went.wait()
+    assert handle.results["mav1"].phase == "direct"
+    late = Event(
+        vehicle="mav1",
+        stamp_ns=1,
+        severity="warning",
+        code="order-land",
+        sentence="Loop stalled for long: PX4 lands.",
+        order_id=handle.plan.orders["mav1"].order_id,
+        order_outcome="failed",
+    )
+    bus.on_message[Topic.EVENT](Topic.EVENT, "mav1", late)
+    results = await handle.wait(5.0)
+    await client.stop()
+    assert results["mav1"].is_done
+    assert "straight to PX4" in results["mav1"].sentence
+
+
+@pytest.mark.parametrize("verb", ["land", "kill"])
+async def test_accepted_without_a_heartbeat_that_shows_it_is_not_done(fleet: FleetConfig, bus: Any, verb: str) -> None:
+    def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
+        return DirectResult(True, False, "PX4 accepted it")
+
+    bus.misbehave["mav1"] = "silent"
+    client = FleetClient(fleet, bus=bus, send=send)
+    await client.start()
+    results = await client.order(f"{verb} mav1", 5.0)
+    await client.stop()
+    assert results["mav1"].phase == "failed"
+
+
+async def test_without_a_direct_endpoint_the_silence_is_told_with_what_to_do(fleet: FleetConfig, bus: Any) -> None:
+    vehicles = {name: msgspec.structs.replace(vehicle, direct=None) for name, vehicle in fleet.vehicles.items()}
+    bus.misbehave["mav1"] = "silent"
+    client = FleetClient(msgspec.structs.replace(fleet, vehicles=vehicles), bus=bus)
+    await client.start()
+    result = (await client.order("land mav1", 5.0))["mav1"]
+    await client.stop()
+    assert result.phase == "no answer"
+    assert "no direct endpoint" in result.sentence
+
+
+async def test_a_flood_of_events_is_folded_and_stays_bounded(client: Any, bus: Any) -> None:
+    event = Event(vehicle="mav0", stamp_ns=1, severity="info", code="x", sentence="again")
+    for _ in range(10_000):
+        bus.on_message[Topic.EVENT](Topic.EVENT, "mav0", event)
+    assert await client.wait_for(lambda state: len(state.events) == 500, 5.0)
+
+
+def test_the_direct_way_sends_mavlink_and_says_when_nobody_answers() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+        result = send_direct(f"udpout://127.0.0.1:{port}", 1, "kill", timeout_s=0.3)
+        first, _ = probe.recvfrom(2048)
+    assert not result.is_accepted
+    assert "did not answer" in result.sentence
+    assert first[0] in (0xFD, 0xFE)
+    assert mavutil_address("udpout://127.0.0.1:18570") == "udpout:127.0.0.1:18570"
+    assert "cannot be opened" in send_direct("carrier-pigeon://x", 1, "land").sentence

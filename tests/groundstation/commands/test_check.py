@@ -1,0 +1,147 @@
+"""``covey check``: what it prints, its exit status, and what a mission's own steps add."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from groundstation import cli
+
+ROOT = Path(__file__).resolve().parents[3]
+PAPER, SIH = (ROOT / f"configs/fleets/{name}.toml" for name in ("paper", "sih"))
+MISSION = ROOT / "configs/missions/paper.toml"
+
+
+def edited(source: Path, folder: Path, *changes: tuple[str, str]) -> str:
+    """A copy of a shipped file with some words changed."""
+    text = source.read_text().replace("../fleets/", f"{ROOT}/configs/fleets/")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / source.name
+    path.write_text(text)
+    return str(path)
+
+
+def rows(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, list[dict[str, object]]]:
+    status = cli.main(["check", *words, "--json"])
+    return status, json.loads(capsys.readouterr().out)
+
+
+def test_shipped_files_can_be_flown(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["check", str(PAPER), str(SIH), str(MISSION)]) == 0
+    assert capsys.readouterr().out.count("This can be flown") == 3
+
+
+@pytest.mark.parametrize("fleet", [PAPER, SIH])
+def test_gps_with_the_papers_spacing_is_refused_with_status_one(
+    fleet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["check", str(fleet), "--errors", "gps"]) == 1
+    out = capsys.readouterr().out
+    assert "Do not fly this" in out
+    assert out.splitlines()[1].startswith("REFUSED")  # the worst first
+
+
+def test_json_has_value_bound_and_remedy_of_every_finding(capsys: pytest.CaptureFixture[str]) -> None:
+    status, found = rows(capsys, str(SIH), "--errors", "gps")
+    assert status == 1
+    for row in found:
+        assert {"file", "name", "status", "value", "bound", "unit", "relation", "sentence", "remedy"} <= set(row)
+        assert row["file"] == str(SIH)
+    assert any(row["status"] == "refused" and row["name"] == "initial conditions" for row in found)
+
+
+def test_a_wrong_file_is_status_two_and_the_other_is_still_checked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = edited(SIH, tmp_path, ("safety_distance_m", "safety_distanz_m"))
+    status, found = rows(capsys, wrong, str(PAPER))
+    assert status == 2
+    assert [row["name"] for row in found if row["status"] == "wrong"] == ["file"]
+    assert len({frozenset(row) for row in found}) == 1, "every object has the same keys"
+    assert any(row["file"] == str(PAPER) for row in found)
+
+
+@pytest.mark.parametrize(
+    ("changes", "name", "status"),
+    [
+        ([("timeout_s = 30", "timeout_s = 3")], "time", "refused"),
+        ([("timeout_s = 60", "timeout_s = 10")], "time", "warning"),
+        ([("[0.3, 0.0, 1.2]", "[2.95, 0.0, 1.2]")], "fence", "warning"),
+        ([("[0.3, 0.0, 1.2]", "[3.1, 0.0, 1.2]")], "fence", "refused"),
+        ([("min_separation_m = 0.80", "min_separation_m = 0.95")], "expectation", "refused"),
+        ([("arrived_within_m = 0.15", "arrived_within_m = 0.03")], "arrival", "warning"),
+    ],
+)
+def test_each_finding_about_a_missions_steps_fails_on_purpose(
+    changes: list[tuple[str, str]], name: str, status: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, found = rows(capsys, edited(MISSION, tmp_path, *changes))
+    found = [row for row in found if str(row["name"]).partition(",")[0] == name]
+    assert next(row["status"] for row in found) == status
+    assert code == (1 if status == "refused" else 0)
+
+
+def test_a_vehicle_moved_close_to_another_that_stays_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = f"""schema = 1
+fleet = "{SIH}"
+[[step]]
+do = "takeoff"
+[[step]]
+do = "move"
+vehicles = ["mav0"]
+position_enu_m = [-0.9, -1.5, 1.0]
+"""
+    path = tmp_path / "m.toml"
+    path.write_text(text)
+    status, found = rows(capsys, str(path))
+    assert status == 1
+    assert "step[1] (move)" in str(next(row for row in found if row["status"] == "refused")["name"])
+
+
+def test_who_has_landed_is_in_nobodys_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text(
+        f"""schema = 1
+fleet = "{SIH}"
+[[step]]
+do = "takeoff"
+[[step]]
+do = "wait"
+duration_s = 1.0
+[[step]]
+do = "fault"
+name = "battery"
+vehicles = ["mav1"]
+[[step]]
+do = "land"
+vehicles = ["mav1", "mav2"]
+[[step]]
+do = "move"
+vehicles = ["mav0"]
+position_enu_m = [-0.9, -1.5, 1.0]
+"""
+    )
+    assert cli.main(["check", str(path)]) == 0
+    assert "REFUSED" not in capsys.readouterr().out
+
+
+def test_a_narrow_terminal_breaks_lines_and_loses_no_words(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert cli.main(["check", str(SIH)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines[1:])) <= 80
+
+
+def test_an_unknown_accuracy_is_status_two(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["check", str(SIH), "--errors", "radar"])
+    assert caught.value.code == 2
+    assert "radar" in capsys.readouterr().err

@@ -1,0 +1,72 @@
+"""``covey order``: exit statuses that a script can trust, one line per vehicle."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from groundstation.cli import main
+from groundstation.client.client import FleetClient
+from groundstation.commands import order as give
+from onboard.config.fleet import FleetConfig
+from tests.groundstation.conftest import FakeBus
+
+FLEET = "configs/fleets/paper.toml"
+
+
+def order(monkeypatch: pytest.MonkeyPatch, *words: str, **misbehave: str) -> int:
+    """Give an order to agents that do what they are told, or misbehave."""
+
+    def client(fleet: FleetConfig, **_: Any) -> FleetClient:
+        bus = FakeBus(fleet, has_truth=True)
+        bus.misbehave = misbehave
+        found = FleetClient(fleet, author="script", bus=bus, send=lambda *_, **__: None)
+        start = found.start
+
+        async def started() -> None:
+            await start()
+            for name in fleet.enabled_names:
+                bus.tell(name)
+
+        found.start = started  # type: ignore[method-assign]
+        return found
+
+    monkeypatch.setattr(give, "FleetClient", client)
+    monkeypatch.setattr(give, "CONNECT_S", 0.3)
+    return main(["order", "--fleet", FLEET, *words])
+
+
+@pytest.mark.parametrize(
+    ("misbehave", "status"),
+    [
+        ({}, 0),
+        ({"mav1": "refuse"}, 50),
+        ({"mav0": "fail", "mav1": "fail", "mav2": "refuse"}, 1),
+        ({"mav0": "silent", "mav1": "silent", "mav2": "silent"}, 10),
+    ],
+)
+def test_the_exit_status_tells_what_the_vehicles_did(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], misbehave: dict[str, str], status: int
+) -> None:
+    assert order(monkeypatch, "hold", "all", **misbehave) == status
+    lines = capsys.readouterr()
+    assert len((lines.out + lines.err).splitlines()) == 3
+    assert all(name in lines.err for name in misbehave)
+
+
+def test_json_is_a_list_of_vehicles(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert order(monkeypatch, "move", "mav1", "-1", "0.5", "1.2", "--json") == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert (row["vehicle"], row["phase"]) == ("mav1", "done")
+
+
+@pytest.mark.parametrize(
+    "words", [("tkeoff", "all"), ("land", "mav9"), ("land", "2-1"), ("land", "all", "--timeout", "-3")]
+)
+def test_nonsense_sends_nothing_and_is_wrong_input(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]
+) -> None:
+    assert order(monkeypatch, *words) == 2
+    assert capsys.readouterr().err.startswith("covey: ")

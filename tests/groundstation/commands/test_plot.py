@@ -1,0 +1,181 @@
+"""Figures of a flight that was computed here, written with the mcap library's own writer."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.writer import Writer
+
+from groundstation.commands.plot import main
+from groundstation.figures.data import TOPICS, FlightData, from_samples
+from groundstation.recording.reader import read
+
+FIGURES = ("fig2_attitude", "fig4_plan", "fig5_tracking", "fig6_avoidance")
+STARTS = ((-1.5, -1.5), (0.0, -1.5), (1.5, -1.5))
+GOALS = ((0.0, 2.12), (-0.8, 0.74), (0.8, 0.74))
+LENGTH_S = 16.0
+LIFTED_S = 0.12  # into the made-up flight, when it has left the ground
+
+
+def place(index: int, time_s: float, bend_m: float = 0.0) -> tuple[float, float, float]:
+    """Climb, cross over to the goal with a sideways bend, descend."""
+    part = min(1.0, max(0.0, (time_s - 3.0) / 8.0))
+    smooth = part**3 * (10 - 15 * part + 6 * part**2)
+    (x0, y0), (x1, y1) = STARTS[index], GOALS[index]
+    bump = bend_m * math.sin(math.pi * smooth) ** 2 * (1, -1, 1)[index]
+    height = max(0.0, min(1.0, time_s / 2.0, (LENGTH_S - 1.0 - time_s) / 2.0))
+    return (x0 + (x1 - x0) * smooth + bump, y0 + (y1 - y0) * smooth, height)
+
+
+def tilt(roll: float, pitch: float) -> tuple[float, float, float, float]:
+    cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
+    return (cr * cp, sr * cp, cr * sp, -sr * sp)
+
+
+def write_flight(folder: Path, *, has_truth: bool = True, ticks: bool = True) -> Path:
+    path = folder / "flight.mcap"
+    channels: dict[str, int] = {}
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=20_000)
+        writer.start()
+
+        def put(channel: str, stamp_ns: int, values: dict[str, object]) -> None:
+            if channel not in channels:
+                schema = writer.register_schema(channel, "jsonschema", b'{"type": "object"}')
+                channels[channel] = writer.register_channel(channel, "json", schema)
+            writer.add_message(channels[channel], stamp_ns, json.dumps(values).encode(), stamp_ns)
+
+        for step in range(-50, int(LENGTH_S * 50)):
+            time_s, stamp_ns = step / 50.0, 5_000_000_000 + step * 20_000_000
+            for index in range(3):
+                name = f"mav{index}"
+                spot, wanted = place(index, time_s, 0.25), place(index, time_s)
+                wave = 4.0 * math.sin(1.3 * time_s + index)
+                push = 0.8 * math.exp(-((time_s - 7.0) ** 2)) * (1, -1, 1)[index]
+                tick = {
+                    "stamp_ns": stamp_ns, "state": "flying" if time_s >= 0 else "ready", "position_enu_m": spot,
+                    "setpoint_position_enu_m": wanted, "thrust_baseline_enu_m_s2": (0.1 * wave, 0.08 * wave, 9.8),
+                    "thrust_safe_enu_m_s2": (0.1 * wave + push, 0.08 * wave, 9.8),
+                    "setpoint_quaternion_enu_flu_wxyz": tilt(math.radians(wave), math.radians(-wave / 2)),
+                    "attitude_quaternion_enu_flu_wxyz": tilt(math.radians(0.9 * wave), math.radians(-0.4 * wave)),
+                }  # fmt: skip
+                if step == 100:
+                    tick["position_enu_m"] = (None, 0.0, 1.0)  # how a number that is none looks in JSON
+                    tick["thrust_safe_enu_m_s2"] = "garbage"
+                if ticks:
+                    put(f"tick/{name}", stamp_ns, tick)
+                if has_truth:
+                    put(f"truth/{name}", stamp_ns, {"position_enu_m": spot, "velocity_enu_m_s": (0.0, 0.0, 0.0)})
+                if step % 5 == 0:
+                    goal = (*GOALS[index], 1.0)
+                    told = {"state": "flying", "order_kind": "move" if time_s > 3 else "", "goal_position_enu_m": goal}
+                    put(f"telemetry/{name}", stamp_ns, told)
+        writer.finish()
+    return path
+
+
+def flight_of(folder: Path) -> FlightData:
+    flight = from_samples(read(folder, TOPICS), title="test", safety_distance_m=0.8)
+    assert flight is not None
+    return flight
+
+
+def test_all_figures_are_drawn_as_png_and_svg(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_flight(tmp_path)
+    assert main([str(tmp_path)]) == 0
+    for name in FIGURES:
+        assert (tmp_path / "figures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert "<svg" in (tmp_path / "figures" / f"{name}.svg").read_text()
+    assert len(capsys.readouterr().out.splitlines()) == 8
+
+
+def test_figures_go_where_out_says(tmp_path: Path) -> None:
+    write_flight(tmp_path)
+    assert main([str(tmp_path / "flight.mcap"), "--out", str(tmp_path / "a" / "b")]) == 0
+    assert len(list((tmp_path / "a" / "b").iterdir())) == 8
+    assert not (tmp_path / "figures").exists()
+
+
+def test_the_arrays_are_what_was_flown(tmp_path: Path) -> None:
+    write_flight(tmp_path)
+    flight = flight_of(tmp_path)
+    assert [track.name for track in flight.tracks] == ["mav0", "mav1", "mav2"]
+    track = flight.tracks[1]
+    assert track.is_truth
+    assert flight.source == "ground truth"
+    at = int(np.argmin(np.abs(track.time_s - 5.0)))
+    np.testing.assert_allclose(track.time_s[at], 5.0, atol=1e-9)
+    np.testing.assert_allclose(track.position_enu_m[at], place(1, 5.0 + LIFTED_S, 0.25), atol=1e-9)
+    wave_deg = 4.0 * math.sin(1.3 * (5.0 + LIFTED_S) + 1)
+    np.testing.assert_allclose(track.asked_deg[at], [wave_deg, -wave_deg / 2], atol=1e-9)
+    np.testing.assert_allclose(track.flown_deg[at], [0.9 * wave_deg, -0.4 * wave_deg], atol=1e-9)
+    np.testing.assert_allclose(track.slots_enu_m, [[*GOALS[1], 1.0]])
+    assert np.isnan(track.thrust_safe_enu_m_s2).any(axis=-1).sum() == 1
+
+
+def test_distances_are_horizontal_and_only_counted_in_flight(tmp_path: Path) -> None:
+    write_flight(tmp_path)
+    flight = flight_of(tmp_path)
+    pair = flight.pairs[0]
+    assert (pair.first, pair.second) == ("mav0", "mav1")
+    assert np.isnan(pair.distance_m[flight.grid_s < 0.0]).all()
+    times = flight.grid_s[(flight.grid_s > 1.0) & (flight.grid_s < 13.0)]
+    wanted = [math.dist(place(0, t, 0.25)[:2], place(1, t, 0.25)[:2]) for t in times + LIFTED_S]
+    found = pair.distance_m[(flight.grid_s > 1.0) & (flight.grid_s < 13.0)]
+    np.testing.assert_allclose(found, wanted, atol=2e-3)
+    closest = flight.closest()
+    assert closest is not None
+    least = min(float(np.nanmin(other.distance_m)) for other in flight.pairs)
+    assert closest[0].distance_m[closest[1]] == least
+
+
+def test_time_counts_from_when_the_first_leaves_the_ground_and_not_from_its_motors_start(tmp_path: Path) -> None:
+    write_flight(tmp_path)
+    flight = flight_of(tmp_path)
+    for track in flight.tracks:
+        height_m = np.interp(0.0, track.place_time_s, track.place_enu_m[:, 2])
+        assert 0.04 < height_m < 0.08
+    assert flight.grid_s[0] == pytest.approx(-1.0)
+
+
+def test_without_truth_the_estimates_are_drawn(tmp_path: Path) -> None:
+    write_flight(tmp_path, has_truth=False)
+    assert flight_of(tmp_path).source == "the vehicles' estimates"
+    assert main([str(tmp_path)]) == 0
+
+
+def test_a_missing_record_is_a_sentence_and_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(tmp_path / "nowhere")]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("covey: ")
+    assert "Give the folder of a recorded flight." in told
+
+
+@pytest.mark.parametrize("content", [b"", b"not an mcap file at all", b"\x89MCAP0\r\n"])
+def test_a_record_without_a_flight_is_a_sentence_and_status_2(
+    tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "flight.mcap").write_bytes(content)
+    assert main([str(tmp_path)]) == 2
+    assert "nothing to draw" in capsys.readouterr().err
+    assert not (tmp_path / "figures").exists()
+
+
+def test_a_record_without_ticks_is_a_sentence_and_status_2(tmp_path: Path) -> None:
+    write_flight(tmp_path, ticks=False)
+    assert main([str(tmp_path)]) == 2
+
+
+def test_a_record_that_breaks_off_is_drawn_as_far_as_it_goes_and_said_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_flight(tmp_path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    assert main([str(tmp_path)]) == 2
+    assert "breaks off" in capsys.readouterr().err
+    assert (tmp_path / "figures" / "fig4_plan.png").exists()

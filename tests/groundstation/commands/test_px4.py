@@ -1,0 +1,158 @@
+"""``covey px4 params`` against the emulated PX4: by the agent's link, past an agent, never in the air."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from groundstation.client.direct_mavlink import DirectParams
+from groundstation.commands.px4 import Answer, ask, exit_status, main
+from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.px4.port_lock import PortClaim
+from onboard.px4.required_params import demands, differences, required_params
+
+FLEET = """
+schema = 1
+[fleet]
+name = "params-test"
+geofence_m = {{ x = [-50.0, 50.0], y = [-50.0, 50.0], z = [0.0, 20.0] }}
+[types.sih]
+hover_thrust_frac = 0.49
+[types.sih.px4_params]
+MPC_XY_P = 0.9
+[defaults]
+type = "sih"
+[vehicles.solo]
+system_id = 3
+start_enu_m = [0.0, 0.0, 0.0]
+agent = "tcp/127.0.0.1:{agent}"
+autopilot = "udpin://127.0.0.1:{port}"
+direct = "udpout://127.0.0.1:{direct}"
+[vehicles.solo.px4_params]
+MPC_Z_P = 0.8
+"""
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> FleetConfig:
+    path = tmp_path / "fleet.toml"
+    agent = free_port(socket.SOCK_STREAM)
+    path.write_text(FLEET.format(agent=agent, port=free_port(), direct=free_port()), encoding="utf-8")
+    return load_fleet(path)
+
+
+@pytest.fixture
+def emulator(fleet: FleetConfig) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", "sitl", "--fleet", fleet.path, "--no-bus"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("ready")
+        yield process
+        process.terminate()
+        process.wait(5)
+
+
+def test_all_that_differs_is_shown_and_with_apply_set_and_read_back(
+    fleet: FleetConfig, emulator: subprocess.Popen[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["params", "--fleet", fleet.path]) == 1
+    shown = capsys.readouterr().out
+    assert "WRONG   COM_OF_LOSS_T    1, should be 0.3: PX4 acts when setpoints have been silent" in shown
+    assert "better  EKF2_EVP_NOISE   0.1, should be 0.01" in shown
+    assert "WRONG   MPC_Z_P          1, should be 0.8: the fleet file's px4_params ask for it" in shown
+    assert "WRONG   MPC_XY_P         0.95, should be 0.9" in shown
+    assert main(["params", "--fleet", fleet.path, "--apply"]) == 0
+    applied = capsys.readouterr().out
+    assert "set     COM_OBL_RC_ACT   0 -> 4, read back" in applied
+    assert "Restart PX4: it reads EKF2_HGT_REF, EKF2_MAG_TYPE, EKF2_DELAY_MAX only when it starts." in applied
+    assert main(["params", "--fleet", fleet.path, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["solo"]
+    assert told["is_fine"]
+    assert told["asked_at"] == fleet.vehicles["solo"].autopilot
+    assert told["params"]["COM_OF_LOSS_T"]["is"] == pytest.approx(0.3)
+    assert told["params"]["EKF2_EV_CTRL"]["is"] == 15
+
+
+def test_past_an_agent_that_holds_the_link_px4s_ground_link_is_asked_and_again_by_the_next_process(
+    fleet: FleetConfig, emulator: subprocess.Popen[str]
+) -> None:
+    vehicle = fleet.vehicles["solo"]
+    claim = PortClaim(vehicle.autopilot)
+    claim.take()
+    try:
+        first = ask(vehicle, applies=True)
+        assert first.way == vehicle.direct
+        assert first.is_fine, first
+        # PX4 answers only to the first address that spoke to it: another process has to be at the same one
+        command = [sys.executable, "-m", "groundstation", "px4", "params", "--fleet", fleet.path]
+        again = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+        assert again.returncode == 0, again.stdout + again.stderr
+        assert f"asked at {vehicle.direct}: all" in again.stdout
+    finally:
+        claim.release()
+
+
+def test_an_armed_vehicle_is_read_but_never_set(fleet: FleetConfig, emulator: subprocess.Popen[str]) -> None:
+    vehicle = fleet.vehicles["solo"]
+    assert vehicle.direct is not None
+    way = DirectParams(vehicle.direct, vehicle.system_id)
+    end_s = time.monotonic() + 12.0
+    while not way.is_armed(2.0):
+        assert time.monotonic() < end_s
+        way._link.mav.command_long_send(vehicle.system_id, 1, 400, 0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    way.stop()
+    answer = ask(vehicle, applies=True)
+    assert answer.answers
+    assert not answer.is_fine
+    assert "armed" in answer.trouble
+    assert not any(row.was_set for row in answer.rows)
+
+
+def test_without_an_answer_the_status_is_10_and_the_sentence_says_what_to_do(
+    fleet: FleetConfig, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("groundstation.commands.px4._ANSWER_S", 0.3)
+    assert main(["params", "--fleet", fleet.path]) == 10
+    assert "Start PX4, or check cable and ports." in capsys.readouterr().out
+    assert main(["params", "--fleet", fleet.path, "--vehicles", "nobody"]) == 2
+
+
+def test_the_exit_status_tells_mixed_results() -> None:
+    good, bad = Answer("a", "x", ()), Answer("b", "x", (), "armed")
+    assert exit_status([good]) == 10  # nothing was told at all
+    vehicle = load_fleet("configs/fleets/paper.toml").vehicles["mav0"]
+    rows = tuple(_row(demand) for demand in demands(vehicle))
+    good, bad = Answer("a", "x", rows), Answer("b", "x", rows, "armed")
+    assert exit_status([good, good]) == 0
+    assert exit_status([bad, bad]) == 1
+    assert exit_status([good, bad]) == 50
+
+
+def _row(demand: object) -> object:
+    from groundstation.commands.px4 import Row
+    from onboard.px4.required_params import Demand
+
+    assert isinstance(demand, Demand)
+    return Row(demand, demand.value)
+
+
+def test_a_fleet_files_own_parameters_replace_the_built_in_ones(fleet: FleetConfig) -> None:
+    vehicle = fleet.vehicles["solo"]
+    assert required_params(vehicle)["MPC_Z_P"] == 0.8
+    assert "EKF2_EVP_NOISE" not in required_params(vehicle)
+    assert "EKF2_EVP_NOISE" in {demand.name for demand in demands(vehicle)}
+    assert differences({"COM_OF_LOSS_T": 0.3}, {"COM_OF_LOSS_T": 0.30000001}) == ()
+    assert "did not tell" in differences({"COM_OF_LOSS_T": 0.3}, {})[0]

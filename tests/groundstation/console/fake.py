@@ -1,0 +1,122 @@
+"""A client without a bus: three vehicles that circle, or whatever a test wants them to do."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+
+import msgspec
+
+from groundstation.fleet import state as fleet_state
+from groundstation.fleet.control_authority import Control
+from groundstation.orders import grammar
+from groundstation.orders.result import OrderHandle
+from onboard.bus.authority import Roles
+from onboard.bus.schema import Event, Telemetry, TickSample
+from onboard.config.fleet import FleetConfig
+
+
+def telemetry(vehicle: str = "mav0", **changes: object) -> Telemetry:
+    zero = (0.0, 0.0, 0.0)
+    told = Telemetry(
+        vehicle=vehicle, boot_id=1, sequence=1, stamp_ns=1, state="flying", reason="", not_ready=(), is_armed=True,
+        is_airborne=True, mode="OFFBOARD", position_enu_m=(0.0, 0.0, 1.0), velocity_enu_m_s=(0.1, 0.0, 0.0),
+        yaw_deg=0.0,
+        is_position_valid=True, setpoint_position_enu_m=zero, goal_position_enu_m=(0.0, 1.0, 1.0), battery_frac=0.83,
+        battery_voltage_v=11.6, law="covey", law_status="inactive", intervention_m_s2=0.0, nearest_vehicle="mav1",
+        nearest_distance_m=1.4, order_id="", order_kind="", order_phase="", state_age_s=0.01, autopilot_age_s=0.02,
+        neighbour_age_s=0.02, loop_period_p50_ms=20.0, loop_period_p99_ms=21.0, loop_period_max_ms=23.0, late_ticks=0,
+        malformed_messages=0, hover_thrust_frac=0.75, config_hash="x", system_id=1,
+    )  # fmt: skip
+    return msgspec.structs.replace(told, **changes)
+
+
+class FakeTokens:
+    """Role tokens on a bus without a bus: what is claimed, every vehicle sees at once."""
+
+    def __init__(self) -> None:
+        self.node = "ground-1"
+        self.roles = Roles()
+
+    def claim(self, token: str) -> None:
+        self.roles.see(token, True)
+
+    def release(self, token: str) -> None:
+        self.roles.see(token, False)
+
+
+class FakeTicks:
+    """Says whom the console follows; a test puts the values in."""
+
+    def __init__(self) -> None:
+        self.values: deque[TickSample] = deque(maxlen=1500)
+        self.followed: str | None = None
+
+    def follow(self, vehicle: str | None) -> None:
+        self.followed = vehicle
+
+
+class FakeClient:
+    """Keeps what was ordered; telemetry comes from :meth:`hear`, other grounds' tokens into ``tokens.roles``."""
+
+    def __init__(self, fleet: FleetConfig) -> None:
+        self.fleet = fleet
+        self.state = fleet_state.initial(fleet)
+        self.handles: list[OrderHandle] = []
+        self.skew_ns = 0
+        self._sequence = 1
+        self.ticks = FakeTicks()
+        self.tokens = FakeTokens()
+        self.control = Control(
+            self.tokens, "test", wants=True, say=lambda severity, sentence: self.say(sentence, severity, "ground"),
+            clock_ns=self.now_ns,
+        )  # fmt: skip
+
+    def now_ns(self) -> int:
+        return time.monotonic_ns() + self.skew_ns
+
+    def hear(self, vehicle: str, **changes: object) -> None:
+        self._sequence += 1
+        roles = self.tokens.roles
+        told = telemetry(vehicle, sequence=self._sequence, operator=roles.operator, roles=roles.others, **changes)
+        self.state = fleet_state.fold(self.state, told, self.now_ns())
+
+    def say(self, sentence: str, severity: str = "info", vehicle: str = "mav0", outcome: str = "") -> None:
+        event = Event(vehicle=vehicle, stamp_ns=1, severity=severity, code="x", sentence=sentence,
+                      order_id="1" if outcome else "", order_outcome=outcome)  # fmt: skip
+        self.state = fleet_state.fold(self.state, event, self.now_ns())
+
+    def plan(self, order: grammar.Intent | str) -> grammar.Plan:
+        intent = grammar.parse(order, self.fleet) if isinstance(order, str) else order
+        return grammar.plan(intent, self.fleet, self.state, formation=grammar.default_formation(self.fleet),
+                           author="test", now_ns=self.now_ns())  # fmt: skip
+
+    async def submit(self, order: grammar.Intent | str) -> OrderHandle:
+        return self.submit_now(order)
+
+    def submit_now(self, order: grammar.Intent | str) -> OrderHandle:
+        plan = self.plan(order)
+        self.handles.append(OrderHandle(plan.intent, plan))
+        return self.handles[-1]
+
+    @property
+    def ordered(self) -> list[str]:
+        return [str(handle.intent) for handle in self.handles]
+
+    def circle(self, time_s: float) -> None:
+        """A scene: three vehicles turn about a moving middle, now and then close."""
+        radius = 1.0 + 0.45 * math.sin(0.35 * time_s)
+        names = self.fleet.enabled_names
+        for index, name in enumerate(names):
+            angle = 0.25 * time_s + 2.0 * math.pi * index / len(names)
+            spot = (radius * math.cos(angle), 0.6 + radius * math.sin(angle), 1.0 + 0.1 * index)
+            gap_m = radius * 2.0 * math.sin(math.pi / len(names))
+            self.hear(
+                name, position_enu_m=spot,
+                goal_position_enu_m=((0.0, 2.1, 1.0), (-0.8, 0.7, 1.0), (0.8, 0.7, 1.0))[index % 3],
+                velocity_enu_m_s=(-0.25 * radius * math.sin(angle), 0.25 * radius * math.cos(angle), 0.0),
+                nearest_vehicle=names[(index + 1) % len(names)], nearest_distance_m=gap_m, order_kind="move",
+                order_phase="under way", law_status="saturated" if gap_m < 1.3 else "inactive", state="flying",
+                intervention_m_s2=max(0.0, 1.6 - gap_m) * 3, battery_frac=0.9 - 0.3 * index, system_id=index + 1,
+            )  # fmt: skip

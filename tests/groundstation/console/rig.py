@@ -1,0 +1,91 @@
+"""A console with a client that pretends and an oracle for a forecaster."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from typing import Any
+
+from textual.pilot import Pilot
+
+from groundstation.console.app import ConsoleApp
+from groundstation.console.screens.preview import PreviewScreen
+from groundstation.console.widgets.event_log import EventLog
+from groundstation.orders.forecast import Forecast, Leg
+from groundstation.orders.forecast_process import Forecaster
+from onboard.config.fleet import FleetConfig
+from tests.groundstation.console.fake import FakeClient
+
+SLOTS = {"mav0": (-1.5, 0.0, 1.0), "mav1": (0.0, 0.0, 1.0), "mav2": (1.5, 0.0, 1.0)}
+FINE = Forecast(closest_m=0.95, pair=("mav0", "mav1"), closest_s=2.0, now_m=1.5, duration_s=7.0)
+
+
+class Oracle(Forecaster):
+    """Foretells what a test wants, at once or when it is let."""
+
+    def __init__(self, told: Forecast | None = FINE) -> None:
+        super().__init__()
+        self.told = told
+        self.asked: list[dict[str, Leg]] = []
+
+    async def start(self) -> None:
+        return
+
+    async def forecast(self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False) -> Forecast:
+        self.asked.append(dict(legs))
+        while self.told is None:  # noqa: ASYNC110 - tests set it from outside
+            await asyncio.sleep(0.01)
+        return self.told
+
+
+class StillClient(FakeClient):
+    """Its clock moves only when a test says so: typing takes long on a busy machine, and silence would set in."""
+
+    def now_ns(self) -> int:
+        return int(1e12) + self.skew_ns
+
+
+class Rig:
+    """A console with a client that pretends and an oracle."""
+
+    def __init__(self, fleet: FleetConfig, told: Forecast | None = FINE) -> None:
+        self.client = StillClient(fleet)
+        self.app = ConsoleApp(fleet, self.client)
+        self.oracle = Oracle(told)
+        self.app._forecaster = self.oracle
+
+    def stand(self, **changes: Any) -> None:
+        """Everybody on the ground and ready."""
+        self._hear({"state": "ready", "is_airborne": False, "is_armed": False, "velocity_enu_m_s": (0.0, 0.0, 0.0)},
+                   0.0, changes)  # fmt: skip
+
+    def hover(self, **changes: Any) -> None:
+        """Everybody in the air, in a row."""
+        self._hear({"state": "flying", "velocity_enu_m_s": (0.0, 0.0, 0.0)}, 1.0, changes)
+
+    def _hear(self, base: dict[str, Any], height_m: float, changes: dict[str, Any]) -> None:
+        for name, (x, y, _) in SLOTS.items():
+            spot = (x, y, height_m)
+            self.client.hear(name, **{**base, "position_enu_m": spot, "goal_position_enu_m": spot, **changes})
+
+    def line(self, kind: type) -> str:
+        widget = self.app.screen_stack[0].query_one(kind)
+        return "\n".join(widget.render_line(y).text for y in range(widget.size.height))
+
+    @property
+    def screen_text(self) -> str:
+        """What the terminal shows."""
+        return "\n".join(strip.text for strip in self.app.screen._compositor.render_strips())
+
+    @property
+    def said(self) -> str:
+        return "\n".join(self.app.screen_stack[0].query_one(EventLog).sentences)
+
+    async def preview(self, pilot: Pilot[int], *keys: str) -> PreviewScreen:
+        """Press keys until the question is there and answered by the oracle."""
+        await pilot.press(*keys)
+        await pilot.pause(0.05)
+        screen = self.app.screen
+        assert isinstance(screen, PreviewScreen), self.said
+        self.client.skew_ns += int(0.4e9)  # a person reads
+        return screen

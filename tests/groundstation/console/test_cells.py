@@ -1,0 +1,60 @@
+"""Whatever text comes, it takes the cells that it was given and no others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.cells import cell_len
+
+from groundstation.console import theme
+from groundstation.console.canvas import Canvas
+from groundstation.console.terminal_filters import to_ascii
+
+SOME = settings(max_examples=150, deadline=None)
+TEXT = st.text(max_size=60) | st.text(alphabet="ab無人é́❤️👨‍👩דрa\u200b\u200d\ufe0f🇩🇪", max_size=50)
+
+
+@SOME
+@given(TEXT, st.integers(0, 50), st.booleans())
+def test_text_is_fitted_into_exactly_its_width(text: str, width: int, right: bool) -> None:
+    clean = theme.clean(text)
+    assert clean.isprintable() or not clean
+    assert cell_len(theme.fit(clean, width, right=right)) == width
+    assert cell_len(theme.fit_name(clean, width)) == width
+
+
+@SOME
+@given(TEXT)
+def test_ascii_takes_the_cells_of_what_it_stands_for(text: str) -> None:
+    clean = theme.clean(text)
+    plain = to_ascii(clean)
+    assert plain.isascii()
+    assert cell_len(plain) == cell_len(clean)
+
+
+@SOME
+@given(st.lists(st.tuples(st.integers(-9, 29), st.integers(-2, 6), TEXT), max_size=6), st.integers(1, 24))
+def test_a_picture_is_as_wide_as_it_is_whatever_is_written_on_it(texts: list[tuple[int, int, str]], width: int) -> None:
+    canvas = Canvas(width, 4)
+    canvas.circles(np.array([[3.0, 3.0], [1e9, -1e9], [np.nan, 0.0]]), 5.0, theme.CALM)
+    canvas.lines(np.array([[0.0, 0.0], [np.nan, 1.0]]), np.array([[90.0, 9.0], [3.0, np.inf]]), theme.BAD)
+    for column, row, text in texts:
+        canvas.text(column, row, theme.clean(text), theme.TEXT)
+    assert [strip.cell_length for strip in canvas.strips()] == [width] * 4
+    assert [cell_len(strip.text) for strip in canvas.strips()] == [width] * 4
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_half_of_a_wide_character_is_not_left_beside_what_covers_the_other(place: int) -> None:
+    canvas = Canvas(4, 1)
+    canvas.text(0, 0, "\u4e2d\u4e2d", theme.TEXT)
+    canvas.text(1 + place, 0, "x", theme.TEXT)
+    assert canvas.strips()[0].text == (" x\u4e2d", "\u4e2dx ")[place]
+
+
+@SOME
+@given(st.lists(st.floats(), max_size=40), st.integers(0, 30), st.floats(0.1, 1e6))
+def test_sparks_take_any_number(values: list[float], width: int, top: float) -> None:
+    assert cell_len(theme.spark(values, width, top)) == width

@@ -1,0 +1,252 @@
+"""What an operator does and sees, with a client that only pretends."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from textual.widgets import Static
+
+from groundstation.console.app import ConsoleApp
+from groundstation.console.screens.dialogs import HelpScreen, QuitScreen
+from groundstation.console.widgets.bars import StatusBar, TitleBar
+from groundstation.console.widgets.event_log import EventLog
+from groundstation.console.widgets.fleet_table import FleetTable
+from groundstation.console.widgets.order_line import OrderLine, completions
+from groundstation.console.widgets.plan_view import PlanView
+from groundstation.console.widgets.results import ResultLine
+from onboard.config.fleet import FleetConfig, load_fleet
+from tests.groundstation.console.fake import FakeClient
+
+SIZES = [(80, 24), (120, 40), (200, 60)]
+FLEET = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
+
+
+@pytest.fixture
+def fleet() -> FleetConfig:
+    return load_fleet(FLEET)
+
+
+def shown(app: ConsoleApp, kind: type) -> str:
+    widget = app.screen_stack[0].query_one(kind)
+    return "\n".join(widget.render_line(y).text for y in range(widget.size.height))
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_before_anybody_answers_it_says_whom_it_waits_for(fleet: FleetConfig, size: tuple[int, int]) -> None:
+    app = ConsoleApp(fleet, FakeClient(fleet), title="first flight")
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause(0.3)
+        assert "waiting for 3 vehicles" in shown(app, TitleBar)
+        assert shown(app, FleetTable).count("nothing heard from its agent yet") == 3
+        assert "Waiting for mav0" in shown(app, StatusBar)
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_a_flying_fleet_is_seen_at_every_size(fleet: FleetConfig, size: tuple[int, int]) -> None:
+    client = FakeClient(fleet)
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=size) as pilot:
+        client.circle(0.0)
+        app.refresh_fleet()
+        await pilot.pause()
+        table = shown(app, FleetTable)
+        assert table.count("● flying") == 3
+        assert "90%" in table
+        plan = shown(app, PlanView)
+        assert all(f"{index}" in plan for index in range(3))
+        assert "1.2m" in plan
+        assert len(plan.split("\n")[0]) == app.screen.query_one(PlanView).size.width
+
+
+async def test_silence_is_never_shown_as_a_fresh_number(fleet: FleetConfig) -> None:
+    client = FakeClient(fleet)
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=(120, 40)) as pilot:
+        client.circle(0.0)
+        client.skew_ns = int(3.2e9)
+        app.refresh_fleet()
+        await pilot.pause()
+        assert "NO TELEM 3." in shown(app, FleetTable)
+        assert "flying" not in shown(app, FleetTable)
+        assert "silent" in shown(app, StatusBar)
+
+
+async def test_an_order_shows_each_vehicles_answer_as_it_comes(fleet: FleetConfig) -> None:
+    client = FakeClient(fleet)
+    app = ConsoleApp(fleet, client, has_preview=False)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.press("colon", *"takeoff all 1.0", "enter")
+        await pilot.pause()
+        assert client.ordered == ["takeoff mav0,mav1,mav2 1"]
+        client.handles[0].update("mav0", "accepted", "")
+        client.handles[0].update("mav1", "refused", "its battery is empty")
+        await pilot.pause()
+        line = shown(app, ResultLine)
+        assert "mav0 ▸ accepted" in line
+        assert "mav1 ✖ refused" in line
+        assert "mav1: its battery is empty" in app.screen.query_one(EventLog).sentences
+        await pilot.press("colon", "up")
+        assert app.screen.query_one(OrderLine).value == "takeoff all 1.0"
+
+
+@pytest.mark.parametrize(
+    "text", ["tkeoff all", "move all nan 0 1", "[bold]x", "kill", "takeoff all 1.0 2 3", "é" * 150]
+)
+async def test_garbage_on_the_order_line_is_a_sentence_and_no_order(fleet: FleetConfig, text: str) -> None:
+    client = FakeClient(fleet)
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await app.give(text)
+        await pilot.pause()
+        assert client.ordered == []
+        assert len(shown(app, ResultLine).strip()) > 20
+
+
+async def test_land_all_and_hold_all_work_from_every_screen(fleet: FleetConfig) -> None:
+    client = FakeClient(fleet)
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("question_mark")
+        assert isinstance(app.screen, HelpScreen)
+        await pilot.press("ctrl+l")
+        await pilot.press("escape", "colon", *"mov", "ctrl+o")
+        assert client.ordered == ["land mav0,mav1,mav2", "hold mav0,mav1,mav2"]
+
+
+async def test_kill_needs_the_same_key_twice_within_a_second(fleet: FleetConfig) -> None:
+    client = FakeClient(fleet)
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("down", "f12")
+        assert "KILL mav1?" in shown(app, StatusBar)
+        client.skew_ns += int(1.2e9)
+        await pilot.press("f12")
+        await pilot.press("ctrl+backslash")
+        assert client.ordered == []
+        await pilot.press("ctrl+backslash")
+        assert client.ordered == ["kill mav1"]
+
+
+async def test_q_leaves_at_once_on_the_ground(fleet: FleetConfig) -> None:
+    app = ConsoleApp(fleet, FakeClient(fleet))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("q")
+    assert app.return_value == 0
+
+
+async def test_q_with_flying_vehicles_asks_then_lands_and_leaves_when_they_are_down(fleet: FleetConfig) -> None:
+    client = FakeClient(fleet)
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=(80, 24)) as pilot:
+        client.circle(0.0)
+        await pilot.press("q")
+        assert isinstance(app.screen, QuitScreen)
+        await pilot.press("escape")
+        assert client.ordered == []
+        await pilot.press("q", "y")
+        await pilot.pause(0.3)
+        assert client.ordered == ["land mav0,mav1,mav2"]
+        assert app.is_running
+        for name in fleet.enabled_names:
+            client.hear(name, is_airborne=False, is_armed=False, state="landed")
+        await pilot.pause(0.3)
+    assert app.return_value == 0
+
+
+async def test_ctrl_c_lands_and_a_second_one_leaves_at_once(fleet: FleetConfig) -> None:
+    client = FakeClient(fleet)
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=(80, 24)) as pilot:
+        client.circle(0.0)
+        await pilot.press("ctrl+c")
+        assert client.ordered == ["land mav0,mav1,mav2"]
+        await pilot.press("ctrl+c")
+    assert app.return_value == 130
+
+
+class Verdict:
+    def __init__(self, is_passed: bool) -> None:
+        self.is_passed = is_passed
+        self.sentences = ["All slots reached within 0.09 m."] if is_passed else ["mav1 never arrived."]
+
+
+@pytest.mark.parametrize("is_passed", [True, False])
+async def test_the_verdict_stays_until_q_and_gives_the_exit_status(fleet: FleetConfig, is_passed: bool) -> None:
+    async def mission() -> Verdict:
+        await asyncio.sleep(0.05)
+        return Verdict(is_passed)
+
+    app = ConsoleApp(fleet, FakeClient(fleet), mission=mission, progress=lambda: "step 1/6")
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause(0.3)
+        box = app.screen.query_one("#verdict", Static)
+        assert box.display
+        assert Verdict(is_passed).sentences[0] in app.screen.query_one(EventLog).sentences
+        assert app.is_running
+        await pilot.press("q")
+    assert app.return_value == (0 if is_passed else 1)
+
+
+async def test_a_mission_that_breaks_is_a_sentence(fleet: FleetConfig) -> None:
+    async def mission() -> None:
+        raise OSError("the bus went away")
+
+    app = ConsoleApp(fleet, FakeClient(fleet), mission=mission)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause(0.2)
+        assert any("the bus went away" in sentence for sentence in app.screen.query_one(EventLog).sentences)
+        await pilot.press("q")
+    assert app.return_value == 1
+
+
+NAN, INF = float("nan"), float("inf")
+STRANGE: list[dict[str, object]] = [
+    {"position_enu_m": (NAN, 0.0, 0.0)},
+    {"position_enu_m": (1e300, -1e300, 1e9)},
+    {"position_enu_m": (1e5, 0.0, 0.0), "velocity_enu_m_s": (1e308, 0.0, 0.0)},
+    {"goal_position_enu_m": (INF, NAN, 0.0)},
+    {"goal_position_enu_m": (1e300, 1e300, 0.0)},
+    {"battery_frac": NAN, "battery_voltage_v": INF},
+    {"battery_frac": -INF},
+    {"nearest_distance_m": NAN, "intervention_m_s2": INF, "law_status": "saturated"},
+    {"intervention_m_s2": NAN, "law_status": "relaxed", "nearest_vehicle": "nobody"},
+    {"state": "unheard of", "mode": "\x1b[31m\x00\n", "reason": "[/b][red]" * 99, "order_kind": "見" * 300},
+    {"not_ready": ("\x07",), "is_airborne": False, "loop_period_p99_ms": NAN},
+]
+
+
+@pytest.mark.parametrize("changes", STRANGE)
+async def test_strange_telemetry_is_drawn_without_a_traceback(fleet: FleetConfig, changes: dict[str, object]) -> None:
+    client = FakeClient(fleet)
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=(200, 60)) as pilot:
+        client.hear("mav0", **changes)
+        client.hear("mav1")
+        for size in [(200, 60), (20, 5), (1, 1), (80, 24)]:
+            await pilot.resize_terminal(*size)
+            app.refresh_fleet()
+            await pilot.pause()
+        assert "\x1b" not in shown(app, FleetTable)
+        assert app.is_running
+
+
+async def test_a_flood_of_events_is_bounded_and_keeps_the_screen_alive(fleet: FleetConfig) -> None:
+    client = FakeClient(fleet)
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=(80, 24)) as pilot:
+        for number in range(3000):
+            client.say(f"event {number} [/]", "warning")
+        await pilot.pause(0.3)
+        log = app.screen.query_one(EventLog)
+        assert log.sentences[-1] == "mav0: event 2999 [/]"
+        assert len(log.sentences) <= 2000
+        assert "event 2999" in shown(app, EventLog)
+
+
+def test_completion_offers_verbs_vehicles_and_formations(fleet: FleetConfig) -> None:
+    assert completions("ta", fleet) == ["takeoff"]
+    assert completions("land m", fleet) == ["land mav0", "land mav1", "land mav2"]
+    assert completions("formation t", fleet) == ["formation triangle"]
+    assert completions("", fleet) == []

@@ -1,0 +1,144 @@
+"""Land, hold and kill go at once, from every screen; what became of an order, and what to do."""
+
+from __future__ import annotations
+
+import pytest
+
+from groundstation.console.app import ConsoleApp
+from groundstation.console.screens.preview import PreviewScreen
+from groundstation.console.widgets.bars import StatusBar
+from groundstation.console.widgets.event_log import EventLog
+from groundstation.console.widgets.notices import NoticeLines
+from groundstation.console.widgets.results import ResultLine
+from groundstation.fleet import state as fleet_state
+from groundstation.orders.grammar import Intent, OrderError
+from groundstation.orders.result import OrderHandle
+from onboard.bus.schema import Event
+from onboard.config.fleet import FleetConfig
+from tests.groundstation.console.fake import FakeClient
+from tests.groundstation.console.rig import Rig, StillClient
+
+
+@pytest.mark.parametrize(("key", "order"), [("ctrl+l", "land"), ("f9", "land"), ("ctrl+o", "hold"), ("f8", "hold")])
+async def test_an_emergency_goes_at_once_while_a_preview_computes_and_ends_it(
+    fleet: FleetConfig, key: str, order: str
+) -> None:
+    rig = Rig(fleet, None)
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        screen = await rig.preview(pilot, "colon", *"move all 0 1 1", "enter")
+        assert screen.is_computing
+        await pilot.press(key)
+        assert rig.client.ordered == [f"{order} mav0,mav1,mav2"]
+        assert not isinstance(rig.app.screen, PreviewScreen)
+
+
+@pytest.mark.parametrize("screens", [("question_mark",), ("A",), ("q",), ("colon", "x")])
+async def test_land_all_and_hold_all_go_from_every_screen(rig: Rig, screens: tuple[str, ...]) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        await pilot.press(*screens, "ctrl+o", "ctrl+l")
+        assert rig.client.ordered == ["hold mav0,mav1,mav2", "land mav0,mav1,mav2"]
+
+
+async def test_keys_mean_the_marked_vehicles_else_the_one_under_the_cursor(rig: Rig) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        rig.app.refresh_fleet()
+        await pilot.press("down", "f7")
+        rig.app._fleet_table.mark(("mav0", "mav2"))
+        await pilot.press("f6", "w")
+        assert rig.client.ordered == ["land mav1", "hold mav0,mav2", "identify mav0,mav2"]
+        await pilot.press("f4")
+        assert rig.app._order_line.value == "move mav0,mav2 "
+        await pilot.press("1")
+        assert rig.app._order_line.value == "move mav0,mav2 1"
+
+
+async def test_the_row_of_a_vehicle_that_shows_itself_blinks_when_it_says_so(rig: Rig) -> None:
+    async with rig.app.run_test(size=(120, 30)) as pilot:
+        rig.stand()
+        await pilot.press("w")
+        assert rig.client.ordered == ["identify mav0"]
+
+        def is_lit(step: int) -> bool:
+            rig.client.skew_ns += int(0.3e9)
+            rig.stand()
+            rig.app.refresh_fleet()
+            row = rig.app._fleet_table.render_line(1)
+            return any(segment.style is not None and segment.style.reverse for segment in row)
+
+        assert not any(map(is_lit, range(4)))
+        event = Event(vehicle="mav0", stamp_ns=1, severity="info", code="identify", sentence="Listen.")
+        rig.client.state = fleet_state.fold(rig.client.state, event, rig.client.now_ns())
+        rig.app.refresh_fleet()
+        lit = [is_lit(step) for step in range(20)]
+        assert 4 <= sum(lit) <= 8
+        assert not any(lit[-5:])
+
+
+async def test_a_killed_vehicle_stays_latched_until_it_is_reset(rig: Rig) -> None:
+    async with rig.app.run_test(size=(120, 30)) as pilot:
+        rig.stand()
+        await pilot.press("f12", "f12")
+        assert rig.client.ordered == ["kill mav0"]
+        assert "KILLED mav0" in rig.line(NoticeLines)
+        await pilot.press("colon", *"takeoff all 1.0", "enter")
+        assert "mav0 was killed" in rig.said
+        assert rig.client.ordered == ["kill mav0"]
+        await pilot.press("escape", "colon", *"reset mav0", "enter")
+        assert rig.line(NoticeLines) == ""
+        await rig.preview(pilot, "colon", *"takeoff all 1.0", "enter")
+
+
+async def test_a_kill_that_did_not_leave_is_not_latched(fleet: FleetConfig) -> None:
+    class Silent:
+        """A client that lets no order through, as a read-only console has."""
+
+        def __init__(self, client: FakeClient) -> None:
+            self.client = client
+
+        @property
+        def state(self) -> fleet_state.FleetState:
+            return self.client.state
+
+        def now_ns(self) -> int:
+            return self.client.now_ns()
+
+        async def submit(self, order: Intent | str) -> OrderHandle:
+            raise OrderError("This console only watches.")
+
+    app = ConsoleApp(fleet, Silent(StillClient(fleet)))
+    async with app.run_test(size=(120, 30)) as pilot:
+        await pilot.press("f12", "f12", "ctrl+l", "f3", "w", "colon", *"move all 0 0 1", "enter")
+        assert app.query_one(NoticeLines).sentences == []
+        said = app.query_one(EventLog).sentences
+        assert sum("This console only watches." in one for one in said) == 5
+        assert app.query_one(NoticeLines).sentences == []
+
+
+async def test_a_written_kill_needs_enter_twice_within_a_second(rig: Rig) -> None:
+    async with rig.app.run_test(size=(120, 30)) as pilot:
+        rig.hover()
+        await pilot.press("colon", *"kill mav1", "enter")
+        assert rig.client.ordered == []
+        assert "KILL mav1?" in rig.line(StatusBar)
+        rig.client.skew_ns += int(1.5e9)
+        await pilot.press("enter")
+        assert rig.client.ordered == []
+        await pilot.press("enter")
+        assert rig.client.ordered == ["kill mav1"]
+
+
+async def test_a_failed_order_says_why_and_what_can_be_done(rig: Rig) -> None:
+    async with rig.app.run_test(size=(160, 30)) as pilot:
+        rig.hover()
+        await pilot.press("ctrl+l")
+        handle = rig.client.handles[0]
+        handle.update("mav0", "done", "")
+        handle.update("mav1", "no answer", "mav1's agent did not answer within 0.3 s")
+        await pilot.pause(0.05)
+        line = rig.line(ResultLine)
+        assert "mav0 ✔ done" in line
+        assert "mav1's agent did not answer within 0.3 s" in line
+        assert "Is its agent running?" in line

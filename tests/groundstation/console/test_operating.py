@@ -1,0 +1,91 @@
+"""Who operates, who only watches, and leaving."""
+
+from __future__ import annotations
+
+import pytest
+
+from groundstation.console.app import ConsoleApp
+from groundstation.console.screens.dialogs import QuitScreen
+from groundstation.console.screens.preview import PreviewScreen
+from groundstation.console.widgets.event_log import EventLog
+from groundstation.console.widgets.notices import NoticeLines
+from groundstation.fleet.control_authority import SILENCE_S
+from onboard.config.fleet import FleetConfig
+from tests.groundstation.console.fake import FakeClient
+from tests.groundstation.console.live import until
+from tests.groundstation.console.rig import Rig
+
+
+async def test_who_watches_may_only_make_things_safer(rig: Rig) -> None:
+    async with rig.app.run_test(size=(120, 30)) as pilot:
+        rig.client.tokens.roles.see("operator.1.ground-9.alice", True)
+        rig.hover()
+        await until(pilot, lambda: "You watch" in rig.line(NoticeLines))
+        assert "alice (ground-9) operates" in rig.line(NoticeLines), "both may be of one user"
+        await pilot.press("colon", *"move all 0 1 1", "enter")
+        assert "alice (ground-9) operates this fleet" in rig.said
+        assert not isinstance(rig.app.screen, PreviewScreen)
+        await pilot.press("escape", "ctrl+l", "ctrl+o", "f12", "f12")
+        assert rig.client.ordered == ["land mav0,mav1,mav2", "hold mav0,mav1,mav2", "kill mav0"]
+        await pilot.press("q")
+    assert rig.app.return_value == 0
+    assert len(rig.client.ordered) == 3
+
+
+async def test_control_is_asked_for_and_taken_by_force_after_silence(rig: Rig) -> None:
+    async with rig.app.run_test(size=(120, 30)) as pilot:
+        rig.client.tokens.roles.see("operator.1.ground-9.alice", True)
+        rig.hover()
+        await pilot.pause(0.3)
+        await pilot.press("colon", *"take control force", "enter")
+        assert "Ask alice first" in rig.said
+        await pilot.press("colon", *"take control", "enter")
+        assert "asking alice for control" in rig.line(NoticeLines)
+        rig.client.skew_ns += int((SILENCE_S + 1.0) * 1e9)
+        rig.hover()
+        await pilot.press("colon", *"take control force", "enter")
+        rig.hover()
+        await pilot.pause(0.3)
+        assert rig.client.control.is_operator
+        assert rig.line(NoticeLines) == ""
+
+
+@pytest.mark.parametrize(("key", "stays"), [("ctrl+y", False), ("ctrl+n", True)])
+async def test_the_operator_gives_control_or_keeps_it(rig: Rig, key: str, stays: bool) -> None:
+    async with rig.app.run_test(size=(120, 30)) as pilot:
+        rig.hover()
+        await pilot.pause(0.2)
+        rig.client.skew_ns += int(1e9)
+        rig.hover()
+        await pilot.pause(0.3)
+        assert rig.client.control.is_operator
+        await pilot.press(key)
+        assert rig.client.control.is_operator, "nobody has asked"
+        rig.client.tokens.roles.see("asks.1.ground-9.bob", True)
+        rig.hover()
+        await pilot.pause(0.3)
+        assert "bob (ground-9) asks for control" in rig.line(NoticeLines)
+        await pilot.press(key)
+        assert rig.client.control.is_operator is stays
+
+
+async def test_leaving_a_fleet_that_flies_on_is_offered_where_it_can(rig: Rig) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        await pilot.press("q")
+        assert isinstance(rig.app.screen, QuitScreen)
+        await pilot.press("f")
+    assert rig.app.return_value == 0
+    assert rig.client.ordered == []
+
+
+async def test_a_bus_that_cannot_be_opened_is_a_sentence(fleet: FleetConfig) -> None:
+    async def connect() -> None:
+        raise OSError("the bus cannot listen")
+
+    app = ConsoleApp(fleet, FakeClient(fleet), connect=connect)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause(0.2)
+        assert any("the bus cannot listen" in one for one in app.screen.query_one(EventLog).sentences)
+        await pilot.press("q")
+    assert app.return_value == 2

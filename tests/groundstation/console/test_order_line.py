@@ -1,0 +1,145 @@
+"""Orders by word: pasted, refused, remembered, completed, garbage."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import msgspec
+import pytest
+from textual import events
+
+from groundstation.console.widgets.order_line import OrderLine, completions
+from groundstation.console.widgets.results import ResultLine
+from onboard.config.fleet import FleetConfig
+from tests.groundstation.console.rig import Rig
+
+
+async def test_pasted_lines_become_one_that_only_enter_sends(rig: Rig) -> None:
+    async with rig.app.run_test(size=(100, 30)) as pilot:
+        rig.hover()
+        await pilot.press("colon")
+        rig.app._order_line.post_message(events.Paste("land mav1\nkill all\n"))
+        await pilot.pause(0.05)
+        assert rig.app._order_line.value == "land mav1 kill all"
+        assert rig.client.ordered == []
+        await pilot.press("enter")
+        assert rig.client.ordered == []
+        await pilot.press("ctrl+u")
+        rig.app._order_line.post_message(events.Paste("land mav1\r\n"))
+        await pilot.pause(0.05)
+        assert rig.client.ordered == []
+        await pilot.press("enter")
+        assert rig.client.ordered == ["land mav1"]
+
+
+async def test_who_has_given_an_order_has_left_the_order_line(rig: Rig) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        line, table = rig.app._order_line, rig.app._fleet_table
+        assert "press :" in rig.screen_text
+        assert "esc leaves" not in rig.screen_text
+        await pilot.press("colon")
+        assert "now write" in rig.screen_text
+        assert "esc leaves" in rig.screen_text
+        await pilot.press(*"land mav1", "enter")
+        await pilot.pause()
+        assert rig.client.ordered == ["land mav1"]
+        assert (rig.app.focused, line.value) == (table, "")
+        assert "press :" in rig.screen_text
+        assert "esc leaves" not in rig.screen_text
+        await pilot.press("down", "f12", "f12")  # in a hurry: keys are keys again
+        assert rig.client.ordered[1:] == ["kill mav1"]
+        await rig.preview(pilot, "colon", *"move mav0 0 1.5 1", "enter")
+        await pilot.press("escape")
+        assert (rig.app.focused, line.value) == (table, "")
+
+
+@pytest.mark.parametrize(
+    "order",
+    ["lnad all", "takeoff nobody", "land 2-0", "land 9", "take control now", "reset nobody", "move all nan 0 1"],
+)
+async def test_a_refused_order_stays_to_be_corrected_below_the_sentence_that_says_why(rig: Rig, order: str) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        await pilot.press("colon", *order, "enter")
+        await pilot.pause()
+        line = rig.app._order_line
+        assert (rig.app.focused, line.value, rig.client.ordered) == (line, order, [])
+        assert "esc leaves" in rig.screen_text
+        why = rig.line(ResultLine).strip()
+        assert why[:40] in rig.said
+        await pilot.press("x", "backspace")
+        assert line.value == order
+        await pilot.press("ctrl+u", *"hold all", "enter")
+        assert rig.client.ordered == ["hold mav0,mav1,mav2"]
+        assert (rig.app.focused, line.value) == (rig.app._fleet_table, "")
+        await pilot.press("colon", *"hodl", "enter", "escape")
+        assert (rig.app.focused, line.value) == (rig.app._fleet_table, "")
+
+
+async def test_earlier_orders_come_back_also_in_the_next_run(fleet: FleetConfig, state_home: Path) -> None:
+    for _ in range(2):
+        rig = Rig(fleet)
+        async with rig.app.run_test(size=(80, 24)) as pilot:
+            rig.hover()
+            await pilot.press("colon", *"land mav2", "enter", "colon", *"hold mav1", "enter", "colon", *"lan")
+            await pilot.press("up", "up")
+            assert rig.app._order_line.value == "land mav2"
+            await pilot.press("down", "down")
+            assert rig.app._order_line.value == "lan"
+    assert (state_home / "covey" / "orders").read_text().splitlines() == ["land mav2", "hold mav1"] * 2
+    (state_home / "covey" / "orders").write_bytes(b"\xff\x00\x1b[31m\nland mav0\n" + b"x" * 9000)
+    rig = Rig(fleet)
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("colon", "up")
+        assert rig.app._order_line.value == "land mav0"
+
+
+async def test_a_state_folder_that_cannot_be_written_costs_the_memory_only(
+    fleet: FleetConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", "/proc/nowhere")
+    rig = Rig(fleet)
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("colon", *"land mav1", "enter", "colon", "up")
+        assert rig.app._order_line.value == "land mav1"
+
+
+async def test_tab_completes_what_is_certain_and_lists_the_rest(rig: Rig) -> None:
+    async with rig.app.run_test(size=(100, 24)) as pilot:
+        await pilot.press("colon", *"la", "tab", "space", "m", "tab")
+        assert rig.app._order_line.value == "land mav"
+        assert "mav0  mav1  mav2" in rig.line(ResultLine)
+        await pilot.press(*"1,mav2")
+        assert rig.app.focused is rig.app.screen.query_one(OrderLine)
+
+
+def test_completion_knows_lists_formations_and_control(fleet: FleetConfig) -> None:
+    assert completions("land mav0,m", fleet) == ["land mav0,mav1", "land mav0,mav2"]
+    assert completions("formation triangle a", fleet) == ["formation triangle all"]
+    assert completions("take c", fleet) == ["take control", "take control force"]
+    assert completions("move mav1 1", fleet) == []
+
+
+async def test_garbage_never_orders_and_never_breaks(rig: Rig) -> None:
+    chance = random.Random(5)
+    words = ["all", "mav0", "mav9", "9-1", "2-0", "0-", "-1", "1e999", "nan", "in", "triangle", "", "\t", "é" * 20,
+             "[/b]", "take", "control", "reset", "1,,2", "force", "\x1b[2J"]  # fmt: skip
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        for _ in range(60):
+            line = " ".join(chance.choices(words, k=chance.randint(1, 5)))
+            rig.app.post_message(OrderLine.Given(line.strip() or "x"))
+        await pilot.pause(0.3)
+        assert rig.client.ordered == []
+        assert rig.app.is_running
+
+
+async def test_a_fleet_of_none_is_a_sentence(fleet: FleetConfig) -> None:
+    vehicles = {name: msgspec.structs.replace(one, enabled=False) for name, one in fleet.vehicles.items()}
+    rig = Rig(msgspec.structs.replace(fleet, vehicles=vehicles))
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("ctrl+l", "f7", "f3", "f4", "escape", "w", "f12", "f12", "colon", *"land all", "enter")
+        await pilot.press("colon", *"takeoff", "enter")
+        assert rig.client.ordered == []
+        assert "nobody to order" in rig.said

@@ -1,0 +1,170 @@
+"""What arm, take-off and moves lead to is shown first, and refused in words where it would end badly."""
+
+from __future__ import annotations
+
+import pytest
+
+from groundstation.console.app import ConsoleApp
+from groundstation.console.screens.preview import PreviewScreen
+from groundstation.orders.forecast import Forecast
+from groundstation.orders.forecast_process import ForecastFailed
+from onboard.config.fleet import FleetConfig
+from tests.groundstation.console.fake import FakeClient
+from tests.groundstation.console.rig import FINE, Rig
+
+
+async def test_take_off_is_shown_first_and_sent_by_enter(rig: Rig) -> None:
+    async with rig.app.run_test(size=(100, 30)) as pilot:
+        rig.stand()
+        screen = await rig.preview(pilot, "colon", *"takeoff all 1.2", "enter")
+        assert rig.client.ordered == []
+        words = str(screen._words.render())
+        assert "1 mav1  → 0.00 0.00 1.20 m" in words
+        assert "closest: 0.95 m, mav0 and mav1, after 2.0 s" in words
+        assert "takes about 7 s" in words
+        await pilot.press("enter")
+        assert rig.client.ordered == ["takeoff mav0,mav1,mav2 1.2"]
+        assert not isinstance(rig.app.screen, PreviewScreen)
+
+
+@pytest.mark.parametrize("key", ["escape", "q", "n"])
+async def test_a_preview_that_is_dropped_sends_nothing(rig: Rig, key: str) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        await rig.preview(pilot, "colon", *"move all 0 1 1", "enter")
+        await pilot.press(key)
+        await pilot.press("enter")
+        assert rig.client.ordered == []
+        assert rig.app.is_running
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        (Forecast(closest_m=0.41, pair=("mav0", "mav2"), now_m=1.5, duration_s=5.0), "within 0.41 m, below the safety"),
+        (Forecast(closest_m=1.0, now_m=1.5, duration_s=5.0, outside=("mav1",)), "mav1 would leave the fence"),
+        (Forecast(closest_m=1.0, now_m=1.5, duration_s=float("inf")), "would not arrive"),
+    ],
+)
+async def test_what_would_end_badly_is_refused_in_words(fleet: FleetConfig, told: Forecast, words: str) -> None:
+    rig = Rig(fleet, told)
+    async with rig.app.run_test(size=(100, 30)) as pilot:
+        rig.hover()
+        screen = await rig.preview(pilot, "colon", *"move all 0 1 1", "enter")
+        assert words in str(screen._answer.render())
+        await pilot.press("enter", "enter")
+        assert rig.client.ordered == []
+
+
+async def test_vehicles_too_close_already_may_be_moved_apart(fleet: FleetConfig) -> None:
+    rig = Rig(fleet, Forecast(closest_m=0.7, pair=("mav0", "mav1"), now_m=0.7, duration_s=5.0))
+    async with rig.app.run_test(size=(100, 30)) as pilot:
+        rig.hover()
+        await rig.preview(pilot, "colon", *"move all 0 1 1", "enter")
+        await pilot.press("enter")
+        assert len(rig.client.ordered) == 1
+
+
+async def test_who_is_not_ready_is_named_and_the_others_are_offered(rig: Rig) -> None:
+    async with rig.app.run_test(size=(100, 30)) as pilot:
+        rig.stand()
+        rig.client.hear("mav1", state="waiting", is_airborne=False, not_ready=("The battery is at 12 %.",))
+        screen = await rig.preview(pilot, "colon", *"takeoff all 1.0", "enter")
+        answer = str(screen._answer.render())
+        assert "mav1 is not ready: The battery is at 12 %." in answer
+        assert "takeoff mav0,mav2 1" in answer
+        assert rig.oracle.asked == []
+        await pilot.press("enter")
+        assert rig.client.ordered == []
+
+
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        ("move all 0 1 1", "mav0 does not fly (it is ready): order take-off first."),
+        ("move mav1 99 0 1", "outside the fence"),
+        ("takeoff all 55", "outside 0.2 to"),
+        ("formation triangle 0.5 0 1 1", "keeps"),
+    ],
+)
+async def test_orders_that_vehicles_would_refuse_are_refused_before(rig: Rig, order: str, words: str) -> None:
+    async with rig.app.run_test(size=(120, 40)) as pilot:
+        rig.stand()
+        screen = await rig.preview(pilot, "colon", *order, "enter")
+        assert words in str(screen._answer.render())
+        await pilot.press("enter")
+        assert rig.client.ordered == []
+
+
+async def test_silent_vehicles_are_not_ordered(rig: Rig) -> None:
+    async with rig.app.run_test(size=(100, 30)) as pilot:
+        rig.stand()
+        rig.client.skew_ns += int(3e9)
+        screen = await rig.preview(pilot, "colon", *"takeoff all 1.0", "enter")
+        assert "mav0 is not heard any more" in str(screen._answer.render())
+
+
+async def test_a_fleet_that_moved_meanwhile_is_computed_again_before_anything_is_sent(rig: Rig) -> None:
+    async with rig.app.run_test(size=(100, 30)) as pilot:
+        rig.hover()
+        screen = await rig.preview(pilot, "colon", *"move all 0 1 1", "enter")
+        rig.oracle.told = None
+        rig.client.hear("mav1", position_enu_m=(0.0, 0.9, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0))
+        await pilot.press("enter")
+        assert rig.client.ordered == []
+        assert screen.is_computing
+        assert "mav1 has moved: computed again" in str(screen._words.render())
+        rig.oracle.told = FINE
+        await pilot.pause(0.2)
+        assert rig.oracle.asked[-1]["mav1"].start_enu_m[1] == pytest.approx(0.9, abs=0.02)
+        await pilot.press("enter")
+        assert len(rig.client.ordered) == 1
+
+
+async def test_a_formation_without_a_place_is_sent_with_the_place_that_was_shown(rig: Rig) -> None:
+    async with rig.app.run_test(size=(100, 30)) as pilot:
+        rig.hover()
+        screen = await rig.preview(pilot, "colon", *"formation triangle 1.8", "enter")
+        assert screen.intent.position_enu_m is not None
+        rig.client.hear("mav1", position_enu_m=(0.05, 0.05, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0))
+        await pilot.press("enter")
+        (handle,) = rig.client.handles
+        goals = {name: order.position_enu_m for name, order in handle.plan.orders.items()}
+        assert goals == screen.proposal.goals
+
+
+async def test_a_second_enter_of_the_order_line_does_not_answer_the_question(rig: Rig) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        await pilot.press("colon", *"move all 0 1 1", "enter", "enter")
+        assert rig.client.ordered == []
+
+
+async def test_who_stands_in_the_room_is_part_of_the_forecast(rig: Rig) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        rig.client.hear("mav2", state="landed", is_airborne=False, position_enu_m=(1.5, 0.0, 0.0))
+        await rig.preview(pilot, "colon", *"move mav0 0 1.5 1", "enter")
+        legs = rig.oracle.asked[0]
+        assert (legs["mav0"].is_ordered, legs["mav1"].is_ordered, legs["mav2"].is_parked) == (True, False, True)
+
+
+async def test_without_previews_orders_go_at_once(fleet: FleetConfig) -> None:
+    client = FakeClient(fleet)
+    app = ConsoleApp(fleet, client, has_preview=False)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("colon", *"takeoff all 1.0", "enter")
+        assert client.ordered == ["takeoff mav0,mav1,mav2 1"]
+
+
+async def test_a_forecast_that_breaks_is_a_sentence_and_no_order(rig: Rig) -> None:
+    async def broken(*_: object, **__: object) -> Forecast:
+        raise ForecastFailed("The forecast could not be computed (EOFError).")
+
+    rig.oracle.forecast = broken  # type: ignore[method-assign]
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        screen = await rig.preview(pilot, "colon", *"move all 0 1 1", "enter")
+        assert "could not be computed" in str(screen._answer.render())
+        await pilot.press("enter")
+        assert rig.client.ordered == []

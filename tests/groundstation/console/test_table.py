@@ -1,0 +1,281 @@
+"""The fleet table: sorting, filters, marks, names, columns, batteries, silence."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+import msgspec
+import pytest
+from rich.cells import cell_len
+
+from groundstation.console.app import ConsoleApp
+from groundstation.console.history import History
+from groundstation.console.screens.vehicle import VehiclePage
+from groundstation.console.widgets.fleet_columns import COLUMNS, choose_columns
+from groundstation.console.widgets.fleet_table import FleetTable
+from groundstation.console.widgets.plan_view import PlanView
+from groundstation.fleet.state import DIRECT_DISARMED, fold
+from onboard.bus.schema import Event
+from onboard.config.fleet import FleetConfig
+from tests.groundstation.console.scenes import SteadyClient, crowd, fly, ground_and_sky
+from tests.groundstation.console.seeing import SIZES, lines, plan_of, see, table_of
+
+
+async def test_the_cursor_stays_on_its_vehicle_when_sorting_moves_the_rows() -> None:
+    client = SteadyClient(crowd(6))
+    fly(client, 0.0)
+    app = ConsoleApp(client.fleet, client)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.press("down", "down")
+        assert table_of(app).selected == "v002"
+        while table_of(app).sort != "bat":
+            await pilot.press("s")
+        client.hear("v002", battery_frac=0.01, boot_id=8)
+        client.clock_ns += 2_000_000_000
+        for name in client.fleet.enabled_names[:2]:
+            client.hear(name, battery_frac=0.02, boot_id=8)
+        await see(app, pilot)
+        assert table_of(app).selected == "v002"
+        assert table_of(app).cursor == 0
+        await pilot.press("S")
+        assert table_of(app).selected == "v002"
+        assert table_of(app).cursor == 5
+
+
+async def test_a_filter_shows_some_and_says_what_it_hides_of_the_marked() -> None:
+    client = SteadyClient(crowd(12))
+    fly(client, 0.0)
+    app = ConsoleApp(client.fleet, client)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.press("space", "slash", *"v01q", "backspace", "enter")
+        assert app.is_running
+        assert sum("● flying" in line for line in lines(app, FleetTable)) == 2
+        assert table_of(app).marked == ("v000",)
+        assert "1 marked, 1 hidden by the filter" in str(table_of(app).border_subtitle)
+        assert table_of(app).selected == "v010"
+        await pilot.press("escape")
+        assert table_of(app).marked == ()
+        assert sum("● flying" in line for line in lines(app, FleetTable)) == 12
+        await pilot.press("slash", *"nobody", "enter")
+        assert any("nobody matches" in line for line in lines(app, FleetTable))
+        assert table_of(app).selected is None
+
+
+@pytest.mark.parametrize(
+    ("wish", "names"),
+    [
+        ("2-3", ("v002", "v003")),
+        ("flying !3 !silent", ("v000", "v004")),
+        ("silent", ("v005",)),
+        ("unready", ("v001",)),
+        ("failed", ("v002",)),
+        ("waiting", ("v001",)),
+        ("[bold", ()),
+        ("4-2", ()),
+    ],
+)
+async def test_a_filter_knows_names_places_states_and_conditions(wish: str, names: tuple[str, ...]) -> None:
+    client = SteadyClient(crowd(6))
+    ground_and_sky(client)
+    client.clock_ns += 3_000_000_000
+    for name in client.fleet.enabled_names[:5]:
+        told = client.state.vehicles[name].telemetry
+        assert told is not None
+        fields = {key: getattr(told, key) for key in told.__struct_fields__ if key not in ("sequence", "operator",
+                  "roles", "vehicle", "schema")}  # fmt: skip
+        client.hear(name, **fields)
+    app = ConsoleApp(client.fleet, client)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.press("slash", *wish, "enter")
+        shown = [line for line in lines(app, FleetTable) if line[5:].startswith("v00")]
+        assert tuple(line[5:9] for line in shown) == names
+
+
+async def test_marks_come_by_space_by_range_and_all_at_once() -> None:
+    client = SteadyClient(crowd(8))
+    fly(client, 0.0)
+    app = ConsoleApp(client.fleet, client)
+    async with app.run_test(size=(120, 40)) as pilot:
+        table = table_of(app)
+        await pilot.press("space", "down", "space")
+        assert table.marked == ("v000", "v002")
+        await pilot.press("J", "J")
+        assert table.marked == ("v000", "v002", "v003", "v004", "v005")
+        await pilot.press(*"3-4,v007", "enter")
+        assert table.marked == ("v003", "v004", "v007")
+        assert table.selected == "v003"
+        await pilot.press("asterisk")
+        assert len(table.marked) == 8
+        assert "ALL marked" in str(table.border_subtitle)
+        client.clock_ns += 4_000_000_000
+        await see(app, pilot)
+        assert len(table.marked) == 8
+        client.clock_ns += 1_100_000_000
+        await see(app, pilot)
+        assert table.marked == ()
+
+
+@pytest.mark.parametrize("text", ["7-3", "99", "nobody", "[/]", "3-", "1,,2", "1 2", "é"])
+async def test_a_wrong_range_marks_nobody_and_says_why(text: str) -> None:
+    client = SteadyClient(crowd(8))
+    app = ConsoleApp(client.fleet, client)
+    async with app.run_test(size=(200, 60)) as pilot:
+        await pilot.press("space", "m", *text, "enter")
+        assert table_of(app).marked == ("v000",)
+        assert "vehicle" in str(table_of(app).border_title)
+        await pilot.press("escape")
+        assert client.ordered == []
+        assert app.is_running
+
+
+@pytest.mark.parametrize("begin", ["slash", "m", "7"])
+async def test_what_is_written_into_the_table_is_no_order_and_no_command(begin: str) -> None:
+    client = SteadyClient(crowd(8))
+    fly(client, 0.0)
+    app = ConsoleApp(client.fleet, client)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.press(begin, *"qw:?Aatz*sSmJKn,.", "tab", "up", "backspace", "f2", "enter")
+        await pilot.pause()
+        assert client.ordered == []
+        assert app.is_running
+        assert len(app.screen_stack) == 1
+        assert table_of(app).marked == ()
+
+
+async def test_vehicles_that_vanish_and_come_back_leave_no_mark_and_no_ghost() -> None:
+    client = SteadyClient(crowd(4))
+    fly(client, 0.0)
+    app = ConsoleApp(client.fleet, client)
+    whole = client.state
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.press("down", "space", "up")
+        assert table_of(app).marked == ("v001",)
+        assert table_of(app).selected == "v001"
+        some = {name: view for name, view in whole.vehicles.items() if name != "v001"}
+        client.state = msgspec.structs.replace(whole, vehicles=MappingProxyType(some))
+        await see(app, pilot)
+        assert table_of(app).marked == ()
+        assert table_of(app).selected != "v001"
+        assert not any("v001" in line[:12] for line in lines(app, FleetTable))
+        client.state = whole
+        client.hear("v001", boot_id=99)
+        await see(app, pilot)
+        assert table_of(app).marked == ()
+        assert any("v001" in line[:12] for line in lines(app, FleetTable))
+
+
+@pytest.mark.parametrize("size", [*SIZES, (20, 5), (3, 2)])
+async def test_long_and_foreign_names_keep_the_columns_and_stay_apart(size: tuple[int, int]) -> None:
+    client = SteadyClient(crowd(4))
+    fly(client, 0.0)
+    names = [
+        "survey_drone_of_the_northern_building_07",
+        "survey_drone_of_the_northern_building_08",
+        "無人機三號",
+        "דרון",
+    ]
+    client.state = msgspec.structs.replace(client.state, vehicles=MappingProxyType({
+        name: msgspec.structs.replace(view, name=name)
+        for name, view in zip(names, client.state.vehicles.values(), strict=True)
+    }))  # fmt: skip
+    app = ConsoleApp(client.fleet, client)
+    async with app.run_test(size=size) as pilot:
+        await see(app, pilot)
+        table = lines(app, FleetTable)
+        assert {cell_len(line) for line in table} <= {table_of(app).size.width}
+        assert {cell_len(line) for line in lines(app, PlanView)} <= {plan_of(app).size.width}
+        if size[0] >= 80:
+            assert any("_07" in line for line in table)
+            assert any("_08" in line for line in table)
+            column = {
+                line.index("● flying") + cell_len(line) - len(line)
+                for line in table
+                if "無" not in line and "●" in line
+            }
+            assert len(column) == 1
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_the_reason_why_a_vehicle_is_not_ready_is_read_at_every_size(size: tuple[int, int]) -> None:
+    client = SteadyClient(crowd(4))
+    ground_and_sky(client)
+    app = ConsoleApp(client.fleet, client)
+    async with app.run_test(size=size) as pilot:
+        await see(app, pilot)
+        table = "\n".join(lines(app, FleetTable))
+        assert "No mocap pose for 2." in table
+        assert "PX4 refused to arm" in table
+        assert "▲ 29%" in table
+        assert "✖ 18%" in table
+
+
+def test_all_columns_have_room_at_200_and_the_vital_ones_at_60() -> None:
+    assert choose_columns(198 - 30)[0] == COLUMNS
+    assert choose_columns(198 - 30)[1] >= 24
+    vital = {column.title for column in choose_columns(60 - 12)[0]}
+    assert {"state", "bat", "z m", "near m"} <= vital
+    assert choose_columns(0) == ((), 0)
+
+
+async def test_a_battery_says_how_long_it_lasts_until_it_has_to_land() -> None:
+    client = SteadyClient(crowd(1))
+    history = History(land_frac=0.2)
+    for second in range(60):
+        client.clock_ns += 1_000_000_000
+        client.hear("v000", battery_frac=0.8 - 0.1 * second / 60.0, boot_id=3)
+        history.add(client.state, client.now_ns())
+    assert history.drains["v000"].per_min_frac == pytest.approx(-0.1, rel=0.02)
+    assert history.drains["v000"].left_min == pytest.approx((0.7 - 0.2) / 0.1, rel=0.05)
+    client.clock_ns += 1_000_000_000
+    client.hear("v000", battery_frac=1.0, boot_id=3)
+    history.add(client.state, client.now_ns())
+    assert "v000" not in history.drains, "another battery has another trend"
+
+
+@pytest.mark.parametrize("size", [(80, 24), (160, 40)])
+async def test_what_px4_says_past_a_silent_agent_stands_in_place_of_what_was_heard_in_the_air(
+    fleet: FleetConfig, size: tuple[int, int]
+) -> None:
+    client = SteadyClient(fleet)
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=size) as pilot:
+        client.hear("mav0", state="flying", position_enu_m=(0.4, -0.3, 1.23), is_armed=True)
+        client.clock_ns += int(3e9)
+        await see(app, pilot)
+        assert "NO TELEM 3.0 s" in lines(app, FleetTable)[1]
+        told = Event(vehicle="mav0", stamp_ns=1, severity="warning", code=DIRECT_DISARMED, sentence="It is disarmed.")
+        client.state = fold(client.state, told, client.now_ns())
+        await see(app, pilot)
+        row = lines(app, FleetTable)[1]
+        assert "NO TELEM 3.0 s" in row
+        assert "PX4 says disarmed, last heard at +0.40 -0.30" in row
+        assert "ARMED" not in row
+        assert "1.23" not in row
+        await pilot.press("enter")
+        await pilot.pause()
+        page = app.screen.query_one(VehiclePage)
+        assert "PX4 says disarmed" in str(page.border_title)
+        assert "ARMED" not in "".join(page.render_line(y).text for y in range(page.size.height))
+        await pilot.press("escape", "slash", *"armed", "enter")
+        await see(app, pilot)
+        assert "nobody matches" in lines(app, FleetTable)[1]
+        client.hear("mav0", state="flying", is_armed=True)
+        await see(app, pilot)
+        assert "flying" in lines(app, FleetTable)[1], "the agent is back, and knows better"
+
+
+async def test_a_hundred_rows_scroll_and_the_heading_stays() -> None:
+    client = SteadyClient(crowd(100))
+    fly(client, 0.0)
+    app = ConsoleApp(client.fleet, client)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await see(app, pilot)
+        for key, name in (("end", "v099"), ("home", "v000"), ("up", "v000")):
+            await pilot.press(key)
+            await pilot.pause()
+            table = lines(app, FleetTable)
+            assert "state" in table[0]
+            assert any(line.startswith("▌") and name in line for line in table)
+        table_of(app).action_cursor(30)
+        await pilot.pause()
+        assert any(line.startswith("▌") and "v030" in line for line in lines(app, FleetTable))

@@ -1,0 +1,56 @@
+"""The worst alarm stands on the last line of whatever is on the screen, in full colour."""
+
+from __future__ import annotations
+
+import pytest
+from textual.screen import Screen
+
+from groundstation.console import theme
+from groundstation.console.app import ConsoleApp
+from groundstation.console.screens.alarms import AlarmsScreen
+from groundstation.console.screens.dialogs import HelpScreen, QuitScreen
+from groundstation.console.screens.preview import PreviewScreen
+from groundstation.console.screens.vehicle import VehicleScreen
+from onboard.config.fleet import FleetConfig
+from tests.groundstation.console.fake import FakeClient
+from tests.groundstation.console.live import until
+
+SIZES = [(80, 24), (120, 40)]
+SCREENS: list[tuple[str, type[Screen[object]]]] = [
+    ("question_mark", HelpScreen),
+    ("q", QuitScreen),
+    ("f2", PreviewScreen),
+    ("A", AlarmsScreen),
+    ("enter", VehicleScreen),
+]
+
+
+def last_line(app: ConsoleApp) -> list[tuple[str, str]]:
+    """Pieces of the terminal's last line with their colours."""
+    strip = app.screen._compositor.render_strips()[-1]
+    colour = [segment.style.color if segment.style else None for segment in strip]
+    return [(segment.text, one.name if one else "") for segment, one in zip(strip, colour, strict=True)]
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(("key", "screen"), SCREENS, ids=[screen.__name__ for _, screen in SCREENS])
+async def test_the_worst_alarm_is_visible_on_every_screen(
+    fleet: FleetConfig, key: str, screen: type[Screen[object]], size: tuple[int, int]
+) -> None:
+    client = FakeClient(fleet)
+    app = ConsoleApp(fleet, client)
+
+    def worst(battery_frac: float) -> tuple[str, str]:
+        for name in fleet.enabled_names:  # again and again: silence would be another alarm
+            client.hear(name, position_enu_m=fleet.vehicles[name].start_enu_m, battery_frac=battery_frac)
+        return next((piece for piece in last_line(app) if "✖" in piece[0]), ("", ""))
+
+    async with app.run_test(size=size) as pilot:
+        worst(0.8)
+        await pilot.press(key)
+        await until(pilot, lambda: isinstance(app.screen, screen))
+        await until(pilot, lambda: worst(0.8) == ("", "") and "all well" in str(last_line(app)), 10.0)
+        await until(pilot, lambda: "mav0" in worst(0.05)[0], 10.0)  # what comes while this screen is in front
+        sentence, colour = worst(0.05)
+        assert "battery" in sentence.lower()
+        assert colour == theme.BAD

@@ -1,0 +1,243 @@
+"""Mission files, the runner on obedient and on disobedient vehicles, and the verdict."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from groundstation.missions.files import load_mission, mission_from_mapping
+from groundstation.missions.runner import MissionRun
+from onboard.config.fleet import ConfigError, FleetConfig
+
+ROOT = Path(__file__).resolve().parents[3]
+HOP = [{"do": "takeoff", "height_m": 1.0}, {"do": "formation", "name": "triangle", "position_enu_m": [0, 1.2, 1.0]}]
+EXPECT = {"min_separation_m": 0.8, "arrived_within_m": 0.15, "all_landed": True}
+
+
+def make(fleet: FleetConfig, steps: list[dict[str, Any]], **tables: Any) -> Any:
+    return mission_from_mapping({"schema": 1, "step": steps, **tables}, path="test.toml", fleet=fleet)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "configs/missions").glob("*")), ids=lambda path: path.name)
+def test_every_mission_of_the_repository_is_valid_for_its_fleet_or_for_both_that_are_emulated(path: Path) -> None:
+    own = ROOT / "configs" / "fleets" / f"{path.stem}.toml"
+    for fleet in (path.stem,) if own.exists() and path.stem != "paper" else ("paper", "sih"):
+        mission = load_mission(path, str(ROOT / f"configs/fleets/{fleet}.toml"))
+        assert mission.steps or mission.is_python
+
+
+@pytest.mark.parametrize(
+    ("steps", "tables", "words"),
+    [
+        ([], {}, "step"),
+        ([{"do": "dance"}], {}, "step[0].do"),
+        ([{"height_m": 1}], {}, "step[0].do"),
+        ([{"do": "takeoff", "hight_m": 1.0}], {}, "step[0].hight_m"),
+        ([{"do": "takeoff", "height_m": "high"}], {}, "step[0].height_m"),
+        ([{"do": "takeoff", "height_m": 9.0}], {}, "step[0]"),
+        ([{"do": "land", "vehicles": ["mav7"]}], {}, "mav7"),
+        ([{"do": "land", "timeout_s": -1}], {}, "step[0].timeout_s"),
+        ([{"do": "wait"}], {}, "duration_s"),
+        ([{"do": "wait", "duration_s": float("nan")}], {}, "step[0].duration_s"),
+        ([{"do": "formation", "name": "star", "position_enu_m": [0, 0, 1]}], {}, "star"),
+        ([{"do": "move", "position_enu_m": [3.9, 0, 1]}], {}, "outside the fence"),
+        ([{"do": "move", "position_enu_m": [0, 0]}], {}, "step[0].position_enu_m"),
+        ([{"do": "fault"}], {}, "vehicles"),
+        (HOP, {"expect": {"min_distance_m": 1.0}}, "expect.min_distance_m"),
+        (HOP, {"expect": {"min_separation_m": -1.0}}, "expect.min_separation_m"),
+        (HOP, {"on_failure": {"do": "panic"}}, "on_failure.do"),
+        (HOP, {"speed": 3}, "speed"),
+        (HOP, {"schema": 2}, "schema"),
+    ],
+)
+def test_a_wrong_mission_is_refused_with_file_and_key(
+    fleet: FleetConfig, steps: list[dict[str, Any]], tables: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        make(fleet, steps, **tables)
+    assert str(caught.value).startswith("test.toml")
+    assert words in str(caught.value)
+
+
+def test_python_missions_are_checked_without_being_run(tmp_path: Path, fleet: FleetConfig) -> None:
+    for text, words in (("def mission(", "Python"), ("x = 1\n", "async def mission"), (None, "no such")):
+        path = tmp_path / "m.py"
+        if text is None:
+            path = tmp_path / "absent.py"
+        else:
+            path.write_text(text)
+        with pytest.raises(ConfigError, match=words):
+            load_mission(path, fleet)
+    path = tmp_path / "ok.py"
+    path.write_text("EXPECT = {'all_landed': True}\nraise SystemExit\nasync def mission(fleet):\n    pass\n")
+    assert load_mission(path, fleet).expect.all_landed is True
+
+
+def test_the_papers_paths_cross_so_that_they_collide_without_the_law() -> None:
+    """Straight quintics at the speed limit, each vehicle in its own shortest time, as guidance flies."""
+    mission = load_mission(ROOT / "configs/missions/paper.toml")
+    fleet = mission.fleet
+    step = next(step for step in mission.steps if step.do == "formation")
+    slots, centre = fleet.formations[step.name], np.array(step.position_enu_m)
+    tracks = {}
+    time_s = np.linspace(0.0, 12.0, 2400)[:, None]
+    for name in fleet.enabled_names:
+        vehicle = fleet.vehicles[name]
+        start = np.array([*vehicle.start_enu_m[:2], 1.0])
+        leg = centre + np.array(slots[name]) - start
+        length = np.linalg.norm(leg)
+        duration_s = max(1.875 * length / vehicle.max_speed_m_s, np.sqrt(5.77 * length / vehicle.max_acceleration_m_s2))
+        s = np.clip(time_s / duration_s, 0.0, 1.0)
+        tracks[name] = start + (10 * s**3 - 15 * s**4 + 6 * s**5) * leg
+    closest = min(
+        np.linalg.norm((tracks[one] - tracks[two])[:, :2], axis=-1).min()
+        for one, two in itertools.combinations(tracks, 2)
+    )
+    assert closest < fleet.fleet.body_diameter_m
+
+
+async def test_an_obedient_fleet_passes_and_every_step_is_told_per_vehicle(fleet: FleetConfig, client: Any) -> None:
+    lines: list[str] = []
+    verdict = await MissionRun(make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client, say=lines.append).run()
+    assert verdict.exit_status == 0, verdict.sentences
+    assert [step.vehicles for step in verdict.steps] == [dict.fromkeys(fleet.enabled_names, "done")] * 3
+    assert len(verdict.arrivals) == 3
+    assert verdict.worst_arrival_m < 0.15
+    assert all(verdict.landed.values())
+    assert any("takeoff" in line for line in lines)
+    assert verdict.sentences[-1].startswith("PASSED")
+
+
+async def test_arrival_is_judged_by_truth_and_not_by_what_the_vehicle_says(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    bus.truth_error_m = 0.2
+    verdict = await MissionRun(make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client).run()
+    assert verdict.exit_status == 1
+    assert [one.name for one in verdict.checks if not one.has_come_true] == ["arrived_within_m"]
+    assert verdict.worst_arrival_m == pytest.approx(0.2, abs=0.01)
+
+
+async def test_a_vehicle_whose_landing_order_fails_is_waited_for_and_ordered_again(
+    fleet: FleetConfig, client: Any, bus: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("groundstation.missions.api.LAND_AGAIN_S", 0.1)
+    run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client)
+    task = asyncio.create_task(run.run())
+    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    bus.misbehave["mav2"] = "fail"
+    run.interrupt()
+    assert await client.wait_for(
+        lambda state: [order.kind for name, order in bus.orders if name == "mav2"].count("land") >= 2, 5.0
+    )
+    bus.misbehave.clear()
+    verdict = await asyncio.wait_for(task, 5.0)
+    assert all(verdict.landed.values())
+
+
+async def test_a_vehicle_that_fails_ends_the_mission_mixed_and_everybody_lands(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    bus.misbehave["mav1"] = "fail"
+    verdict = await MissionRun(make(fleet, HOP), client).run()
+    assert verdict.exit_status == 50
+    assert "The motor is weak." in verdict.summary
+    assert [order.kind for name, order in bus.orders if name == "mav0"] == ["takeoff", "land"]
+    assert verdict.landed["mav0"]
+
+
+async def test_an_expectation_that_fails_is_exit_status_one_with_its_sentence(fleet: FleetConfig, client: Any) -> None:
+    mission = make(fleet, [*HOP, {"do": "land"}], expect={"min_separation_m": 3.0})
+    verdict = await MissionRun(mission, client).run()
+    assert verdict.exit_status == 1
+    assert "3.00 m" in verdict.summary
+
+
+async def test_a_fleet_left_in_the_air_fails_all_landed(fleet: FleetConfig, client: Any) -> None:
+    verdict = await MissionRun(make(fleet, HOP, expect={"all_landed": True}), client).run()
+    assert verdict.exit_status == 1
+    assert not any(verdict.landed.values())
+
+
+async def test_an_expect_step_stops_the_mission_where_it_fails(fleet: FleetConfig, client: Any, bus: Any) -> None:
+    steps = [HOP[0], {"do": "expect", "min_separation_m": 3.0}, HOP[1]]
+    verdict = await MissionRun(make(fleet, steps), client).run()
+    assert verdict.exit_status == 1
+    assert "move" not in {order.kind for _, order in bus.orders}
+    assert all(verdict.landed.values())
+
+
+async def test_an_interruption_lands_everybody_and_says_so(fleet: FleetConfig, client: Any, bus: Any) -> None:
+    run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client)
+    task = asyncio.create_task(run.run())
+    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    run.interrupt()
+    verdict = await asyncio.wait_for(task, 5.0)
+    assert verdict.exit_status == 130
+    assert all(verdict.landed.values())
+    assert [order.kind for name, order in bus.orders if name == "mav2"] == ["takeoff", "land"]
+
+
+async def test_cancelling_the_run_lands_too(fleet: FleetConfig, client: Any) -> None:
+    task = asyncio.create_task(MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client).run())
+    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    task.cancel()
+    verdict = await asyncio.wait_for(task, 5.0)
+    assert verdict.exit_status == 130
+    assert not client.state.airborne_names
+
+
+async def test_nobody_answering_is_exit_status_ten_with_names(fleet: FleetConfig, bus: Any) -> None:
+    from groundstation.client.client import FleetClient
+
+    client = FleetClient(fleet, bus=bus)
+    await client.start()
+    verdict = await MissionRun(make(fleet, HOP), client, ready_timeout_s=0.1).run()
+    await client.stop()
+    assert verdict.exit_status == 10
+    assert "mav1 does not answer" in verdict.summary
+
+
+async def test_a_vehicle_that_is_not_ready_says_its_reason(fleet: FleetConfig, client: Any, bus: Any) -> None:
+    bus.tell("mav1", state="waiting", not_ready=("no motion capture",))
+    verdict = await MissionRun(make(fleet, HOP), client, ready_timeout_s=0.2).run()
+    assert verdict.exit_status == 1
+    assert "mav1 is waiting: no motion capture" in verdict.summary
+    assert not bus.orders
+
+
+async def test_a_mistake_in_a_python_mission_still_lands_everybody(
+    fleet: FleetConfig, client: Any, tmp_path: Path
+) -> None:
+    path = tmp_path / "wrong.py"
+    path.write_text("async def mission(fleet):\n    await fleet.takeoff()\n    fleet.fly_to_the_moon()\n")
+    verdict = await MissionRun(load_mission(path, fleet), client).run()
+    assert verdict.exit_status == 1
+    assert "fly_to_the_moon" in verdict.summary
+    assert all(verdict.landed.values())
+
+
+async def test_a_python_mission_uses_the_same_orders(fleet: FleetConfig, client: Any, bus: Any, tmp_path: Path) -> None:
+    path = tmp_path / "hop.py"
+    path.write_text(
+        "EXPECT = {'all_landed': True, 'arrived_within_m': 0.15}\n"
+        "async def mission(fleet):\n"
+        "    await fleet.takeoff(height_m=1.2)\n"
+        "    await fleet['mav1'].move((0.0, -0.5, 1.2))\n"
+        "    assert await fleet['mav1'].reached((0.0, -0.5, 1.2), timeout_s=1.0)\n"
+        "    await fleet.formation('triangle', (0.0, 1.2, 1.0))\n"
+        "    await fleet.land()\n"
+    )
+    verdict = await MissionRun(load_mission(path, fleet), client).run()
+    assert verdict.exit_status == 0, verdict.sentences
+    assert ("mav1", (0.0, -0.5, 1.2)) in [(name, order.position_enu_m) for name, order in bus.orders]
+
+
+def test_who_names_a_mission_that_is_not_there_is_shown_a_mission(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"such as configs/missions/paper\.toml"):
+        load_mission(tmp_path / "absent.toml")

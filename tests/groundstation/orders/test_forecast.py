@@ -1,0 +1,107 @@
+"""What an order would lead to: near misses are foreseen, who stands in the way is seen, the process is replaceable."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import time
+
+import msgspec
+import pytest
+
+from groundstation.orders.forecast import Leg, against, forecast
+from groundstation.orders.forecast_process import Forecaster, ForecastFailed
+from groundstation.orders.grammar import Intent
+from onboard.config.fleet import FleetConfig
+
+MOVE = Intent("move", ("mav0", "mav1"), position_enu_m=(0.0, 0.0, 1.0))
+SWAP = {"mav0": Leg((-1.2, 0.0, 1.0), (1.2, 0.0, 1.0)), "mav1": Leg((1.2, 0.0, 1.0), (-1.2, 0.0, 1.0))}
+
+
+def without_law(fleet: FleetConfig) -> FleetConfig:
+    law = msgspec.convert({**msgspec.to_builtins(fleet.law), "name": "off"}, type(fleet.law))
+    return msgspec.structs.replace(fleet, law=law)
+
+
+def test_a_swap_is_safe_under_the_law_and_refused_without_it(fleet: FleetConfig) -> None:
+    fine = forecast(fleet, SWAP)
+    assert fine.closest_m >= fleet.fleet.safety_distance_m
+    assert against(fine, MOVE, fleet) == ()
+    assert fine.now_m == pytest.approx(2.4)
+    assert set(fine.paths_enu_m) == {"mav0", "mav1"}
+    crash = forecast(without_law(fleet), SWAP)
+    assert crash.closest_m < 0.4
+    (reason,) = against(crash, MOVE, fleet)
+    assert "mav0 and mav1 would come within" in reason
+
+
+def test_the_same_question_has_the_same_answer(fleet: FleetConfig) -> None:
+    assert forecast(fleet, SWAP) == forecast(fleet, SWAP)
+
+
+def test_who_stands_on_the_ground_stays_there_and_is_flown_around(fleet: FleetConfig) -> None:
+    legs = {"mav0": Leg((-1.5, 0.0, 1.0), (1.5, 0.1, 1.0)),
+            "mav2": Leg((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), is_ordered=False, is_parked=True)}  # fmt: skip
+    found = forecast(fleet, legs)
+    assert set(found.paths_enu_m["mav2"]) == {(0.0, 0.0, 0.0)}
+    assert found.closest_m >= fleet.fleet.safety_distance_m - 0.05
+    assert found.duration_s < 30.0
+    assert forecast(without_law(fleet), legs).closest_m < 0.2
+
+
+def test_a_take_off_takes_longer_than_its_climb_and_an_arming_has_no_paths(fleet: FleetConfig) -> None:
+    legs = {"mav0": Leg((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))}
+    alone = forecast(fleet, legs, is_takeoff=True)
+    assert alone.duration_s > 3.0 + 1.0
+    assert alone.closest_m == float("inf")
+    assert against(alone, Intent("takeoff", ("mav0",), height_m=1.0), fleet) == ()
+    assert forecast(fleet, {"mav0": Leg((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), is_ordered=False)}).paths_enu_m == {}
+
+
+async def test_another_process_computes_and_is_replaced_when_it_ends(fleet: FleetConfig) -> None:
+    forecaster = Forecaster()
+    lateness_s = []
+
+    async def watch() -> None:
+        while True:
+            begin_s = time.monotonic()
+            await asyncio.sleep(0.005)
+            lateness_s.append(time.monotonic() - begin_s - 0.005)
+
+    watching = asyncio.create_task(watch())
+    try:
+        one = await forecaster.forecast(fleet, SWAP)
+        assert one == forecast(fleet, SWAP)
+        assert forecaster._process is not None
+        first = forecaster._process.pid
+        assert first != os.getpid()
+        asking = asyncio.create_task(forecaster.forecast(fleet, SWAP))
+        await asyncio.sleep(0.01)
+        forecaster._process.kill()
+        with pytest.raises(ForecastFailed, match="could not be computed"):
+            await asking
+        asking = asyncio.create_task(forecaster.forecast(fleet, SWAP))
+        await asyncio.sleep(0.05)
+        asking.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await asking
+        assert (await forecaster.forecast(fleet, SWAP)).closest_m == one.closest_m
+        # the loop was free all the while, whatever the load: the typical wait is that of the sleep itself
+        assert sorted(lateness_s)[len(lateness_s) // 2] < 0.02
+    finally:
+        watching.cancel()
+        await forecaster.stop()
+    assert forecaster._process is None
+
+
+async def test_the_process_ends_with_its_parent(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COVEY_NUMBA", "0")  # nothing to warm up
+    forecaster = Forecaster()
+    await forecaster.start()
+    process = forecaster._process
+    assert process is not None
+    assert process.stdin is not None
+    process.stdin.close()  # as the kernel does when the parent is killed
+    async with asyncio.timeout(60.0):
+        assert await process.wait() == 0

@@ -1,0 +1,217 @@
+"""From a line of text to one checked order per vehicle."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import pytest
+
+from groundstation.fleet.state import FleetState, fold, initial
+from groundstation.orders.grammar import Intent, OrderError, Plan, parse, plan, slots_of
+from onboard.config.fleet import FleetConfig
+
+ALL = ("mav0", "mav1", "mav2")
+
+
+def planned(intent: Intent, fleet: FleetConfig, state: FleetState | None = None) -> Plan:
+    return plan(intent, fleet, state, formation="triangle", author="tester", now_ns=5)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("takeoff all 1.0", Intent("takeoff", ALL, height_m=1.0)),
+        ("takeoff", Intent("takeoff", ALL, height_m=1.0)),
+        ("takeoff 1.5", Intent("takeoff", ALL, height_m=1.5)),
+        ("takeoff 1", Intent("takeoff", ("mav1",), height_m=1.0)),
+        ("takeoff 1-2 1.2", Intent("takeoff", ("mav1", "mav2"), height_m=1.2)),
+        ("TAKEOFF mav0,mav2 2", Intent("takeoff", ("mav0", "mav2"), height_m=2.0)),
+        ("move all 2 0 1.2", Intent("move", ALL, position_enu_m=(2.0, 0.0, 1.2))),
+        ("move mav1 2 -1 1.2 in 8", Intent("move", ("mav1",), position_enu_m=(2.0, -1.0, 1.2), duration_s=8.0)),
+        (
+            "formation triangle 0 1.2 1.0",
+            Intent("formation", ALL, position_enu_m=(0.0, 1.2, 1.0), formation="triangle"),
+        ),
+        ("formation triangle", Intent("formation", ALL, formation="triangle")),
+        (
+            "formation triangle 0-1 0 1 1",
+            Intent("formation", ("mav0", "mav1"), position_enu_m=(0.0, 1.0, 1.0), formation="triangle"),
+        ),
+        ("land mav2", Intent("land", ("mav2",))),
+        ("hold", Intent("hold", ALL)),
+        ("arm", Intent("arm", ALL)),
+        ("disarm 0", Intent("disarm", ("mav0",))),
+        ("kill mav1", Intent("kill", ("mav1",))),
+        ("  land   all ", Intent("land", ALL)),
+    ],
+)
+def test_a_well_formed_line_becomes_its_intent(fleet: FleetConfig, text: str, expected: Intent) -> None:
+    assert parse(text, fleet) == expected
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "   ",
+        "fly all",
+        "takeoff all high",
+        "takeoff all 1.0 2.0",
+        "move all 1 2",
+        "move 1 2 3",
+        "move all 1 2 nan",
+        "move all inf 2 1",
+        "move all 1 2 1 in",
+        "move all 1 2 1 in fast",
+        "move all 1 2 1 in -3",
+        "land all in 3",
+        "formation",
+        "formation square 0 0 1",
+        "land mav9",
+        "land 2-1",
+        "land 0-7",
+        "land mav0 mav1",
+        "kill",
+        "land all\nkill all",
+        "land\x00all",
+        "x" * 10_000,
+    ],
+)
+def test_a_line_that_is_no_order_is_refused_in_words_and_never_guessed(fleet: FleetConfig, text: str) -> None:
+    with pytest.raises(OrderError) as caught:
+        parse(text, fleet)
+    sentence = str(caught.value)
+    assert 20 < len(sentence) < 300
+    assert sentence.isprintable()
+
+
+def test_a_joint_move_adds_each_vehicles_slot(fleet: FleetConfig) -> None:
+    done = planned(parse("move all 0 1 1.2", fleet), fleet)
+    assert {name: order.position_enu_m for name, order in done.orders.items()} == {
+        "mav0": pytest.approx((0.0, 1.92, 1.2)),
+        "mav1": pytest.approx((-0.8, 0.54, 1.2)),
+        "mav2": pytest.approx((0.8, 0.54, 1.2)),
+    }
+    assert all(order.kind == "move" for order in done.orders.values())
+
+
+def test_one_vehicle_moves_to_the_very_point(fleet: FleetConfig) -> None:
+    done = planned(parse("move mav1 1 2 1.2", fleet), fleet)
+    assert done.orders["mav1"].position_enu_m == (1.0, 2.0, 1.2)
+
+
+def test_every_order_has_its_own_id_author_and_a_deadline_ahead(fleet: FleetConfig) -> None:
+    orders = planned(parse("land all", fleet), fleet).orders.values()
+    assert len({order.order_id for order in orders}) == 3
+    assert all(order.author == "tester" and order.deadline_ns > order.stamp_ns == 5 for order in orders)
+
+
+def test_a_formation_order_is_remembered_and_a_move_keeps_it(fleet: FleetConfig) -> None:
+    assert planned(parse("formation triangle 0 1 1", fleet), fleet).formation == "triangle"
+    unknown = plan(parse("move all 0 1 1", fleet), fleet, None, formation=None, author="x", now_ns=0)
+    assert not unknown.orders
+    assert all("formation" in reason for reason in unknown.refusals.values())
+
+
+def test_if_one_slot_lies_outside_the_fence_nobody_moves_and_everyone_is_told_why(fleet: FleetConfig) -> None:
+    done = planned(parse("move all 3.5 0 1", fleet), fleet)
+    assert not done.orders
+    assert "outside the fence" in done.refusals["mav2"]
+    assert "mav2 was refused" in done.refusals["mav0"]
+
+
+def test_a_goal_below_ground_and_a_height_above_the_fence_are_refused(fleet: FleetConfig) -> None:
+    assert "outside the fence" in planned(parse("move mav0 0 0 -0.2", fleet), fleet).refusals["mav0"]
+    assert "3" in planned(parse("takeoff all 9.0", fleet), fleet).refusals["mav1"]
+
+
+def test_numbers_that_are_not_finite_are_refused_also_without_the_parser(fleet: FleetConfig) -> None:
+    for intent in (
+        Intent("move", ("mav0",), position_enu_m=(math.nan, 0.0, 1.0)),
+        Intent("takeoff", ("mav0",), height_m=math.inf),
+        Intent("move", ("mav0",), position_enu_m=(0.0, 0.0, 1.0), duration_s=math.nan),
+    ):
+        done = planned(intent, fleet)
+        assert not done.orders
+        assert "finite" in done.refusals["mav0"]
+
+
+def test_unknown_vehicles_are_refused_one_by_one(fleet: FleetConfig) -> None:
+    done = planned(Intent("land", ("mav0", "ghost")), fleet)
+    assert set(done.orders) == {"mav0"}
+    assert "not a vehicle" in done.refusals["ghost"]
+
+
+def test_goals_closer_than_the_law_can_park_are_refused(fleet: FleetConfig, make_telemetry: Any) -> None:
+    flying = make_telemetry(
+        "mav0", state="flying", is_airborne=True, goal_position_enu_m=(1.0, 1.0, 1.0), position_enu_m=(0.0, 0.0, 1.0)
+    )
+    state = fold(initial(fleet), flying, 0)
+    near = planned(parse("move mav1 1.5 1 1", fleet), fleet, state)
+    assert "0.50 m from mav0's goal" in near.refusals["mav1"]
+    assert planned(parse("move mav1 2.2 1 1", fleet), fleet, state).orders
+
+
+def test_a_formation_without_position_stays_where_the_vehicles_are(fleet: FleetConfig, make_telemetry: Any) -> None:
+    state = initial(fleet)
+    for name, (x, y, z) in fleet.formations["triangle"].items():
+        state = fold(state, make_telemetry(name, position_enu_m=(x + 0.5, y - 0.5, z + 1.0)), 0)
+    done = planned(parse("formation triangle", fleet), fleet, state)
+    assert done.orders["mav0"].position_enu_m == pytest.approx((0.5, 0.42, 1.0))
+    assert not planned(parse("formation triangle", fleet), fleet, initial(fleet)).orders
+
+
+@pytest.mark.parametrize(
+    ("text", "intent"),
+    [
+        ("formation triangle 1.6", Intent("formation", ALL, formation="triangle", spacing_m=1.6)),
+        (
+            "formation triangle 1.8 0 1.2 1.0 in 8",
+            Intent(
+                "formation", ALL, position_enu_m=(0.0, 1.2, 1.0), formation="triangle", spacing_m=1.8, duration_s=8.0
+            ),
+        ),
+        ("formation triangle 0-1 2.0", Intent("formation", ("mav0", "mav1"), formation="triangle", spacing_m=2.0)),
+        ("formation triangle 1", Intent("formation", ("mav1",), formation="triangle")),
+        ("identify mav2", Intent("identify", ("mav2",))),
+    ],
+)
+def test_a_formation_may_be_stretched_and_vehicles_identified(fleet: FleetConfig, text: str, intent: Intent) -> None:
+    assert parse(text, fleet) == intent
+    assert parse(str(intent), fleet) == intent
+
+
+@pytest.mark.parametrize("text", ["identify", "formation triangle nan", "formation triangle 1.6 0"])
+def test_nobody_and_no_number_are_no_orders(fleet: FleetConfig, text: str) -> None:
+    with pytest.raises(OrderError, match=r"Write|finite|not a vehicle"):
+        parse(text, fleet)
+
+
+@pytest.mark.parametrize("text", ["formation triangle -1.6 0 0 1", "formation triangle 0.0 0 0 1"])
+def test_a_spacing_that_is_none_is_refused(fleet: FleetConfig, text: str) -> None:
+    planned = plan(parse(text, fleet), fleet, None, formation="triangle", author="x", now_ns=0)
+    assert not planned.orders
+    assert all("no distance" in reason for reason in planned.refusals.values())
+
+
+def test_the_spacing_is_that_of_the_nearest_slots_and_lasts_for_the_next_move(fleet: FleetConfig) -> None:
+    stretched = slots_of(fleet, "triangle", 2.0)
+    spacing_m = min(math.dist(stretched[a][:2], stretched[b][:2]) for a, b in itertools.combinations(stretched, 2))
+    assert spacing_m == pytest.approx(2.0)
+    assert slots_of(fleet, "triangle") == fleet.formations["triangle"]
+    first = plan(parse("formation triangle 2.0 0 0 1", fleet), fleet, None, formation=None, author="x", now_ns=0)
+    assert (first.formation, first.spacing_m) == ("triangle", 2.0)
+    then = plan(
+        parse("move all 0 0.5 1", fleet), fleet, None,
+        formation=first.formation, spacing_m=first.spacing_m, author="x", now_ns=0,
+    )  # fmt: skip
+    shift = [then.orders[n].position_enu_m[1] - first.orders[n].position_enu_m[1] for n in ALL]  # type: ignore[index]
+    assert shift == pytest.approx([0.5] * 3)
+    assert then.spacing_m == 2.0
+
+
+def test_orders_carry_the_node_by_which_the_operator_is_known(fleet: FleetConfig) -> None:
+    planned = plan(parse("land all", fleet), fleet, None, formation=None, author="x", now_ns=0, node="ground-1")
+    assert {order.node for order in planned.orders.values()} == {"ground-1"}

@@ -1,0 +1,254 @@
+"""A record walked about in: the same states as live, at any time, also of a record that breaks off."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import typing
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from groundstation.cli import main
+from groundstation.fleet import state as fleet_state
+from groundstation.orders.grammar import OrderError
+from groundstation.recording.channels import KINDS, from_json, rows
+from groundstation.recording.replay import REFUSAL, Replay, open_flight
+from groundstation.recording.timeline import Timeline
+from groundstation.recording.writer import RecordFiles
+from onboard.bus.schema import MocapPose
+from onboard.bus.topics import Topic
+from onboard.config.fleet import ConfigError
+from tests.groundstation.console.fake import telemetry
+from tests.groundstation.recorded import FLEET, LEVEL, SECOND, ZERO, messages, record, tick
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("flights") / "whole")
+
+
+def opened(folder: Path) -> Replay:
+    fleet, timeline = open_flight(folder)
+    return Replay(fleet, timeline)
+
+
+@pytest.mark.parametrize("name", sorted(set(KINDS) - {"Message", "TickBatch"}))
+def test_every_kind_of_message_comes_back_from_the_record_as_it_was(name: str) -> None:
+    kind = KINDS[name]
+    values = {field: _any_value(hint) for field, hint in typing.get_type_hints(kind).items()}
+    message = msgspec.convert([{**values, "schema": 1}[field] for field in kind.__struct_fields__], kind)
+    (row,) = rows(Topic.STATE, "mav0", message, 7)
+    assert from_json(kind, row.data) == message
+
+
+def _any_value(hint: object) -> object:
+    """Some value of a type, as JSON has it."""
+    parts = typing.get_args(hint)
+    if typing.get_origin(hint) is tuple:
+        return [_any_value(part) for part in parts if part is not Ellipsis]
+    if typing.get_origin(hint) is dict:
+        return {"a": _any_value(parts[1])}
+    if typing.get_origin(hint) is typing.Literal:
+        return parts[0]
+    if parts:  # a union
+        return _any_value(parts[0])
+    if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
+        return [_any_value(part) for part in typing.get_type_hints(hint).values()]
+    return {bool: True, int: 3, float: 0.25, str: "text"}[hint]  # type: ignore[index]
+
+
+def test_numbers_that_were_not_finite_come_back_as_nan_and_garbage_as_nothing() -> None:
+    told = telemetry("mav0", battery_frac=math.nan, position_enu_m=(math.nan, math.inf, 1.0))
+    (row,) = rows(Topic.TELEMETRY, "mav0", told, 7)
+    back = from_json(type(told), row.data)
+    assert back is not None
+    assert math.isnan(back.battery_frac)
+    assert math.isnan(back.position_enu_m[0])
+    assert from_json(type(told), b"{]") is None
+    assert from_json(type(told), b"[1]") is None
+    assert from_json(type(told), row.data.replace(b'"flying"', b'"upside down"')) is None
+
+
+def test_a_record_of_an_older_version_without_the_newest_fields_is_read_with_their_defaults() -> None:
+    told = telemetry("mav0")
+    (row,) = rows(Topic.TELEMETRY, "mav0", told, 7)
+    older = json.loads(row.data)
+    del older["conditions"], older["action"]
+    older["a_field_of_the_future"] = 1
+    assert from_json(type(told), json.dumps(older).encode()) == told
+
+
+async def test_the_state_at_any_time_is_what_was_folded_until_then(flight: Path) -> None:
+    replay = opened(flight)
+    fleet = replay.fleet
+    for at_s in (3.05, 25.05, 11.3, 39.9):
+        await replay.seek(at_s)
+        live = fleet_state.initial(fleet)
+        for at_ns, _, _, message in messages(40.0, {}):
+            if at_ns <= replay.now_ns():
+                live = fleet_state.fold(live, message, at_ns)
+        assert {name: view.telemetry for name, view in replay.state.vehicles.items()} == {
+            name: view.telemetry for name, view in live.vehicles.items()
+        }
+        assert replay.state.smallest_truth == live.smallest_truth
+        assert [logged.event for logged in replay.state.events] == [logged.event for logged in live.events]
+        assert replay.position_s == pytest.approx(at_s, abs=1e-6)
+
+
+async def test_orders_are_refused_with_a_sentence(flight: Path) -> None:
+    with pytest.raises(OrderError, match="recorded flight"):
+        await opened(flight).submit("land all")
+    assert REFUSAL.endswith(".")
+
+
+def test_playing_follows_the_clock_of_the_watcher_times_the_speed_and_stops_at_the_end(flight: Path) -> None:
+    replay = opened(flight)
+    replay.speed = 4.0
+    for _ in range(10):
+        replay.play(0.1)
+    assert replay.position_s == pytest.approx(4.0, abs=0.01)
+    replay.is_playing = False
+    replay.play(1.0)
+    assert replay.position_s == pytest.approx(4.0, abs=0.01)
+    replay.is_playing = True
+    for _ in range(100):
+        replay.play(0.5)
+    assert replay.is_at_end
+    assert not replay.is_playing
+
+
+async def test_events_are_jumped_to_one_by_one_in_both_directions(flight: Path) -> None:
+    replay = opened(flight)
+    replay.is_playing = False
+    await replay.seek(12.0)
+    heard = []
+    for direction in (1, 1, -1, -1):
+        await replay.jump(direction)
+        heard.append(replay.state.events[-1].event.sentence)
+    assert heard == ["mav0 at 15 s", "mav1 at 15 s", "mav0 at 15 s", "mav2 at 10 s"]
+    await replay.seek(39.0)
+    await replay.jump(1)
+    assert replay.is_at_end
+
+
+async def test_going_back_gives_listeners_a_minute_of_what_was_before(flight: Path) -> None:
+    replay = opened(flight)
+    seen: list[int] = []
+    replay.add_listener(lambda state, now_ns: seen.append(now_ns), seen.clear)
+    await replay.seek(30.0)
+    await replay.seek(20.0)
+    assert seen == sorted(seen)
+    assert len(seen) == pytest.approx(200, abs=2)
+
+
+@pytest.mark.parametrize("share", [0.004, 0.3, 0.7, 0.95])
+async def test_a_record_that_is_cut_off_opens_as_far_as_it_goes_and_says_so(
+    flight: Path, tmp_path: Path, share: float
+) -> None:
+    data = (flight / "flight.mcap").read_bytes()
+    (tmp_path / "flight.mcap").write_bytes(data[: int(share * len(data))])
+    shutil.copy(FLEET, tmp_path / "fleet.toml")
+    if share < 0.01:
+        with pytest.raises(ConfigError, match="cut off"):
+            Timeline(tmp_path)
+        return
+    replay = opened(tmp_path)
+    assert "cut off" in replay.timeline.broken
+    assert replay.length_s > 40.0 * share - 3.0
+    await replay.seek(replay.length_s)
+    assert all(view.telemetry is not None for view in replay.state.vehicles.values())
+
+
+async def test_a_damaged_piece_is_jumped_over(flight: Path, tmp_path: Path) -> None:
+    data = bytearray((flight / "flight.mcap").read_bytes())
+    middle = Timeline(flight)._chunks[20].offset + 200
+    data[middle : middle + 40] = bytes(40)
+    (tmp_path / "flight.mcap").write_bytes(data)
+    shutil.copy(FLEET, tmp_path / "fleet.toml")
+    replay = opened(tmp_path)
+    await replay.seek(100.0)
+    assert "damaged" in replay.timeline.broken
+    assert replay.length_s == pytest.approx(39.9)
+    assert replay.state.vehicles["mav0"].telemetry.sequence == 400  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\x89MCAP0\r\n", b"PK\x03\x04" + bytes(500), b"\x89MCAP0\r\n" + b"\xff" * 900]
+)
+def test_what_is_no_record_is_a_sentence(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "flight.mcap").write_bytes(content)
+    with pytest.raises(ConfigError):
+        Timeline(tmp_path)
+
+
+async def test_vehicles_on_clocks_of_their_own_are_shown_together(tmp_path: Path) -> None:
+    replay = opened(record(tmp_path / "hosts", 40.0, {"mav1": 86_400 * SECOND, "mav2": -3 * SECOND // 2}))
+    assert replay.length_s == pytest.approx(41.4, abs=0.5)
+    await replay.seek(10.0)
+    told = {name: view.telemetry.sequence for name, view in replay.state.vehicles.items() if view.telemetry}
+    assert all(sequence == pytest.approx(95, abs=22) for sequence in told.values())
+    assert all(view.is_fresh(replay.now_ns()) for view in replay.state.vehicles.values())
+
+
+async def test_ticks_are_read_for_the_followed_vehicle_only(tmp_path: Path) -> None:
+    folder = tmp_path / "ticks"
+    folder.mkdir()
+    shutil.copy(FLEET, folder / "fleet.toml")
+    files = RecordFiles(folder, (folder / "flight.mcap").open("wb"), begin_ns=0, begin="a test")
+    for step in range(500):
+        for name in ("mav0", "mav1"):
+            files.write(Topic.TICK, name, tick(step * SECOND // 50), step * SECOND // 50)
+    files.finish()
+    files.close()
+    replay = opened(folder)
+    await replay.seek(2.0)
+    assert not replay.ticks.values
+    replay.ticks.follow("mav1")
+    assert len(replay.ticks.values) == 101  # what came before is there at once
+    await replay.seek(4.0)
+    assert [one.stamp_ns for one in replay.ticks.values] == [step * SECOND // 50 for step in range(201)]
+
+
+def test_memory_does_not_follow_the_length_of_the_record(tmp_path: Path) -> None:
+    folder = tmp_path / "bodies"
+    folder.mkdir()
+    files = RecordFiles(folder, (folder / "flight.mcap").open("wb"), begin_ns=0, begin="a test")
+    for step in range(60_000):
+        pose = MocapPose(body="mav0", boot_id=1, sequence=step, stamp_ns=step * 1_000_000, is_tracked=True,
+                         position_enu_m=ZERO, quaternion_enu_flu_wxyz=LEVEL)  # fmt: skip
+        files.write(Topic.MOCAP, "mav0", pose, pose.stamp_ns)
+    files.finish()
+    files.close()
+    timeline = Timeline(folder)
+    reading = timeline.told(-1, frozenset(("mocap",)))
+    count, most = 0, 0
+    for second in range(61):
+        for _ in reading.until(second * SECOND):
+            count += 1
+            most = max(most, len(reading._heap))
+    assert count == 60_000
+    assert most < 2_500
+
+
+def test_the_story_is_printed_for_people_and_for_programs(flight: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", str(flight), "--headless"]) == 0
+    text = capsys.readouterr().out
+    assert "    10.0 s  mav1 info x: mav1 at 10 s" in text
+    assert "Closest: mav0 and mav1, 1.00 m, by ground truth." in text
+    assert main(["replay", str(flight / "flight.mcap"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["is_whole"]
+    assert told["smallest"]["pair"] == ["mav0", "mav1"]
+    assert len(told["events"]) == 24
+
+
+def test_a_record_without_its_fleet_file_asks_for_it(
+    flight: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copy(flight / "flight.mcap", tmp_path)
+    assert main(["replay", str(tmp_path), "--headless"]) == 2
+    assert "--fleet" in capsys.readouterr().err
+    assert main(["replay", str(tmp_path), "--headless", "--fleet", str(FLEET)]) == 0

@@ -1,0 +1,157 @@
+"""The console in a browser: all of the page comes from loopback, and only its own page gets in."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import AsyncIterator
+from pathlib import Path
+from urllib.parse import urljoin, urlsplit
+
+import aiohttp
+import pytest
+import pytest_asyncio
+
+from groundstation.cli import main
+from groundstation.client.read_only import Watching
+from groundstation.orders.grammar import OrderError
+from groundstation.web import server as server_
+from groundstation.web.server import ConsoleServer, is_loopback
+from onboard.config.fleet import ConfigError
+from tests.groundstation.recorded import FLEET, record
+
+_LINK = re.compile(r"""(?:href|src|data-session-websocket-url)\s*=\s*["']([^"']*)["']|url\(\s*["']?([^"')]*)""")
+
+
+@pytest_asyncio.fixture
+async def served(tmp_path: Path) -> AsyncIterator[tuple[ConsoleServer, str]]:
+    folder = record(tmp_path / "flight", 3.0)
+    server = ConsoleServer(["replay", str(folder)], title='a <b>"flight"', ended="over")
+    address = await server.start("127.0.0.1", 0)
+    yield server, address
+    await server.stop()
+
+
+async def test_everything_that_the_page_loads_comes_from_this_server(served: tuple[ConsoleServer, str]) -> None:
+    _, address = served
+    seen: set[str] = set()
+    todo = [address]
+    async with aiohttp.ClientSession() as session:
+        while todo:
+            url = todo.pop()
+            async with session.get(url) as response:
+                assert response.status == 200, url
+                assert "default-src 'none'" in response.headers["Content-Security-Policy"] or "/static/" in url
+                body = await response.read()
+                if not response.content_type.startswith(("text/html", "text/css")):
+                    continue
+            for groups in _LINK.findall(body.decode()):
+                link = next((group for group in groups if group), "")
+                if not link or link.startswith("data:"):
+                    continue
+                found = urljoin(url, link)
+                assert urlsplit(found).netloc == urlsplit(address).netloc, f"{url} refers to {found}"
+                if found not in seen and not found.startswith("ws:"):
+                    seen.add(found)
+                    todo.append(found)
+        async with session.get(address) as response:
+            text = await response.text()
+    assert "a &lt;b&gt;&quot;flight&quot;" in text
+    assert any(name.endswith(".ttf") for name in seen)
+    assert any(name.endswith("textual.js") for name in seen)
+
+
+async def test_a_page_gets_a_console_of_its_own_which_ends_with_it(served: tuple[ConsoleServer, str]) -> None:
+    server, address = served
+    async with aiohttp.ClientSession() as session:
+        socket = await session.ws_connect(f"{address}ws?width=100&height=30", origin=address.rstrip("/"))
+        seen = b""
+        async with asyncio.timeout(60):
+            while b"mav2" not in seen:
+                message = await socket.receive()
+                assert message.type in (aiohttp.WSMsgType.BINARY, aiohttp.WSMsgType.TEXT), message
+                seen += message.data if isinstance(message.data, bytes) else b""
+            await socket.send_str("no message at all")
+            await socket.send_json(["resize", {"width": 1e9, "height": "x"}])
+            await socket.send_json(["ping", 7])
+            while (message := await socket.receive()).type is not aiohttp.WSMsgType.TEXT:
+                pass
+            assert message.json() == ["pong", 7]
+        (service,) = server._open
+        await socket.close()
+        async with asyncio.timeout(20):
+            while server.pages:  # noqa: ASYNC110 - the server tells nobody
+                await asyncio.sleep(0.05)
+        assert service._process is not None
+        assert await service._process.wait() is not None
+
+
+@pytest.mark.parametrize(
+    "headers", [{"Origin": "http://evil.example"}, {"Host": "evil.example:80"}, {"Host": "127.0.0.1.evil.example"}]
+)
+async def test_other_pages_and_other_names_are_refused(
+    served: tuple[ConsoleServer, str], headers: dict[str, str]
+) -> None:
+    server, address = served
+    async with aiohttp.ClientSession() as session:
+        for path in ("", "ws", "static/js/textual.js"):
+            async with session.get(address + path, headers={"Upgrade": "websocket", **headers}) as response:
+                assert response.status == 403
+        with pytest.raises(aiohttp.WSServerHandshakeError):
+            await session.ws_connect(f"{address}ws", headers=headers)
+    assert server.pages == 0
+
+
+async def test_more_pages_than_the_machine_bears_are_turned_away(
+    served: tuple[ConsoleServer, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server, address = served
+    monkeypatch.setattr(server_, "MAX_PAGES", 0)
+    async with aiohttp.ClientSession() as session:
+        socket = await session.ws_connect(f"{address}ws")
+        assert (await socket.receive()).type is aiohttp.WSMsgType.CLOSE
+        assert socket.close_code == aiohttp.WSCloseCode.TRY_AGAIN_LATER
+    assert server.pages == 0
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--fleet", str(FLEET), "--host", "0.0.0.0"],
+        ["--fleet", str(FLEET), "--host", "192.168.1.7"],
+        ["--fleet", str(FLEET), "--host", "ground-station.example"],
+        ["--fleet", "nothing.toml"],
+        ["--replay", "nothing"],
+        ["--replay", "nothing", "--operate"],
+        ["--fleet", str(FLEET), "--port", "70000"],
+    ],
+)
+def test_what_cannot_be_served_is_refused_in_words(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["web", *words]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("covey: ")
+    assert "0.0.0.0" not in words or "this machine only" in said
+
+
+async def test_a_port_that_is_taken_is_a_sentence(served: tuple[ConsoleServer, str]) -> None:
+    with pytest.raises(ConfigError, match="Choose another"):
+        await ConsoleServer(["replay", "x"], title="", ended="").start("127.0.0.1", urlsplit(served[1]).port or 0)
+
+
+@pytest.mark.parametrize(
+    ("host", "is_ours"),
+    [("127.0.0.1", True), ("127.9.9.9", True), ("[::1]", True), ("localhost", True), ("::", False), ("10.0.0.1", False),
+     ("127.0.0.1.example.org", False), ("", False), ("0", False)],
+)  # fmt: skip
+def test_only_loopback_counts_as_this_machine(host: str, is_ours: bool) -> None:
+    assert is_loopback(host) is is_ours
+
+
+async def test_a_console_that_only_watches_sends_no_order_at_all() -> None:
+    class Client:
+        async def submit(self, order: object) -> None:
+            raise AssertionError("an order left the console")
+
+    for order in ("land all", "kill mav0", "takeoff all"):
+        with pytest.raises(OrderError, match="only watches"):
+            await Watching(Client()).submit(order)  # type: ignore[arg-type]

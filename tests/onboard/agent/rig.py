@@ -1,0 +1,228 @@
+"""A core in virtual time, over a vehicle that does at once what it is told and a PX4 with a slow heartbeat."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from onboard import events as ev
+from onboard.agent.core import AgentCore
+from onboard.autopilot import Landed, Snapshot
+from onboard.bus.schema import Event, MocapPose, Order, OrderKind, OrderReply, StateMessage, Telemetry
+from onboard.bus.topics import Topic
+from onboard.config.fleet import FleetConfig, fleet_from_mapping
+from onboard.frames import body_up, quaternion_from_yaw, quaternion_multiply
+from onboard.types import GRAVITY_M_S2, AttitudeSetpoint
+
+DT_NS = 20_000_000
+HOVER = 0.5
+
+
+def fleet(
+    names: tuple[str, ...] = ("mav0", "mav1"), enabled: object = "scan", px4_params: dict[str, float] | None = None
+) -> FleetConfig:
+    """A small fleet; neighbours need not be there."""
+    vehicles = {
+        name: {
+            "system_id": place + 1,
+            "start_enu_m": [1.5 * place, 0.0, 0.0],
+            "agent": f"tcp/127.0.0.1:{7460 + place}",
+            "autopilot": f"udpin://127.0.0.1:{14540 + place}",
+            "enabled": True if place == 0 else enabled,
+        }
+        for place, name in enumerate(names)
+    }
+    return fleet_from_mapping(
+        {
+            "schema": 1,
+            "fleet": {"name": "rig", "geofence_m": {"x": [-4.0, 4.0], "y": [-4.0, 4.0], "z": [0.0, 3.0]}},
+            "defaults": {"px4_params": px4_params or {}},
+            "vehicles": vehicles,
+        }
+    )
+
+
+@dataclass
+class Rig:
+    """``run`` advances; switches break things; ``sent`` and ``events`` tell what came out."""
+
+    core: AgentCore = field(default_factory=lambda: AgentCore(fleet(), "mav0", boot_id=7))
+    heading_error_rad: float = 0.0
+    accepts_offboard: bool = True
+    accepts_arm: bool = True
+    sees_ground: bool = True  # False: PX4 does not notice that it is down
+    obeys: bool = True  # False: PX4 takes setpoints and keeps to the last one that it obeyed
+    has_mocap: bool = True
+    has_autopilot: bool = True
+    has_bus: bool = True  # False: poses come by another wire, nothing else is heard
+    has_lift: bool = True  # False: propellers broken, as after a collision
+    battery_frac: float = 0.9
+    now_ns: int = 1_000_000_000
+    position: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    velocity: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    is_armed: bool = False
+    mode: str = "HOLD"
+    sent: list[tuple[int, ev.Command]] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    telemetry: Telemetry | None = None
+    state: StateMessage | None = None
+    _heartbeat: tuple[int, bool, str] = (0, False, "")
+    _ids: itertools.count = field(default_factory=itertools.count)
+    _on_ground_ns: int = 0
+    _last_setpoint_ns: int = 0
+    _count: int = 0
+    _has_flown: bool = False
+    _setpoint: AttitudeSetpoint | None = None
+    _snapshot: Snapshot = field(default_factory=Snapshot)
+
+    def __post_init__(self) -> None:
+        self.core.readiness.is_warm = True
+        self.core.handle(ev.ParamsRead(()), self.now_ns)
+        self.core.handle(ev.NodeSeen("ground-1", True), self.now_ns)
+
+    # -- the world --
+
+    def run(self, seconds: float) -> None:
+        """That much virtual time."""
+        for _ in range(round(seconds / 0.02)):
+            self.step()
+
+    def until(self, wanted: str, timeout_s: float = 30.0) -> None:
+        """Until the flight is in a state; fails when it takes too long."""
+        for _ in range(round(timeout_s / 0.02)):
+            if self.core.flight.state == wanted:
+                return
+            self.step()
+        raise AssertionError(f"still {self.core.flight.state} ({self.core.flight.reason}), wanted {wanted}")
+
+    def step(self) -> None:
+        """One tick of 20 ms."""
+        self.now_ns += DT_NS
+        self._count += 1
+        now = self.now_ns
+        if self.has_autopilot:
+            if now - self._heartbeat[0] >= 1_000_000_000:
+                self._heartbeat = (now, self.is_armed, self.mode)
+            on_ground = self.position[2] <= 1e-6
+            self._on_ground_ns = (self._on_ground_ns or now) if on_ground else 0
+            landed = on_ground and self.sees_ground and (not self.is_armed or now - self._on_ground_ns > 2_200_000_000)
+            if landed and self.is_armed and self._has_flown and now - self._on_ground_ns > 4_200_000_000:
+                self.is_armed = False
+            self._snapshot = replace(
+                self._snapshot,
+                last_packet_ns=now,
+                attitude_ns=now,
+                position_local_ned_m=(self.position[1], self.position[0], -self.position[2]),
+                local_position_ns=now,
+                heartbeat_ns=self._heartbeat[0],
+                is_armed=self._heartbeat[1],
+                mode=self._heartbeat[2],
+                landed=Landed.ON_GROUND if landed or not self._has_flown else Landed.IN_AIR,
+                landed_ns=now,
+                battery_frac=self.battery_frac,
+                battery_voltage_v=15.0,
+            )
+        self.core.handle(ev.AutopilotHeard(self._snapshot), now)
+        heard_ns = self.core.neighbours.last_heard_ns
+        if self.has_mocap:
+            self.pose()
+        if not self.has_bus:
+            self.core.neighbours.last_heard_ns = heard_ns
+        self.take(self.core.tick(now))
+        self._move()
+
+    def pose(self, **changes: object) -> None:
+        """One mocap sample of now."""
+        x, y, z = self.position.tolist()
+        position = (x, y, z + 1e-6 * (self._count % 2))  # no two samples of a tracked body are the same
+        sample = MocapPose(
+            body="mav0",
+            boot_id=1,
+            sequence=self._count,
+            stamp_ns=self.now_ns,
+            is_tracked=True,
+            position_enu_m=position,
+            quaternion_enu_flu_wxyz=tuple(self._true(np.asarray(self._snapshot.quaternion_enu_flu_wxyz)).tolist()),
+        )
+        sample = msgspec.structs.replace(sample, **changes)
+        self.take(self.core.handle(ev.PoseArrived(sample, self.now_ns), self.now_ns))
+
+    def take(self, commands: list[ev.Command]) -> None:
+        """What PX4 and the listeners make of commands."""
+        for command in commands:
+            self.sent.append((self.now_ns, command))
+            match command:
+                case ev.SendAttitude(setpoint):
+                    self._setpoint = setpoint if self.obeys else self._setpoint
+                    self._last_setpoint_ns = self.now_ns
+                case ev.SetOffboard() if self.accepts_offboard:
+                    self.mode = "OFFBOARD"
+                case ev.Arm() if self.accepts_arm and self.mode == "OFFBOARD":
+                    self.is_armed = True
+                case ev.Disarm() if self.position[2] <= 1e-6:
+                    self.is_armed = False
+                case ev.Kill():
+                    self.is_armed = False
+                case ev.Px4Land():
+                    self.mode = "LAND"
+                case ev.Publish(Topic.EVENT, Event() as event):
+                    self.events.append(event)
+                case ev.Publish(Topic.TELEMETRY, Telemetry() as telemetry):
+                    self.telemetry = telemetry
+                case ev.Publish(Topic.STATE, StateMessage() as state):
+                    self.state = state
+
+    def _true(self, believed: np.ndarray) -> np.ndarray:
+        """PX4's attitude with the error of its heading taken out."""
+        return quaternion_multiply(quaternion_from_yaw(self.heading_error_rad), believed)
+
+    def _move(self) -> None:
+        acceleration = np.array([0.0, 0.0, -GRAVITY_M_S2])
+        if self.is_armed and self.mode == "OFFBOARD" and self._setpoint is not None and self.has_lift:
+            believed = np.asarray(self._setpoint.quaternion_wxyz)
+            acceleration += float(self._setpoint.thrust_frac) / HOVER * GRAVITY_M_S2 * body_up(self._true(believed))
+            self._snapshot = replace(self._snapshot, quaternion_enu_flu_wxyz=tuple(believed.tolist()))
+        elif self.is_armed and self.mode == "LAND":
+            acceleration = np.array([0.0, 0.0, -0.5]) - self.velocity * 1.0
+        self.velocity = self.velocity + 0.02 * acceleration
+        self.position = self.position + 0.02 * self.velocity
+        if self.position[2] <= 0.0:
+            self.position[2] = 0.0
+            self.velocity = np.zeros(3)
+        elif self.position[2] > 0.05:
+            self._has_flown = True
+
+    # -- orders --
+
+    def order(self, kind: OrderKind, **fields: object) -> OrderReply:
+        """Send an order and return the answer."""
+        order = Order(
+            order_id=str(fields.pop("order_id", f"o{next(self._ids)}")),
+            author="tester",
+            kind=kind,
+            stamp_ns=self.now_ns,
+            deadline_ns=int(fields.pop("deadline_ns", self.now_ns + 10**9)),  # type: ignore[call-overload]
+            **fields,  # type: ignore[arg-type]
+        )
+        commands = self.core.handle(ev.OrderArrived(order), self.now_ns)
+        self.take(commands)
+        (reply,) = [command.reply for command in commands if isinstance(command, ev.Reply)]
+        return reply
+
+    def fly(self) -> None:
+        """Up to a hover at 1 m."""
+        self.until("ready")
+        assert self.order("takeoff", height_m=1.0).is_accepted
+        self.until("flying")
+
+    def outcomes(self) -> dict[str, str]:
+        """Ends of orders so far."""
+        return {event.order_id: event.order_outcome for event in self.events if event.order_id}
+
+    def count(self, kind: type, since_ns: int = 0) -> int:
+        """How many commands of a kind went out after a time."""
+        return sum(isinstance(command, kind) for stamp, command in self.sent if stamp > since_ns)

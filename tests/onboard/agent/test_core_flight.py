@@ -1,0 +1,301 @@
+"""A whole flight of the core in virtual time: what it asks of PX4, and what it believes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from onboard import events as ev
+from onboard.agent.core import AgentCore
+from onboard.autopilot import Landed
+from tests.onboard.agent.rig import Rig, fleet
+
+
+def test_a_flight_from_the_ground_to_the_ground_ends_every_order_as_done() -> None:
+    rig = Rig()
+    rig.fly()
+    assert rig.position[2] == pytest.approx(1.0, abs=0.1)
+    assert rig.order("move", position_enu_m=(1.0, -1.0, 1.2)).is_accepted
+    rig.run(8.0)
+    assert rig.position == pytest.approx([1.0, -1.0, 1.2], abs=0.05)
+    assert rig.order("land").is_accepted
+    rig.until("landed")
+    rig.run(0.1)
+    assert not rig.is_armed
+    assert list(rig.outcomes().values()) == ["done", "done", "done"]
+    assert rig.telemetry is not None
+    assert rig.telemetry.state == "landed"
+
+
+def test_it_arms_only_after_a_heartbeat_has_said_offboard() -> None:
+    rig = Rig()
+    rig.until("ready")
+    rig.accepts_offboard = False
+    rig.order("takeoff", height_m=1.0)
+    rig.run(2.0)
+    assert rig.count(ev.SetOffboard) >= 1
+    assert rig.count(ev.Arm) == 0
+    rig.mode = "OFFBOARD"
+    asked_ns = rig.now_ns
+    rig.run(1.1)
+    assert rig.count(ev.Arm, asked_ns) >= 1
+
+
+def test_there_is_no_thrust_before_a_heartbeat_has_said_armed() -> None:
+    rig = Rig()
+    rig.until("ready")
+    rig.accepts_arm = False
+    rig.order("takeoff", height_m=1.0)
+    rig.run(4.0)
+    setpoints = [command.setpoint for _, command in rig.sent if isinstance(command, ev.SendAttitude)]
+    assert len(setpoints) > 100
+    assert max(float(setpoint.thrust_frac) for setpoint in setpoints) == 0.0
+
+
+@pytest.mark.parametrize(("switch", "word"), [("accepts_offboard", "OFFBOARD"), ("accepts_arm", "arm")])
+def test_a_px4_that_accepts_and_does_nothing_fails_the_order_in_words(switch: str, word: str) -> None:
+    rig = Rig()
+    rig.until("ready")
+    setattr(rig, switch, False)
+    reply = rig.order("takeoff", height_m=1.0)
+    assert reply.is_accepted
+    rig.run(12.0)
+    assert rig.outcomes()[reply.order_id] == "failed"
+    assert any(word in event.sentence for event in rig.events)
+    assert rig.position[2] == 0.0
+    silent_since_ns = rig.now_ns - 1_000_000_000
+    assert rig.count(ev.SendAttitude, silent_since_ns) == 0
+
+
+def test_no_setpoint_leaves_before_an_order_or_after_the_landing() -> None:
+    rig = Rig()
+    rig.run(3.0)
+    assert rig.count(ev.SendAttitude) == 0
+    rig.fly()
+    rig.order("land")
+    rig.until("landed")
+    landed_ns = rig.now_ns
+    rig.run(2.0)
+    assert rig.count(ev.SendAttitude, landed_ns) == 0
+
+
+@pytest.mark.parametrize("error_deg", [-120.0, -20.0, 35.0, 170.0])
+def test_a_wrong_heading_of_px4_is_taken_out_by_the_mocap(error_deg: float) -> None:
+    rig = Rig(
+        AgentCore(fleet(px4_params={"EKF2_EV_CTRL": 7}), "mav0", boot_id=7),  # PX4 keeps to its compass
+        heading_error_rad=math.radians(error_deg),
+    )
+    rig.fly()
+    rig.order("move", position_enu_m=(1.5, 1.0, 1.0))
+    furthest = 0.0
+    for _ in range(400):
+        rig.step()
+        # off the straight line from (0, 0) to (1.5, 1): a wrong sign of the correction leaves it at once
+        furthest = max(furthest, abs(1.0 * rig.position[0] - 1.5 * rig.position[1]) / math.hypot(1.0, 1.5))
+    assert rig.position[:2] == pytest.approx([1.5, 1.0], abs=0.06)
+    assert furthest < 0.1
+
+
+def test_a_new_order_supersedes_the_one_in_progress() -> None:
+    rig = Rig()
+    rig.fly()
+    first = rig.order("move", position_enu_m=(2.0, 0.0, 1.0))
+    rig.run(0.5)
+    second = rig.order("hold")
+    assert rig.outcomes()[first.order_id] == "superseded"
+    assert second.order_id not in rig.outcomes()  # not before it has come to rest
+    rig.run(3.0)
+    assert rig.outcomes()[second.order_id] == "done"
+    assert np.linalg.norm(rig.velocity) < 0.02
+    assert rig.core.flight.state == "holding"
+
+
+def test_the_same_order_sent_twice_begins_once_and_is_answered_twice() -> None:
+    rig = Rig()
+    rig.fly()
+    first = rig.order("move", order_id="same", position_enu_m=(1.0, 0.0, 1.0))
+    rig.run(10.0)
+    assert rig.order("move", order_id="same", position_enu_m=(1.0, 0.0, 1.0)) == first
+    assert rig.core.flight.order is None
+
+
+def test_armed_on_the_ground_it_waits_and_says_when_px4_disarms_by_itself() -> None:
+    rig = Rig()
+    rig.until("ready")
+    rig.order("arm")
+    rig.until("armed")
+    rig.is_armed = False
+    rig.until("ready", 3.0)
+    assert any(event.code == "auto-disarmed" for event in rig.events)
+
+
+def test_asked_to_stop_in_the_air_it_lands_first_and_then_ends() -> None:
+    rig = Rig()
+    rig.fly()
+    rig.core.handle(ev.ShutdownAsked(), rig.now_ns)
+    rig.run(1.0)
+    assert rig.core.flight.state == "landing"
+    assert rig.count(ev.Exit) == 0
+    rig.until("landed")
+    rig.run(0.1)
+    assert rig.count(ev.Exit) >= 1
+
+
+def test_asked_to_stop_on_the_ground_it_ends_at_once() -> None:
+    rig = Rig()
+    rig.run(0.5)
+    rig.core.handle(ev.ShutdownAsked(), rig.now_ns)
+    rig.step()
+    assert rig.count(ev.Exit) == 1
+
+
+def test_kill_is_repeated_until_px4_is_disarmed() -> None:
+    rig = Rig()
+    rig.fly()
+    rig.order("kill")
+    assert rig.count(ev.Kill) == 1
+    rig.run(1.5)
+    assert not rig.is_armed
+    assert "done" in rig.outcomes().values()
+    assert rig.core.flight.state in ("failed", "landed")
+
+
+def test_an_agent_started_while_the_vehicle_flies_stays_silent_and_says_so() -> None:
+    rig = Rig(AgentCore(fleet(), "mav0", boot_id=8))
+    rig.is_armed, rig.mode, rig._has_flown = True, "OFFBOARD", True
+    rig.position = np.array([0.0, 0.0, 1.0])
+    rig._snapshot = rig._snapshot
+    rig.step()
+    assert rig._snapshot.landed is Landed.IN_AIR
+    rig.run(0.3)
+    assert rig.core.flight.state == "failed"
+    assert "without this agent" in rig.core.flight.reason
+    assert rig.count(ev.SendAttitude) == 0
+
+
+def test_the_state_message_says_cooperative_only_while_the_law_flies() -> None:
+    rig = Rig()
+    rig.until("ready")
+    assert rig.state is not None
+    assert not rig.state.is_cooperative
+    assert not rig.state.is_airborne
+    rig.fly()
+    assert rig.state.is_cooperative
+    assert rig.state.is_airborne
+    assert rig.state.is_valid
+
+
+@pytest.mark.parametrize("in_air", [False, True])
+def test_identify_plays_a_tune_and_changes_nothing_else(in_air: bool) -> None:
+    rig = Rig()
+    rig.until("ready")
+    if in_air:
+        rig.order("takeoff", height_m=1.0)
+        rig.until("flying")
+    before = (rig.core.flight.state, rig.core.flight.step, rig.core.flight.order)
+    reply = rig.order("identify")
+    assert reply.is_accepted
+    assert rig.count(ev.PlayTune) == 1
+    assert rig.outcomes()[reply.order_id] == "done"
+    assert (rig.core.flight.state, rig.core.flight.step, rig.core.flight.order) == before
+    assert any("does not confirm" in event.sentence for event in rig.events)
+
+
+def test_a_move_that_never_arrives_times_out_says_how_far_it_was_and_holds() -> None:
+    rig = Rig()
+    rig.fly()
+    order = rig.order("move", position_enu_m=(2.0, 0.0, 1.0))
+    rig.core.flight._limit_s = 3.0
+    move = rig._move
+
+    def stuck() -> None:
+        move()
+        rig.position[0], rig.velocity[0] = 0.0, 0.0
+
+    rig._move = stuck  # type: ignore[method-assign]
+    rig.run(3.2)
+    assert rig.outcomes()[order.order_id] == "timed out"
+    (sentence,) = [event.sentence for event in rig.events if event.order_id == order.order_id]
+    assert "1.99 m" in sentence or "2.0" in sentence
+    assert "to go" in sentence
+    assert rig.core.flight.state == "holding"
+
+
+def test_every_move_and_landing_has_a_time_limit_that_grows_with_its_way() -> None:
+    rig = Rig()
+    rig.fly()
+    limits = []
+    for fields in ({"position_enu_m": (0.5, 0.0, 1.0)}, {"position_enu_m": (3.5, 0.0, 1.0)}, {"duration_s": 60.0}):
+        rig.order("move", **{"position_enu_m": (1.0, 0.0, 1.0), **fields})
+        limits.append(rig.core.flight._limit_s)
+    assert 30.0 < limits[0] < limits[1] < limits[2]
+    assert limits[2] >= 180.0
+    rig.order("land")
+    assert 20.0 < rig.core.flight._limit_s < 40.0
+
+
+def test_a_landing_that_does_not_come_down_is_handed_to_px4() -> None:
+    rig = Rig()
+    rig.fly()
+    order = rig.order("land")
+    rig.core.flight._limit_s = 2.0
+    move = rig._move
+
+    def hanging() -> None:
+        move()
+        rig.position[2], rig.velocity[2] = 1.0, 0.0
+
+    rig._move = hanging  # type: ignore[method-assign]
+    rig.run(2.5)
+    assert rig.count(ev.Px4Land) >= 1
+    assert rig.outcomes()[order.order_id] == "timed out"
+    rig._move = move  # type: ignore[method-assign]
+    rig.until("landed")
+
+
+def test_a_failsafes_disarming_is_asked_for_until_px4_says_that_it_is_disarmed() -> None:
+    rig = Rig()
+    rig.until("ready")
+    rig.order("arm")
+    rig.until("armed")
+    since_ns = rig.now_ns
+    rig.core.handle(ev.ShutdownAsked(), rig.now_ns)
+    take = rig.take
+    rig.take = lambda commands: take(
+        [c for c in commands if not isinstance(c, ev.Disarm) or rig.now_ns - since_ns > 3e9]
+    )  # type: ignore[method-assign]
+    rig.run(6.0)
+    assert not rig.is_armed
+    asked = [when for when, command in rig.sent if isinstance(command, ev.Disarm)]
+    assert asked
+    assert not any(when > asked[-1] + 2 * 10**9 for when in asked)
+
+
+def test_a_kill_switch_in_flight_ends_the_flight_and_is_never_undone() -> None:
+    rig = Rig()
+    rig.fly()
+    rig.is_armed = False
+    rig.run(1.2)
+    told_ns = rig.now_ns
+    rig.run(3.0)
+    assert rig.count(ev.Arm, told_ns) == rig.count(ev.SendAttitude, told_ns) == 0
+    assert "disarmed in flight" in rig.core.flight.reason
+    assert rig.core.flight.state in ("failed", "landed")
+
+
+def test_a_pilot_who_takes_the_vehicle_from_px4s_landing_is_not_fought() -> None:
+    rig = Rig()
+    rig.fly()
+    rig.has_mocap = False
+    rig.run(1.0)
+    assert rig.mode == "LAND"
+    rig.run(1.1)  # a heartbeat has told it
+    rig.position[2] = max(rig.position[2], 0.8)
+    rig.mode = "POSCTL"
+    rig.run(1.1)
+    told_ns = rig.now_ns
+    rig.run(2.5)
+    assert rig.count(ev.Px4Land, told_ns) == 0
+    assert "POSCTL" in rig.core.flight.reason

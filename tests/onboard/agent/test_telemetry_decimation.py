@@ -1,0 +1,86 @@
+"""What an agent passes on of its telemetry to the others, and whom it listens to how often."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import msgspec
+import pytest
+
+from onboard import events as ev
+from onboard.agent.loop import Agent
+from onboard.agent.telemetry_decimation import Brief
+from onboard.bus.schema import Telemetry
+from onboard.bus.topics import Topic
+from sitl.lockstep.fleets import square_fleet
+from tests.onboard.agent.rig import Rig
+
+_TENTH_NS = 100_000_000
+
+
+@pytest.fixture(scope="module")
+def telemetry() -> Telemetry:
+    rig = Rig()
+    rig.run(1.0)
+    assert rig.telemetry is not None
+    return rig.telemetry
+
+
+def _told(telemetry: Telemetry, tenths: Iterable[int], **changes: Any) -> list[int]:
+    brief = Brief()
+    assert all(brief.is_due(msgspec.structs.replace(telemetry, stamp_ns=tenth * _TENTH_NS)) for tenth in range(-3, 1))
+    return [
+        tenth
+        for tenth in tenths
+        if brief.is_due(
+            msgspec.structs.replace(telemetry, stamp_ns=tenth * _TENTH_NS, **(changes if tenth >= 2 else {}))
+        )
+    ]
+
+
+def test_without_news_the_others_hear_it_twice_a_second(telemetry: Telemetry) -> None:
+    assert _told(telemetry, range(1, 21)) == [5, 10, 15, 20]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"state": "flying"},
+        {"is_airborne": True},
+        {"is_position_valid": False},
+        {"goal_position_enu_m": (9.0, 9.0, 1.0)},
+        {"goal_position_enu_m": (math.nan, 0.0, 0.0)},
+        {"order_id": "another"},
+        {"doubles": ("mav2",)},
+        {"config_hash": "another"},
+    ],
+)
+def test_what_changes_what_the_others_do_is_told_at_once(telemetry: Telemetry, changes: dict[str, Any]) -> None:
+    assert _told(telemetry, range(1, 4), **changes)[0] == 2
+
+
+def test_news_is_told_four_times_for_a_message_may_be_lost(telemetry: Telemetry) -> None:
+    assert _told(telemetry, range(1, 12), order_id="another") == [2, 3, 4, 5, 10]
+
+
+def test_a_goal_that_trembles_is_no_news(telemetry: Telemetry) -> None:
+    x, y, z = telemetry.goal_position_enu_m
+    assert _told(telemetry, range(1, 5), goal_position_enu_m=(x + 0.01, y, z)) == []
+
+
+def test_an_agent_hears_whom_it_follows_often_and_only_the_others_slowly() -> None:
+    asked: list[tuple[Topic, set[str]]] = []
+
+    class Bus:
+        def follow(self, topic: Topic, names: Iterable[str], _: Callable[..., None]) -> None:
+            asked.append((topic, set(names)))
+
+    agent = Agent(square_fleet(4), "mav1", apply_params=False, law=None)
+    agent._bus = Bus()  # type: ignore[assignment]
+    agent._on_state = print  # type: ignore[assignment]
+    agent._execute([ev.Follow(frozenset({"mav0", "mav2"}))])
+    agent._interest.stop()
+    # under its own name it would hear another agent for the same vehicle
+    assert asked == [(Topic.STATE, {"mav0", "mav2"}), (Topic.FAR, {"mav1", "mav3"})]

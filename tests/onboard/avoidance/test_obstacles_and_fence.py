@@ -1,0 +1,159 @@
+"""What stands still: pillars, polygons and the fence as rows of the same projection, flown in closed loop."""
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from onboard.avoidance import constraints
+from onboard.avoidance.params import LawParams
+from onboard.config.fleet import ConfigError, fleet_from_mapping
+from onboard.rollout import closed_loop
+from onboard.rollout.vehicle_model import Perturbation
+
+CALM = Perturbation(0.05, 0.02, 0.05, 0.0, 0.0, start_m=0.0)
+PILLAR = {"name": "pillar", "circle": {"center_enu_m": [0.0, 0.0], "radius_m": 0.4}}
+BOX = {"name": "box", "polygon_enu_m": [[-0.5, -0.6], [0.5, -0.6], [0.5, 0.6], [-0.5, 0.6]]}
+
+
+def paper_data(*obstacles, law=None):
+    data = tomllib.loads(Path("configs/fleets/paper.toml").read_text())
+    data["obstacles"] = list(obstacles)
+    data["law"] |= law or {}
+    return data
+
+
+def fly_from_to(start, goal, *obstacles, law=None, seeds=(0,), **options):
+    fleet = fleet_from_mapping(paper_data(*obstacles, law=law))
+    params, plants = closed_loop.fleet_models(fleet, ["mav0"])
+    count = len(seeds)
+    starts = np.repeat(np.array([[[*start, 1.0]]]), count, 0)
+    legs = np.repeat(np.array([[[[*goal, 1.0]]]]), count, 0)
+    scenario = closed_loop.Scenario(starts, legs, np.array([0.0]), 25.0)
+    result = closed_loop.fly(scenario, params, plants, seeds, perturbation=CALM, has_trace=True, **options)
+    return result, fleet
+
+
+def nearest_to(obstacle, trace):
+    return min(obstacle.distance_m(point) for point in trace.reshape(-1, 3)[::3])
+
+
+@pytest.mark.parametrize("shape", [PILLAR, BOX], ids=["pillar", "box"])
+@pytest.mark.parametrize("offset", [0.0, 0.05, -0.3])
+def test_a_goal_straight_behind_an_obstacle_is_reached_without_touching_it(shape, offset):
+    result, fleet = fly_from_to((-2.5, offset), (2.5, 0.0), shape)
+    assert result.is_success.all()
+    assert nearest_to(fleet.obstacles[0], result.trace_enu_m) > 0.25 + 0.12  # half a body, and most of the margin
+
+
+def test_without_rotation_a_vehicle_stands_in_front_of_the_obstacle_for_long():
+    turning, _ = fly_from_to((-2.5, 0.0), (2.5, 0.0), PILLAR)
+    result, fleet = fly_from_to((-2.5, 0.0), (2.5, 0.0), PILLAR, law={"rotation": "never"})
+    assert result.arrival_s[0, 0] > 1.5 * turning.arrival_s[0, 0]
+    assert nearest_to(fleet.obstacles[0], result.trace_enu_m) > 0.25 + 0.12
+
+
+def test_a_vehicle_sent_at_the_fence_stops_in_front_of_it():
+    result, _ = fly_from_to((-2.0, 0.3), (30.0, 0.3), seeds=(0, 1, 2))
+    assert result.trace_enu_m[..., 0].max() < 4.0
+    assert result.trace_enu_m[-1, ..., 0].min() > 3.8
+    low, _ = fly_from_to((0.0, 0.0), (-20.0, -30.0))
+    assert low.trace_enu_m[..., :2].min() > -4.0
+
+
+def test_goal_near_the_fence_but_inside_is_reached():
+    result, _ = fly_from_to((0.0, 0.0), (3.9, -3.9))
+    assert result.is_success.all()
+
+
+def test_polygon_and_its_edges_know_inside_from_outside():
+    fleet = fleet_from_mapping(paper_data(BOX))
+    box = fleet.obstacles[0]
+    assert box.distance_m((0.0, 0.0)) == pytest.approx(-0.5)
+    assert box.distance_m((2.5, 0.0)) == pytest.approx(2.0)
+    assert box.distance_m((0.8, 1.0)) == pytest.approx(0.5)
+
+
+def test_row_beside_a_wall_asks_only_for_the_speed_towards_it():
+    n = LawParams().numbers
+    wall = ((-50.0, 0.0, 50.0, 0.0, 0.0),)
+    along = constraints.obstacle_rows(np.array([0.0, 1.0]), np.array([3.0, 0.0]), np.zeros(2), wall, n=n)
+    still = constraints.obstacle_rows(np.array([0.0, 1.0]), np.array([0.0, 0.0]), np.zeros(2), wall, n=n)
+    np.testing.assert_allclose(along[1], still[1])
+    assert (
+        constraints.obstacle_rows(np.array([0.0, 1.0]), np.array([0.0, -1.0]), np.zeros(2), wall, n=n)[1][0]
+        > still[1][0]
+    )
+
+
+def test_rows_of_a_moving_vehicle_are_the_rate_of_the_constraint():
+    """Finite differences: along a motion under u, h'' + (k_1 + k_2) h' + k_1 k_2 h is e.u minus need."""
+    n, rng, step = LawParams().numbers, np.random.default_rng(4), 1e-3
+    for _ in range(50):
+        capsule = (*rng.uniform(-1, 1, 4), rng.uniform(0, 0.5))
+        p, v, u = rng.uniform(-3, 3, 2), rng.normal(size=2), rng.normal(size=2)
+
+        def half_square(t, p=p, v=v, u=u, capsule=capsule):
+            """|e|^2 / 2 from a row's normal: e / d times d."""
+            d = capsule[4] + n.clearance_m
+            e = d * constraints.obstacle_rows(p + t * v + 0.5 * t * t * u, v + t * u, v, (capsule,), n=n)[0][0]
+            return 0.5 * (e @ e - d * d)
+
+        before, now, after = (half_square(t) for t in (-step, 0.0, step))
+        rate, bend = (after - before) / (2 * step), (after - 2 * now + before) / step**2
+        normals, bounds, _, _ = constraints.obstacle_rows(p, v, v, (capsule,), n=n)
+        d = capsule[4] + n.clearance_m
+        k_1, k_2 = n.static_kappa_1_1_s, n.kappa_2_1_s
+        assert d * (normals[0] @ u - bounds[0]) == pytest.approx(bend + (k_1 + k_2) * rate + k_1 * k_2 * now, abs=1e-4)
+
+
+def test_speed_row_holds_an_avoiding_vehicle_below_its_limit_but_never_against_separation():
+    n = LawParams().numbers
+    normal, bound, is_on = constraints.speed_row(np.array([n.top_speed_m_s, 0.0]), n=n)
+    assert is_on.all()
+    assert bound[0] == pytest.approx(0.0)  # at the limit: no further acceleration along the motion
+    assert normal[0] @ np.array([1.0, 5.0]) < 0.0
+    assert not constraints.speed_row(np.zeros(2), n=n)[2].any()
+
+
+WRONG = [
+    ({"name": "", "circle": {"center_enu_m": [0, 0], "radius_m": 1}}, "name of its own"),
+    ({"name": "a"}, "one shape"),
+    ({"name": "a", "circle": {"center_enu_m": [0, 0], "radius_m": 1}, "polygon_enu_m": [[0, 0]]}, "one shape"),
+    ({"name": "a", "circle": {"center_enu_m": [0, 0], "radius_m": -1.0}}, "radius_m"),
+    ({"name": "a", "polygon_enu_m": [[0, 0], [1, 1]]}, "at least 3"),
+    ({"name": "a", "polygon_enu_m": [[0, 0], [1, 1], [float("nan"), 0]]}, "not finite"),
+    ({"name": "a", "circle": {"center_enu_m": [-1.5, -1.5], "radius_m": 0.2}}, "Move the start"),
+    ({"name": "a", "colour": "red"}, "unknown key"),
+    ({"name": "a", "polygon_enu_m": "round"}, "polygon_enu_m"),
+]
+
+
+@pytest.mark.parametrize(("obstacle", "says"), WRONG)
+def test_a_wrong_obstacle_is_refused_in_words(obstacle, says):
+    with pytest.raises(ConfigError, match=says) as error:
+        fleet_from_mapping(paper_data(obstacle), path="my.toml")
+    assert "my.toml" in str(error.value)
+
+
+def test_two_obstacles_of_one_name_are_refused_and_obstacles_change_the_hash():
+    plain, pillared = fleet_from_mapping(paper_data()), fleet_from_mapping(paper_data(PILLAR))
+    assert plain.config_hash != pillared.config_hash
+    with pytest.raises(ConfigError, match="name of its own"):
+        fleet_from_mapping(paper_data(PILLAR, PILLAR))
+
+
+def test_pair_that_meets_at_a_pillar_passes_both_the_pillar_and_each_other():
+    fleet = fleet_from_mapping(paper_data(PILLAR))
+    params, plants = closed_loop.fleet_models(fleet, ["mav0", "mav1"])
+    starts = np.array([[[-2.5, 0.0, 1.0], [2.5, 0.0, 1.0]]] * 3)
+    legs = np.array([[[[2.5, 0.0, 1.0], [-2.5, 0.0, 1.0]]]] * 3)
+    scenario = closed_loop.Scenario(starts, legs, np.array([0.0]), 25.0)
+    result = closed_loop.fly(
+        scenario, params, plants, [0, 1, 2], perturbation=replace(CALM, start_m=0.05), has_trace=True
+    )
+    assert result.is_success.all()
+    assert result.min_separation_m.min() > 0.8
+    assert nearest_to(fleet.obstacles[0], result.trace_enu_m) > 0.25 + 0.10

@@ -1,0 +1,222 @@
+"""Offsets of clocks: true bounds whatever delays, drift and losses are."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from onboard.bus.clock_offsets import DRIFT, Clocks
+from onboard.bus.codec import decode, encode
+from onboard.bus.schema import ClockMessage, HeardClock
+
+_MS, _S = 1_000_000, 1_000_000_000
+_A, _B = 11, 22
+
+
+class _World:
+    """Two hosts whose clocks are apart and drift; messages with delays of their own on each way, some lost.
+
+    ``true_ns`` runs with A's clock; B's is ``offset_ns`` ahead and ``drift`` faster.
+    """
+
+    def __init__(self, offset_ns: int, drift: float, there_s, back_s, *, loss: float = 0.0, seed: int = 0) -> None:
+        self.a, self.b = Clocks("a", _A), Clocks("b", _B)
+        self.offset_ns, self.drift = offset_ns, drift
+        self._there_s, self._back_s, self._loss = there_s, back_s, loss
+        self._random = random.Random(seed)
+        self.now_ns = 1000 * _S
+        self._on_the_way: list[tuple[int, Clocks, ClockMessage]] = []
+
+    def b_ns(self, true_ns: int) -> int:
+        return true_ns + self.offset_ns + int(self.drift * (true_ns - 1000 * _S))
+
+    def run(self, seconds: float, check=None) -> None:
+        for step in range(int(seconds * 100)):
+            self.now_ns += 10 * _MS
+            if step % 50 == 0:
+                self._send(self.a.message(self.now_ns), self.b, self._there_s())
+            if step % 50 == 23:
+                self._send(self.b.message(self.b_ns(self.now_ns)), self.a, self._back_s())
+            for due in sorted((row for row in self._on_the_way if row[0] <= self.now_ns), key=lambda row: row[0]):
+                self._on_the_way.remove(due)
+                at_ns, whom, message = due
+                whom.hear(message, at_ns if whom is self.a else self.b_ns(at_ns))
+            if check is not None:
+                check(self)
+
+    def _send(self, message: ClockMessage, whom: Clocks, delay_s: float) -> None:
+        if self._random.random() >= self._loss:
+            self._on_the_way.append((self.now_ns + int(delay_s * 1e9), whom, message))
+
+    @property
+    def truth_s(self) -> float:
+        return (self.b_ns(self.now_ns) - self.now_ns) * 1e-9
+
+
+def _delays(seed: int, shortest_s: float, mean_s: float):
+    source = random.Random(seed)
+    return lambda: shortest_s + source.expovariate(1.0 / mean_s)
+
+
+def test_a_clock_an_hour_ahead_is_found_within_half_the_quickest_round_trip() -> None:
+    world = _World(3600 * _S, 0.0, _delays(1, 0.002, 0.003), _delays(2, 0.002, 0.003))
+    world.run(20.0)
+    offset_s, bound_s = world.a.offset_s("b", world.now_ns)
+    assert offset_s == pytest.approx(3600.0, abs=bound_s)
+    assert bound_s < 0.006
+    back_s, _ = world.b.offset_s("a", world.b_ns(world.now_ns))
+    assert back_s == pytest.approx(-3600.0, abs=0.006)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    offset_s=st.floats(-1e5, 1e5),
+    drift=st.floats(-0.9 * DRIFT, 0.9 * DRIFT),
+    shortest_s=st.tuples(st.floats(0.0, 0.05), st.floats(0.0, 0.05)),
+    mean_s=st.tuples(st.floats(0.0005, 0.05), st.floats(0.0005, 0.05)),
+    loss=st.floats(0.0, 0.5),
+    seed=st.integers(0, 1000),
+)
+def test_the_true_offset_lies_within_the_bound_however_unequal_the_two_ways_are(
+    offset_s: float, drift: float, shortest_s: tuple, mean_s: tuple, loss: float, seed: int
+) -> None:
+    world = _World(
+        int(offset_s * 1e9),
+        drift,
+        _delays(seed, shortest_s[0], mean_s[0]),
+        _delays(seed + 1, shortest_s[1], mean_s[1]),
+        loss=loss,
+        seed=seed,
+    )
+
+    def check(world: _World) -> None:
+        found = world.a.offset_s("b", world.now_ns)
+        if found is not None:
+            assert abs(found[0] - world.truth_s) <= found[1] + 1e-6
+
+    world.run(30.0, check)
+    assert world.a.restarts == world.b.restarts == 0
+    # what follows for a sample: never younger than it is, and never from the future
+    age_s, taken_ns = 0.05, world.now_ns - 50 * _MS
+    told_s = (world.now_ns - world.a.own_ns("b", world.b_ns(taken_ns), world.now_ns)) * 1e-9
+    if world.a.is_measured("b"):
+        assert told_s >= age_s - 1e-6
+        assert told_s <= age_s + 2.0 * world.a.offset_s("b", world.now_ns)[1] + 1e-6
+
+
+def test_the_bound_grows_while_nothing_is_heard_and_stays_true() -> None:
+    world = _World(-7 * _S, 0.5 * DRIFT, _delays(1, 0.001, 0.001), _delays(2, 0.001, 0.001))
+    world.run(5.0)
+    _, before_s = world.a.offset_s("b", world.now_ns)
+    world._loss = 1.0
+    world.run(20.0)
+    offset_s, bound_s = world.a.offset_s("b", world.now_ns)
+    assert bound_s == pytest.approx(before_s + 20.0 * DRIFT, rel=0.1)
+    assert abs(offset_s - world.truth_s) <= bound_s
+
+
+def test_nodes_of_one_host_share_their_clock_without_any_measurement() -> None:
+    a, b = Clocks("a", _A), Clocks("b", _A)
+    a.hear(b.message(5 * _S), 5 * _S + 300 * _MS)
+    assert a.shares("b")
+    assert a.is_measured("b")
+    assert a.offset_s("b", 9 * _S) == (0.0, 0.0)
+    # a message that was held up for two seconds is two seconds old, not new
+    assert a.own_ns("b", 5 * _S, 7 * _S) == 5 * _S
+    assert a.own_ns("b", 9 * _S, 7 * _S) == 7 * _S
+    assert a.message(8 * _S).heard == ()
+
+
+def test_an_unknown_node_is_judged_by_its_arrival_and_one_half_measured_too() -> None:
+    a, b = Clocks("a", _A), Clocks("b", _B)
+    assert a.own_ns("b", 100, 200) == 100
+    assert a.own_ns("b", 9 * _S, 5 * _S) == 5 * _S - 20 * _MS
+    assert not a.is_measured("b")
+    a.hear(b.message(9 * _S), 5 * _S)
+    assert not a.is_measured("b")
+    assert a.offset_s("b", 5 * _S) is None
+    # their clock may by chance be near ours: it is another one all the same
+    assert a.own_ns("b", 5 * _S - 10 * _MS, 5 * _S) == 5 * _S - 20 * _MS
+
+
+def _exchange(a: Clocks, b: Clocks, a_ns: int, b_minus_a_ns: int) -> None:
+    """One message each way, 1 ms each."""
+    b.hear(a.message(a_ns), a_ns + b_minus_a_ns + _MS)
+    a.hear(b.message(a_ns + b_minus_a_ns + 2 * _MS), a_ns + 3 * _MS)
+
+
+def test_a_host_that_has_rebooted_is_measured_anew_and_its_old_offset_forgotten() -> None:
+    a, b = Clocks("a", _A), Clocks("b", _B)
+    _exchange(a, b, 10 * _S, 500 * _S)
+    assert a.offset_s("b", 10 * _S)[0] == pytest.approx(500.0, abs=0.002)
+    reborn = Clocks("b", _B + 1)
+    a.hear(reborn.message(3 * _S), 20 * _S)
+    assert not a.is_measured("b")
+    _exchange(a, reborn, 21 * _S, -17 * _S)
+    assert a.offset_s("b", 21 * _S)[0] == pytest.approx(-17.0, abs=0.002)
+
+
+def test_what_others_heard_of_our_life_before_a_reboot_bounds_nothing() -> None:
+    b = Clocks("b", _B)
+    b.hear(Clocks("a", _A).message(9000 * _S), 50 * _S)
+    a = Clocks("a", _A + 1)
+    a.hear(b.message(51 * _S), 1 * _S)
+    assert not a.is_measured("b")
+
+
+def test_a_clock_that_stood_still_is_noticed_and_measured_anew() -> None:
+    a, b = Clocks("a", _A), Clocks("b", _B)
+    _exchange(a, b, 10 * _S, 500 * _S)
+    _exchange(a, b, 40 * _S, 490 * _S)  # the other host was suspended for ten seconds
+    _exchange(a, b, 41 * _S, 490 * _S)
+    assert a.restarts >= 1
+    assert a.offset_s("b", 41 * _S)[0] == pytest.approx(490.0, abs=0.002)
+
+
+def test_lies_are_survived() -> None:
+    a, b = Clocks("a", _A), Clocks("b", _B)
+    _exchange(a, b, 10 * _S, 500 * _S)
+    a.hear(ClockMessage(node="b", host=_B, sequence=9, sent_ns=10**18, heard=()), 11 * _S)
+    a.hear(ClockMessage(node="b", host=_B, sequence=9, sent_ns=-1, heard=(HeardClock("a", _A, 5, -(10**18)),)), 12 * _S)
+    for second in range(13, 16):
+        _exchange(a, b, second * _S, 500 * _S)
+    assert a.offset_s("b", 16 * _S)[0] == pytest.approx(500.0, abs=0.005)
+
+
+def test_strangers_cannot_fill_the_memory() -> None:
+    a = Clocks("a", _A)
+    for number in range(1000):
+        a.hear(Clocks(f"x{number}", 1000 + number).message(5 * _S), 6 * _S)
+    assert len(a.message(7 * _S).heard) <= 64
+    assert not a.is_measured("x999")
+
+
+def test_grounds_that_come_and_go_are_forgotten_in_favour_of_the_one_that_is_there() -> None:
+    a = Clocks("a", _A)
+    for number in range(300):
+        ground = Clocks(f"ground-{number}", _A)
+        a.hear(ground.message(number * 100 * _S), number * 100 * _S)
+        assert a.shares(f"ground-{number}")
+
+
+def test_a_clock_message_of_twenty_nodes_is_small_and_comes_back_the_same() -> None:
+    a = Clocks("a", _A)
+    for number in range(20):
+        a.hear(Clocks(f"vehicle{number}", 2**48 - number).message(2**60), 2**60)
+    message = a.message(2**60 + 1)
+    data = encode(message)
+    assert decode(data, ClockMessage) == message
+    assert len(data) < 1000
+
+
+def test_only_other_hosts_are_told_with_how_well_they_are_known_and_forgotten_when_they_are_gone() -> None:
+    world = _World(80 * _S, 0.0, lambda: 0.002, lambda: 0.004)
+    world.b.hear(ClockMessage(node="c", host=_B, sequence=1, sent_ns=5, heard=()), 5)  # of its own host
+    world.run(0.1)
+    assert world.b.bounds_s(world.b_ns(world.now_ns)) == {"a": float("inf")}  # heard, and not yet heard of
+    world.run(3.0)
+    assert world.a.bounds_s(world.now_ns)["b"] == pytest.approx(0.003, abs=0.002)
+    assert world.a.bounds_s(world.now_ns + 120 * _S) == {}

@@ -1,0 +1,150 @@
+"""Every wrong fleet file is a sentence that names file, key and remedy; every shipped one loads."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet, parking_distance_m
+
+FLEETS = sorted((Path(__file__).parents[3] / "configs" / "fleets").glob("*.toml"))
+PAPER = next(path for path in FLEETS if path.stem == "paper")
+
+
+def paper_data() -> dict[str, Any]:
+    return tomllib.loads(PAPER.read_text())
+
+
+def set_path(data: dict[str, Any], path: str, value: Any) -> None:
+    *parents, last = path.split(".")
+    for part in parents:
+        data = data.setdefault(part, {})
+    data[last] = value
+
+
+@pytest.mark.parametrize("path", FLEETS, ids=lambda path: path.stem)
+def test_every_shipped_fleet_file_loads(path: Path) -> None:
+    config = load_fleet(path)
+    assert config.enabled_names
+    assert config.namespace == f"covey/{config.fleet.name}"
+
+
+WRONG = [
+    ("vehicles.mav1.autopilo", 1, "unknown key 'vehicles.mav1.autopilo'"),
+    ("fleet.colour", "red", "unknown key 'fleet.colour'"),
+    ("obstacles", [{"name": "pillar", "radius_m": 1.0}], "Known keys here: name, circle, polygon"),
+    ("law.kapa", 1.0, "unknown key 'law.kapa'"),
+    ("types.ardrone.wings", 2, "unknown key 'types.ardrone.wings'"),
+    ("types.ardrone.sitl.wings", 2, "unknown key 'vehicles.mav0.sitl.wings'"),
+    ("surprise", 2, "unknown key 'surprise'"),
+    ("vehicles.mav1.mass_kg", "heavy", "vehicles.mav1.mass_kg"),
+    ("vehicles.mav1.mass_kg", -1.0, "between"),
+    ("vehicles.mav1.mass_kg", float("nan"), "between"),
+    ("vehicles.mav1.system_id", 1, "vehicles.mav0.system_id"),
+    ("vehicles.mav1.system_id", 256, "between 1 and 255"),
+    ("vehicles.mav1.agent", "tcp/127.0.0.1:7460", "vehicles.mav0.agent"),
+    ("vehicles.mav1.autopilot", "udpin://127.0.0.1:14540", "vehicles.mav0.autopilot"),
+    ("vehicles.mav1.autopilot", "14540", "udpin://127.0.0.1:14540"),
+    ("vehicles.mav1.type", "glider", "[types.glider]"),
+    ("vehicles.mav1.start_enu_m", [-1.4, -1.5, 0.0], "0.10 m apart"),
+    ("vehicles.mav1.start_enu_m", [9.0, 0.0, 0.0], "outside fleet.geofence_m"),
+    ("vehicles.mav1.start_enu_m", [9.0, 0.0], "start_enu_m"),
+    ("formations.triangle.mav1", [-0.1, 0.7, 0.0], "can park"),
+    ("formations.triangle.mav9", [5.0, 0.0, 0.0], "names no vehicle"),
+    ("fleet.geofence_m", {"x": [1, -1], "y": [-1, 1], "z": [0, 1]}, "low < high"),
+    ("fleet.name", "a/b", "fleet.name"),
+    ("fleet.body_diameter_m", 2.0, "fleet.body_diameter_m"),
+    ("schema", 2, "schema"),
+]
+
+
+@pytest.mark.parametrize(("key", "value", "says"), WRONG, ids=[f"{key}={value}" for key, value, _ in WRONG])
+def test_a_wrong_value_is_refused_with_file_key_and_bound(key: str, value: Any, says: str) -> None:
+    data = paper_data()
+    set_path(data, key, value)
+    with pytest.raises(ConfigError) as error:
+        fleet_from_mapping(data, path="my.toml")
+    assert str(error.value).startswith("my.toml: ")
+    assert says in str(error.value)
+
+
+@pytest.mark.parametrize("key", ["system_id", "start_enu_m", "agent", "autopilot"])
+def test_a_missing_key_of_a_vehicle_is_named(key: str) -> None:
+    data = paper_data()
+    del data["vehicles"]["mav2"][key]
+    with pytest.raises(ConfigError, match=rf"vehicles\.mav2\.{key}"):
+        fleet_from_mapping(data)
+
+
+def test_a_missing_file_and_broken_toml_are_sentences(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no such fleet file"):
+        load_fleet(tmp_path / "none.toml")
+    (tmp_path / "broken.toml").write_text("schema = = 1")
+    with pytest.raises(ConfigError, match="not valid TOML"):
+        load_fleet(tmp_path / "broken.toml")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load_fleet(tmp_path)
+
+
+def test_a_vehicle_overrides_its_type_which_overrides_the_defaults() -> None:
+    data = paper_data()
+    data["defaults"]["max_speed_m_s"] = 0.5
+    data["defaults"]["max_acceleration_m_s2"] = 0.7
+    data["vehicles"]["mav1"]["mass_kg"] = 0.6
+    data["vehicles"]["mav1"]["sitl"] = {"static_gain": 0.8}
+    config = fleet_from_mapping(data)
+    assert config.vehicles["mav1"].mass_kg == 0.6
+    assert config.vehicles["mav0"].mass_kg == 0.510
+    assert config.vehicles["mav0"].max_speed_m_s == 1.0  # the type says so
+    assert config.vehicles["mav0"].max_acceleration_m_s2 == 0.7  # only the defaults say so
+    assert config.vehicles["mav1"].sitl.static_gain == 0.8
+    assert config.vehicles["mav1"].sitl.tilt_bias_deg == 1.5
+
+
+def test_the_hash_changes_with_any_value_and_not_with_comments() -> None:
+    first = fleet_from_mapping(paper_data(), text="a")
+    same = fleet_from_mapping(paper_data(), text="b")
+    data = paper_data()
+    data["law"]["design_margin_m"] = 0.2
+    assert first.config_hash == same.config_hash
+    assert first.config_hash != fleet_from_mapping(data).config_hash
+
+
+@pytest.fixture
+def paper() -> FleetConfig:
+    return load_fleet(PAPER)
+
+
+def test_vehicles_are_selected_by_name_place_and_range(paper: FleetConfig) -> None:
+    assert paper.select("all") == paper.select(None) == ("mav0", "mav1", "mav2")
+    assert paper.select("mav2,0") == ("mav2", "mav0")
+    assert paper.select("1-2") == ("mav1", "mav2")
+    assert paper.select("all", "mav1") == ("mav0", "mav2")
+    for wrong in ("2-1", "7", "mav9", "1-9", ""):
+        if wrong:
+            with pytest.raises(ConfigError):
+                paper.select(wrong)
+
+
+def test_the_paper_law_parks_no_closer_than_its_own_formula(paper: FleetConfig) -> None:
+    data = paper_data()
+    data["law"] = {"name": "paper", "paper_v_perp_m_s": 0.3, "paper_kappa_3_1_s": 1.0}
+    assert parking_distance_m(fleet_from_mapping(data)) == pytest.approx((0.64 + 0.8 * 0.3) ** 0.5)
+    assert parking_distance_m(paper) > paper.fleet.safety_distance_m
+
+
+def test_the_papers_ring_is_refused_for_more_than_three_unless_forced() -> None:
+    data = paper_data()
+    data["vehicles"]["mav3"] = {
+        "system_id": 4,
+        "start_enu_m": [3.0, -1.5, 0.0],
+        "agent": "tcp/127.0.0.1:7463",
+        "autopilot": "udpin://127.0.0.1:14543",
+    }
+    assert fleet_from_mapping(data)
+    data["law"] = {"name": "paper"}
+    with pytest.raises(ConfigError, match=r"law\.paper_force_ring"):
+        fleet_from_mapping(data)
+    data["law"]["paper_force_ring"] = True
+    assert fleet_from_mapping(data)

@@ -1,0 +1,199 @@
+"""The pipeline as a whole: phases, anti-windup, symmetries and bad input."""
+
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from onboard.avoidance.params import OPEN_FENCE
+from onboard.config.fleet import load_fleet
+from onboard.control import pipeline
+from onboard.control.pipeline import Phase
+from onboard.types import GRAVITY_M_S2, Goal, LawStatus, Neighbours, State
+
+FLEET = load_fleet("configs/fleets/paper.toml")
+FENCED = pipeline.pipeline_params(FLEET, "mav0")
+PARAMS = replace(FENCED, law=replace(FENCED.law, fence_enu_m=OPEN_FENCE))
+
+
+def state_of(position, velocity=None):
+    position = np.asarray(position, float)
+    velocity = np.zeros_like(position) if velocity is None else np.asarray(velocity, float)
+    zero = np.zeros(position.shape[:-1])
+    return State(position, velocity, np.zeros_like(position), zero, zero, zero, zero)
+
+
+def goal_of(position, sequence=1, duration=0.0):
+    position = np.asarray(position, float)
+    shape = position.shape[:-1]
+    return Goal(position, np.full(shape, duration), np.full(shape, sequence, np.int64))
+
+
+def neighbours_of(position, velocity=None):
+    position = np.asarray(position, float)
+    velocity = np.zeros_like(position) if velocity is None else np.asarray(velocity, float)
+    zero, still = np.zeros(position.shape[:-1]), np.zeros_like(position)
+    true = np.ones(zero.shape, bool)
+    return Neighbours(position, velocity, still, position, velocity, still, zero, zero, zero, true, true, true)
+
+
+NOBODY = neighbours_of(np.zeros((0, 3)))
+
+
+def run(ticks, state, goal, neighbours=NOBODY, params=PARAMS, memory=None, **options):
+    memory = pipeline.initial(params, state.position_enu_m) if memory is None else memory
+    for _ in range(ticks):
+        memory, tick = pipeline.step(memory, state, goal, neighbours, params=params, dt_s=0.02, **options)
+    return memory, tick
+
+
+def test_hovering_on_the_spot_asks_for_level_and_hover_thrust():
+    _, tick = run(1, state_of([1.0, 2.0, 1.0]), goal_of([1.0, 2.0, 1.0]))
+    np.testing.assert_allclose(tick.attitude.quaternion_wxyz, [1, 0, 0, 0], atol=1e-9)
+    assert tick.attitude.thrust_frac == pytest.approx(0.75)
+    assert tick.law.status == LawStatus.INACTIVE
+    assert tick.is_finite
+
+
+def test_goal_to_the_east_tilts_to_the_east():
+    _, tick = run(30, state_of([0.0, 0.0, 1.0]), goal_of([3.0, 0.0, 1.0]))
+    assert tick.law.thrust.thrust_enu_m_s2[0] > 0.2
+    assert tick.attitude.quaternion_wxyz[2] > 0.01  # rotation about +y (left) leans the thrust to +x
+    assert abs(tick.attitude.quaternion_wxyz[1]) < 1e-6
+
+
+def test_on_the_ground_there_is_no_thrust_and_nothing_is_learned():
+    memory, _ = run(50, state_of([0.0, 0.0, 0.0], [0.3, 0, 0]), goal_of([2.0, 0, 1.0]))
+    memory, tick = run(1, state_of([0.0, 0.0, 0.0]), goal_of([2.0, 0, 1.0]), memory=memory, phase=Phase.GROUND)
+    assert tick.attitude.thrust_frac == 0.0
+    np.testing.assert_array_equal(tick.attitude.quaternion_wxyz, [1, 0, 0, 0])
+    np.testing.assert_array_equal(memory.observer.disturbance_enu_m_s2, 0.0)
+    np.testing.assert_array_equal(memory.law.history.duration_s, 0.0)
+
+
+def test_lift_off_tilts_gently_and_keeps_the_observer_frozen():
+    far = goal_of([0.0, 0.0, 1.0])
+    pushed = state_of([1.0, 0.0, 0.0], [0.5, 0.0, 0.0])
+    memory = pipeline.initial(PARAMS, np.zeros(3))
+    memory, gentle = run(20, pushed, far, memory=memory, phase=Phase.LIFTOFF)
+    np.testing.assert_array_equal(memory.observer.disturbance_enu_m_s2, 0.0)
+    assert np.hypot(*gentle.thrust_baseline.thrust_enu_m_s2[:2]) <= 1.0 + 1e-9
+    memory, _ = run(20, pushed, far, phase=Phase.FLYING)
+    assert abs(memory.observer.disturbance_enu_m_s2[0]) > 0.01
+
+
+def test_clock_of_the_trajectory_slows_while_the_law_holds_the_vehicle_back_and_runs_otherwise():
+    wall = neighbours_of([[0.85, 0.0, 1.0]])
+    held, _ = run(150, state_of([0.0, 0.0, 1.0]), goal_of([3.0, 0.0, 1.0]), wall)
+    free, _ = run(150, state_of([0.0, 0.0, 1.0]), goal_of([3.0, 0.0, 1.0]))
+    assert held.clock_rate < 0.4
+    assert free.clock_rate == 1.0
+    assert held.guidance.elapsed_s < 0.85 * free.guidance.elapsed_s
+
+
+def test_commanded_state_is_published_for_the_neighbours():
+    memory, tick = run(1, state_of([0.0, 0.0, 1.0], [0.4, 0, 0]), goal_of([3.0, 0.0, 1.0]))
+    lag = FLEET.vehicles["mav0"].lag_s
+    assert tick.law.lead_time_s == pytest.approx(lag)
+    assert tick.law.predicted_position_enu_m[0] == pytest.approx(0.4 * lag)  # no command yet
+    np.testing.assert_allclose(
+        tick.law.commanded_acceleration_enu_m_s2, tick.law.thrust.thrust_enu_m_s2 - [0, 0, GRAVITY_M_S2]
+    )
+    np.testing.assert_array_equal(memory.law.history.acceleration_enu_m_s2[0], tick.law.commanded_acceleration_enu_m_s2)
+
+
+def test_drag_is_compensated_after_the_law():
+    def sent_and_commanded(drag):
+        params = replace(PARAMS, drag_1_s=drag)
+        state = state_of([0.0, 0.0, 1.0], [0.2, 0, 0])
+        memory, tick = run(1, state, goal_of([0.0, 0.0, 1.0]), params=params)
+        return memory.sent_enu_m_s2[0], tick.law.commanded_acceleration_enu_m_s2[0]
+
+    sent, commanded = sent_and_commanded(0.0)
+    sent_with, commanded_with = sent_and_commanded(0.5)
+    assert commanded_with == pytest.approx(commanded)
+    assert sent_with - sent == pytest.approx(0.5 * 0.2)
+
+
+def random_inputs(seed, batch=()):
+    rng = np.random.default_rng(seed)
+    draw = lambda *shape, scale=1.0: rng.normal(size=(*batch, *shape, 3)) * scale  # noqa: E731
+    spots = draw(3, scale=0.7)
+    spots[..., :2] += np.sign(spots[..., :2]) * 0.6
+    return draw(scale=0.1), draw(scale=0.3), draw(scale=2.0), spots, draw(3, scale=0.3)
+
+
+def test_batch_equals_loop():
+    p, v, goal, q, w = random_inputs(0, (12,))
+    memory = pipeline.initial(PARAMS, p)
+    parts = [pipeline.initial(PARAMS, p[k]) for k in range(12)]
+    for _ in range(10):
+        memory, tick = run(1, state_of(p, v), goal_of(goal), neighbours_of(q, w), memory=memory)
+        for k in range(12):
+            one = neighbours_of(q[k], w[k])
+            parts[k], alone = run(1, state_of(p[k], v[k]), goal_of(goal[k]), one, memory=parts[k])
+            np.testing.assert_allclose(alone.attitude.quaternion_wxyz, tick.attitude.quaternion_wxyz[k], atol=1e-7)
+            np.testing.assert_allclose(alone.attitude.thrust_frac, tick.attitude.thrust_frac[k], atol=1e-7)
+            assert alone.law.status == tick.law.status[k]
+
+
+def test_turning_and_shifting_the_world_turns_the_thrust():
+    angle, shift = 0.9, np.array([4.0, -1.0, 0.0])
+    turn = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
+    for seed in range(15):
+        p, v, goal, q, w = random_inputs(seed)
+        p[2], goal[2] = 1.0, 1.0
+        _, plain = run(6, state_of(p, v), goal_of(goal), neighbours_of(q, w))
+        _, moved = run(
+            6,
+            state_of(turn @ p + shift, turn @ v),
+            goal_of(turn @ goal + shift),
+            neighbours_of(q @ turn.T + shift, w @ turn.T),
+        )
+        np.testing.assert_allclose(moved.law.thrust.thrust_enu_m_s2, turn @ plain.law.thrust.thrust_enu_m_s2, atol=1e-6)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("law", ["covey", "paper", "off"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_unusable_state_levels_the_vehicle_for_that_tick_only(bad, law):
+    params = pipeline.pipeline_params(FLEET, "mav0", law=law)
+    memory, _ = run(20, state_of([0.0, 0.0, 1.0]), goal_of([1.0, 0.0, 1.0]), params=params)
+    near = neighbours_of([[1.5, 0.0, 1.0]])
+    memory, tick = run(3, state_of([bad] * 3, [bad] * 3), goal_of([1.0, 0, 1.0]), near, params, memory)
+    assert not tick.is_finite
+    assert tick.law.status == LawStatus.INFEASIBLE
+    assert np.isnan(tick.law.predicted_position_enu_m).all()
+    assert np.isfinite(tick.attitude.quaternion_wxyz).all()
+    assert 0.5 < tick.attitude.thrust_frac < 0.95
+    _, tick = run(5, state_of([0.0, 0.0, 1.0]), goal_of([1.0, 0, 1.0]), near, params, memory)
+    assert tick.is_finite
+    assert np.isfinite(tick.attitude.quaternion_wxyz).all()
+    assert tick.law.status != LawStatus.INFEASIBLE
+
+
+def test_every_value_of_a_tick_is_finite_under_random_inputs():
+    for seed in range(30):
+        p, v, goal, q, w = random_inputs(seed)
+        _, tick = run(5, state_of(5 * p, 5 * v), goal_of(goal), neighbours_of(0.3 * q, 5 * w))
+        for stage in (tick.setpoint, tick.thrust_baseline, tick.law.thrust, tick.attitude):
+            for field in fields(stage):
+                assert np.isfinite(getattr(stage, field.name)).all()
+        assert 0.0 <= tick.attitude.thrust_frac <= 1.0
+
+
+def test_parameters_follow_the_fleet_file():
+    vehicle = FLEET.vehicles["mav1"]
+    params = pipeline.pipeline_params(FLEET, "mav1")
+    assert params.law.lag_s == pytest.approx(0.04 + 1.4 / 6.0)
+    assert params.law.d_design_m == pytest.approx(0.80 + FLEET.law.margin_m(params.law.lag_s))
+    assert params.law.max_tilt_rad == pytest.approx(math.radians(25.0))
+    assert params.guidance.lead_s == params.law.lag_s
+    assert params.drag_1_s == vehicle.drag_1_s
+    assert pipeline.pipeline_params(FLEET, "mav1", law="paper").guidance.lead_s == 0.0
+
+
+def test_unknown_law_is_refused_in_words():
+    with pytest.raises(ValueError, match="covey, paper, off"):
+        pipeline.pipeline_params(FLEET, "mav0", law="orca")

@@ -1,0 +1,224 @@
+"""What can be said before flight: the bounds themselves, and each finding made to fail once on purpose."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from onboard.config.fleet import FleetConfig, fleet_from_mapping
+from onboard.feasibility import bounds
+from onboard.feasibility.bounds import ACCURACIES, Response
+from onboard.feasibility.finding import Finding
+from onboard.feasibility.fleet_checks import error_class, fleet_findings, spot_findings
+
+ROOT = Path(__file__).resolve().parents[3]
+SIH, WEAK = Response(0.04, 11.0, 0.6), Response(0.04, 6.0, 0.7)
+
+
+def fleet_with(changes: dict[str, Any] | None = None, base: str = "sih") -> FleetConfig:
+    """A shipped fleet with some keys changed: ``{"law.name": "paper", "types.sih.max_tilt_deg": 10}``."""
+    data = tomllib.loads((ROOT / f"configs/fleets/{base}.toml").read_text())
+    for key, value in (changes or {}).items():
+        *path, last = key.split(".")
+        table = data
+        for part in path:
+            table = table.setdefault(part, {})
+        table[last] = value
+    return fleet_from_mapping(data)
+
+
+def named(fleet: FleetConfig, name: str, **options: Any) -> Finding:
+    return next(finding for finding in fleet_findings(fleet, **options) if finding.name == name)
+
+
+@pytest.mark.parametrize("base", ["paper", "sih"])
+def test_the_shipped_fleets_can_be_flown_on_a_mocap(base: str) -> None:
+    assert all(finding.status != "refused" for finding in fleet_findings(fleet_with(base=base)))
+
+
+@pytest.mark.parametrize("base", ["paper", "sih"])
+def test_gps_with_the_papers_spacing_is_refused_in_words(base: str) -> None:
+    refused = {f.name: f for f in fleet_findings(fleet_with(base=base), errors="gps") if f.status == "refused"}
+    assert {"initial conditions", "spacing, formation 'triangle'"} <= set(refused)
+    assert all("gps" in finding.sentence and finding.remedy in finding.sentence for finding in refused.values())
+
+
+def test_a_fixed_margin_made_for_a_mocap_is_refused_for_a_worse_position() -> None:
+    fixed = fleet_with({"law.margin": "fixed"})
+    assert [named(fixed, "margin", errors=errors).status for errors in ("mocap", "vision", "gps")] == [
+        "ok",
+        "refused",
+        "refused",
+    ]
+
+
+def test_the_margin_that_the_law_sets_itself_makes_vehicles_park_farther_apart() -> None:
+    fleet = fleet_with()
+    near, far = (named(fleet, "spacing, formation 'triangle'", errors=errors) for errors in ("mocap", "vision"))
+    assert near.bound < far.bound < near.bound + 0.35
+    assert far.status == "ok"
+
+
+def test_a_row_without_prediction_is_refused() -> None:
+    assert named(fleet_with({"law.prediction": "none"}, base="paper"), "kappas").status == "refused"
+
+
+def test_a_goal_inside_an_obstacles_clearance_is_refused() -> None:
+    pillar = [{"name": "pillar", "circle": {"center_enu_m": [0.0, 1.0], "radius_m": 0.3}}]
+    fleet = fleet_with({"obstacles": pillar})
+    assert spot_findings(fleet, {"mav0": (0.6, 1.0, 1.0)}, "goals")[0].name == "obstacles, goals"
+    assert spot_findings(fleet, {"mav0": (0.6, 1.0, 1.0)}, "goals")[0].status == "refused"
+    assert all(finding.status == "ok" for finding in spot_findings(fleet, {"mav0": (0.8, 1.0, 1.0)}, "goals"))
+
+
+def test_gps_is_accepted_with_spacings_and_margin_two_and_a_half_times_as_large() -> None:
+    wide = {f"vehicles.mav{i}.start_enu_m": [-3.75 + 3.75 * i, -3.75, 0.0] for i in range(3)}
+    wide |= {f"formations.triangle.mav{i}": [2.5 * x, 2.5 * y, 0.0] for i, x, y in
+             ((0, 0.0, 0.92), (1, -0.8, -0.46), (2, 0.8, -0.46))}  # fmt: skip
+    wide["fleet.geofence_m"] = {"x": [-10, 10], "y": [-10, 10], "z": [0, 3]}
+    wide["law.design_margin_m"] = 1.36
+    assert all(finding.status == "ok" for finding in fleet_findings(fleet_with(wide), errors="gps"))
+
+
+def test_without_a_mocap_the_accuracy_is_that_of_gps() -> None:
+    assert error_class(fleet_with()) == "mocap"
+    assert error_class(fleet_with({"vehicles.mav1.mocap_required": False})) == "gps"
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "status"),
+    [
+        ("margin", {"law.margin": "fixed", "law.design_margin_m": 0.02}, "refused"),
+        ("shortfall gain", {"law.shortfall_gain": 1.1}, "refused"),
+        ("body", {"fleet.body_diameter_m": 0.75}, "refused"),
+        ("sensing range", {"law.range_m": 1.5}, "refused"),
+        ("bus delay", {"law.margin": "fixed", "law.design_margin_m": 0.01}, "refused"),
+        ("kappas", {"law.kappa_1_1_s": 10.0, "law.kappa_2_1_s": 20.0}, "refused"),
+        ("kappas", {"types.sih.attitude_wn_rad_s": 6.0}, "warning"),
+        ("lag", {"types.sih.attitude_delay_s": 0.25}, "warning"),
+        ("lag", {"types.sih.attitude_wn_rad_s": 2.0}, "refused"),
+        ("vehicles", {"defaults.enabled": False}, "refused"),
+        ("braking", {"types.sih.max_speed_m_s": 4.0}, "refused"),
+        ("initial conditions", {"vehicles.mav1.start_enu_m": [-0.65, -1.5, 0.0]}, "refused"),
+        ("initial conditions", {"vehicles.mav1.start_enu_m": [-0.55, -1.5, 0.0]}, "warning"),
+        ("crowding", {"fleet.geofence_m": {"x": [-1.9, 1.9], "y": [-1.9, -0.9], "z": [0, 3]}}, "refused"),
+        ("neighbours", {"law.max_neighbours": 1}, "refused"),
+        ("fence, take-off spots", {"fleet.geofence_m": {"x": [-1.6, 4], "y": [-4, 4], "z": [0, 3]}}, "refused"),
+        ("height at full tilt", {"types.sih.hover_thrust_frac": 0.9}, "refused"),
+        ("thrust reserve", {"types.sih.hover_thrust_frac": 0.9}, "refused"),
+        ("gust reserve", {"types.sih.max_tilt_deg": 12.0}, "refused"),
+        ("battery", {"types.sih.px4_params": {"BAT_CRIT_THR": 0.25}}, "refused"),
+        ("battery", {"fleet.battery_land_pct": 9.0}, "warning"),
+        ("silence", {"types.sih.px4_params": {"COM_OF_LOSS_T": 2.0}}, "refused"),
+        ("law", {"law.name": "off"}, "warning"),
+    ],
+)
+def test_each_finding_fails_on_purpose_with_value_bound_and_remedy(
+    name: str, changes: dict[str, Any], status: str
+) -> None:
+    finding = named(fleet_with(changes), name)
+    assert finding.status == status
+    assert finding.sentence.endswith(finding.remedy)
+    if name not in ("law", "vehicles"):
+        assert f"{finding.bound:.3g}" in finding.sentence
+        assert (finding.value < finding.bound) == (finding.relation == "at least")
+
+
+def test_the_papers_law_is_held_to_its_own_initial_conditions_and_kappas() -> None:
+    near = fleet_with({"law.name": "paper", "law.paper_v_perp_m_s": 3.2, "formations": {}})
+    start = named(near, "initial conditions")
+    assert start.bound == pytest.approx(math.sqrt(0.8**2 + 0.8 * 3.2 / 1.5), abs=1e-4)
+    assert start.status == "refused"
+    assert named(near, "kappas").bound == pytest.approx(4.0 / (27.0 * SIH.lag_s), abs=1e-4)
+    assert named(fleet_with({"law.name": "paper"}, base="paper"), "kappas").status == "refused"
+    assert named(fleet_with({"law.name": "paper", "law.paper_kappa_1_1_s": 0.9, "law.paper_kappa_2_1_s": 0.9}),
+                 "kappas").status == "ok"  # fmt: skip
+
+
+def test_at_the_papers_bound_h_2_of_equation_21_vanishes_at_rest() -> None:
+    d_inf, v_perp, kappa_3, kappa_4 = 0.8, 0.1, 1.5, 1.5
+    fleet = fleet_with({"law.name": "paper"})
+    d = named(fleet, "initial conditions").bound
+    h_2 = -kappa_4 * (0.0 - d_inf * v_perp) - kappa_3 * kappa_4 * (d * d - d_inf**2)
+    assert h_2 == pytest.approx(0.0, abs=1e-3)
+
+
+def test_one_vehicle_alone_is_not_asked_about_neighbours() -> None:
+    alone = fleet_with({"vehicles.mav1.enabled": False, "vehicles.mav2.enabled": False})
+    assert {"margin", "kappas", "initial conditions"}.isdisjoint(f.name for f in fleet_findings(alone))
+    nobody = fleet_with({f"vehicles.mav{i}.enabled": False for i in range(3)})
+    assert [(finding.name, finding.status) for finding in fleet_findings(nobody)] == [("vehicles", "refused")]
+
+
+def test_the_worst_comes_first_and_of_unequal_vehicles_the_worst_is_named() -> None:
+    findings = fleet_findings(fleet_with({"vehicles.mav1.hover_thrust_frac": 0.9, "law.range_m": 3.0}))
+    order = [("refused", "warning", "ok").index(finding.status) for finding in findings]
+    assert order == sorted(order)
+    assert "mav1" in next(f for f in findings if f.name == "thrust reserve").sentence
+
+
+def test_spots_of_a_constellation_are_judged_for_spacing_and_room() -> None:
+    fleet = fleet_with()
+    tight = spot_findings(fleet, {"mav0": (0.0, 0.0, 1.0), "mav1": (0.95, 0.0, 1.0)}, "here")
+    assert [finding.status for finding in tight] == ["refused", "ok"]
+    assert spot_findings(fleet, {"mav0": (3.9, 0.0, 1.0)}, "there")[0].status == "refused"
+
+
+def test_the_margin_is_the_fit_at_the_accuracies_it_was_made_for() -> None:
+    assert bounds.needed_margin_m(ACCURACIES["mocap"], 4.0, 8.0) == pytest.approx(0.10, abs=0.02)
+    assert bounds.needed_margin_m(ACCURACIES["vision"], 5.0, 10.0) == pytest.approx(0.37, abs=0.01)
+    assert bounds.needed_margin_m(ACCURACIES["gps"], 4.0, 8.0) == pytest.approx(1.35, abs=0.01)
+
+
+def test_the_row_of_two_vehicles_closing_head_on_begins_to_ask_at_its_range() -> None:
+    v, d, k_1, k_2 = 2.0, 0.9, 4.0, 8.0
+    r = bounds.row_range_m(v, d, k_1, k_2)
+    need = -v * v + (k_1 + k_2) * r * v - 0.5 * k_1 * k_2 * (r * r - d * d)
+    assert need == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_loop_dies_out_with_prediction_where_it_grows_without() -> None:
+    assert bounds.loop_growth_1_s(SIH, 4.0, 8.0) < 0.0
+    assert bounds.loop_growth_1_s(SIH, 4.0, 8.0, is_predicted=False) > 0.5
+    grown = [bounds.loop_growth_1_s(SIH, 4.0, 8.0, lag_error_s=error) for error in (0.0, 0.04, 0.12)]
+    assert grown[0] < grown[1] < 0.0 < grown[2]
+
+
+def test_the_growth_rate_is_that_of_the_loop_flown_in_time() -> None:
+    k_1, k_2, dt = 10.0, 20.0, 0.02
+    steps = round(WEAK.delay_s / dt)
+    y, v, a, jerk, past = 0.01, 0.0, 0.0, 0.0, [0.0] * 40
+    sizes = []
+    for _ in range(400):
+        window, p, w = WEAK.lag_s, y + WEAK.lag_s * v, v
+        for index, u in enumerate(past):
+            inside = min(max(window - index * dt, 0.0), dt)
+            w += inside * u
+            p += inside * (index * dt + 0.5 * inside) * u
+        past = [-(k_1 + k_2) * w - k_1 * k_2 * p, *past[:-1]]
+        for _ in range(4):
+            h = dt / 4
+            jerk += h * (WEAK.wn_rad_s**2 * (past[steps] - a) - 2.0 * WEAK.zeta * WEAK.wn_rad_s * jerk)
+            a += h * jerk
+            y += h * v + 0.5 * h * h * a
+            v += h * a
+        sizes.append(math.hypot(y, v))
+    flown = np.log(max(sizes[300:]) / max(sizes[200:300])) / (100 * dt)
+    assert bounds.loop_growth_1_s(WEAK, k_1, k_2) == pytest.approx(flown, rel=0.15)
+
+
+def test_braking_needs_more_the_faster_two_vehicles_close() -> None:
+    asked = [bounds.braking_m_s2(v, 0.9, 4.0, 8.0) for v in (1.0, 2.0, 4.0)]
+    assert asked == sorted(asked)
+    assert asked[0] > 0.0
+
+
+def test_available_acceleration_is_bounded_by_tilt_and_by_thrust() -> None:
+    assert bounds.available_acceleration_m_s2(20.0, 0.5) == pytest.approx(9.80665 * math.tan(math.radians(20.0)))
+    assert bounds.available_acceleration_m_s2(45.0, 0.9) < 4.0
+    assert bounds.available_acceleration_m_s2(30.0, 0.99) == 0.0

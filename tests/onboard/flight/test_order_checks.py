@@ -1,0 +1,148 @@
+"""Orders that are refused, each with a reason that a person can act on."""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import pytest
+
+from onboard import events as ev
+from onboard.bus.schema import Telemetry
+from tests.onboard.agent.rig import Rig
+
+
+def _neighbour(rig: Rig, **changes: object) -> None:
+    base = rig.telemetry
+    assert base is not None
+    message: Telemetry = msgspec.structs.replace(base, vehicle="mav1", **changes)
+    rig.core.handle(ev.NeighbourHeard(message, rig.now_ns), rig.now_ns)
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "words"),
+    [
+        ("move", {"position_enu_m": (5.0, 0.0, 1.0)}, "outside the geofence"),
+        ("move", {"position_enu_m": (0.0, 0.0, 3.5)}, "outside the geofence"),
+        ("move", {"position_enu_m": (0.0, 0.0, 0.05)}, "above its floor"),
+        ("move", {"position_enu_m": (math.nan, 0.0, 1.0)}, "finite"),
+        ("move", {"position_enu_m": None}, "finite"),
+        ("move", {"position_enu_m": (1.0, 0.0, 1.0), "duration_s": math.inf}, "cannot take"),
+        ("takeoff", {"height_m": 1.0}, "cannot start now"),
+        ("arm", {}, "cannot start now"),
+        ("disarm", {}, "in the air"),
+        ("hold", {"deadline_ns": 1}, "deadline"),
+    ],
+)
+def test_a_flying_vehicle_refuses(kind: str, fields: dict[str, object], words: str) -> None:
+    rig = Rig()
+    rig.fly()
+    reply = rig.order(kind, **fields)  # type: ignore[arg-type]
+    assert not reply.is_accepted
+    assert words in reply.reason
+    assert rig.core.flight.state == "flying"
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "words"),
+    [
+        ("move", {"position_enu_m": (1.0, 0.0, 1.0)}, "does not fly"),
+        ("hold", {}, "does not fly"),
+        ("land", {}, "not in the air"),
+        ("takeoff", {"height_m": 4.0}, "outside the geofence"),
+        ("takeoff", {"height_m": 0.1}, "does not leave the ground"),
+        ("takeoff", {"height_m": math.nan}, "does not leave the ground"),
+        ("takeoff", {"height_m": 1.0, "deadline_ns": 1}, "deadline"),
+    ],
+)
+def test_a_vehicle_on_the_ground_refuses(kind: str, fields: dict[str, object], words: str) -> None:
+    rig = Rig()
+    rig.until("ready")
+    reply = rig.order(kind, **fields)  # type: ignore[arg-type]
+    assert not reply.is_accepted
+    assert words in reply.reason
+    rig.run(0.5)
+    assert rig.count(ev.SendAttitude) == 0
+
+
+def test_a_vehicle_that_is_not_ready_says_the_first_reason() -> None:
+    rig = Rig()
+    rig.has_mocap = False
+    rig.run(0.5)
+    assert rig.core.flight.state == "waiting"
+    reply = rig.order("takeoff", height_m=1.0)
+    assert not reply.is_accepted
+    assert "mocap body 'mav0'" in reply.reason
+    assert rig.telemetry is not None
+    assert rig.telemetry.not_ready == (reply.reason,)
+
+
+def test_wrong_parameters_of_px4_refuse_the_take_off() -> None:
+    rig = Rig()
+    rig.core.handle(ev.ParamsRead(("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)), rig.now_ns)
+    rig.run(0.5)
+    assert "COM_OF_LOSS_T" in rig.order("takeoff", height_m=1.0).reason
+
+
+def test_another_fleet_file_on_a_neighbour_refuses_the_take_off() -> None:
+    rig = Rig()
+    rig.until("ready")
+    _neighbour(rig, config_hash="another", position_enu_m=(3.0, 0.0, 0.0))
+    rig.run(0.1)
+    assert "mav1 flies with another fleet file" in rig.order("takeoff", height_m=1.0).reason
+
+
+def test_a_neighbour_within_the_safety_distance_refuses_the_take_off() -> None:
+    rig = Rig()
+    rig.until("ready")
+    _neighbour(rig, position_enu_m=(0.5, 0.0, 0.0))
+    assert "mav1 stands 0.50 m away" in rig.order("takeoff", height_m=1.0).reason
+
+
+def test_a_goal_above_a_vehicle_on_the_ground_is_refused() -> None:
+    rig = Rig()
+    rig.fly()
+    _neighbour(rig, position_enu_m=(2.0, 0.0, 0.0), is_airborne=False, state="landed")
+    reply = rig.order("move", position_enu_m=(2.0, 0.3, 1.0))
+    assert "0.30 m from mav1" in reply.reason
+
+
+def test_two_vehicles_may_swap_their_places() -> None:
+    rig = Rig()
+    rig.fly()
+    _neighbour(rig, position_enu_m=(2.0, 0.0, 1.0), goal_position_enu_m=(2.0, 0.0, 1.0), is_airborne=True)
+    reply = rig.order("move", position_enu_m=(2.0, 0.0, 1.0))
+    assert reply.is_accepted
+    _neighbour(rig, position_enu_m=(1.9, 0.0, 1.0), goal_position_enu_m=(0.0, 0.0, 1.0), is_airborne=True)
+    rig.run(1.0)
+    assert rig.core.flight.state == "flying"
+    assert reply.order_id not in rig.outcomes()
+
+
+def test_a_goal_on_a_neighbours_goal_is_given_up_with_a_reason() -> None:
+    rig = Rig()
+    rig.fly()
+    _neighbour(rig, position_enu_m=(3.0, 3.0, 1.0), goal_position_enu_m=(2.0, 0.0, 1.0), is_airborne=True)
+    reply = rig.order("move", position_enu_m=(2.0, 0.4, 1.0))
+    rig.run(1.0)
+    assert rig.outcomes()[reply.order_id] == "refused"
+    assert rig.core.flight.state == "holding"
+
+
+def test_land_after_giving_up_lets_px4_land() -> None:
+    rig = Rig()
+    rig.fly()
+    rig.mode = "HOLD"
+    rig.run(1.2)
+    assert rig.core.flight.state == "failed"
+    reply = rig.order("land")
+    assert reply.is_accepted
+    rig.until("landed")
+    assert rig.count(ev.Px4Land) >= 1
+    assert rig.outcomes()[reply.order_id] == "done"
+
+
+def test_kill_is_never_refused_not_even_late() -> None:
+    rig = Rig()
+    rig.run(0.1)
+    assert rig.order("kill", deadline_ns=1).is_accepted

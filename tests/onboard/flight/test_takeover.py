@@ -1,0 +1,136 @@
+"""An agent that finds its vehicle in the air: silent until it knows, and then smoothly from PX4's hold only."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from onboard import events as ev
+from onboard.bus.schema import StateMessage
+from tests.onboard.agent.rig import Rig
+
+
+class Held(Rig):
+    """The rig with a PX4 that holds its place while no setpoints tell it otherwise."""
+
+    def _move(self) -> None:
+        if self.is_armed and (self.mode != "OFFBOARD" or self._setpoint is None):
+            self.velocity = np.zeros(3)
+            self._has_flown = True
+        else:
+            super()._move()
+
+
+def restarted(mode: str = "HOLD", height_m: float = 1.2) -> Held:
+    """A new agent beside a vehicle that flies already."""
+    rig = Held(position=np.array([0.4, -0.3, height_m]), is_armed=True, mode=mode)
+    rig._has_flown = True
+    rig.run(3.0)
+    return rig
+
+
+def test_an_agent_that_finds_its_vehicle_in_the_air_sends_nothing_and_says_what_can_be_done() -> None:
+    rig = restarted()
+    assert rig.core.flight.state == "failed"
+    assert "PX4 flies without this agent" in rig.core.flight.reason
+    assert "hold" in rig.core.flight.reason
+    assert rig.count(ev.SendAttitude) == rig.count(ev.SetOffboard) == rig.count(ev.Arm) == 0
+    assert rig.state is not None
+    assert rig.state.is_airborne, "the others must avoid it"
+    assert not rig.state.is_cooperative
+
+
+def test_it_takes_over_from_px4s_hold_without_a_jolt() -> None:
+    rig = restarted()
+    place, begin_ns = rig.position.copy(), rig.now_ns
+    assert rig.order("hold", order_id="take").is_accepted
+    assert "take" not in rig.outcomes(), "done is what PX4's heartbeat says, not what was asked"
+    farthest_m = 0.0
+    for _ in range(300):
+        rig.step()
+        farthest_m = max(farthest_m, float(np.linalg.norm(rig.position - place)))
+    assert rig.mode == "OFFBOARD"
+    assert rig.core.flight.state == "holding"
+    assert rig.outcomes()["take"] == "done"
+    assert farthest_m < 0.05
+    first = next(stamp for stamp, command in rig.sent if isinstance(command, ev.SetOffboard))
+    streamed = [stamp for stamp, command in rig.sent if isinstance(command, ev.SendAttitude) and stamp < first]
+    assert len(streamed) >= 10, "PX4 must know setpoints before it is asked to follow them"
+    assert min(streamed) > begin_ns
+    assert rig.order("move", position_enu_m=(0.0, 0.0, 1.0)).is_accepted
+    rig.run(6.0)
+    assert rig.core.flight.state == "flying"
+
+
+@pytest.mark.parametrize("mode", ["LAND", "OFFBOARD", "POSCTL", "RTL", ""])
+def test_it_takes_over_from_no_other_mode(mode: str) -> None:
+    rig = restarted(mode, height_m=2.5)
+    reply = rig.order("hold")
+    assert not reply.is_accepted
+    assert mode in reply.reason
+    rig.run(1.0)
+    assert rig.count(ev.SendAttitude) == rig.count(ev.SetOffboard) == 0
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda rig: setattr(rig, "has_mocap", False), "position"),
+        (lambda rig: rig.core.handle(ev.ParamsRead(("COM_OF_LOSS_T is 1.",)), rig.now_ns), "COM_OF_LOSS_T"),
+        (lambda rig: setattr(rig, "has_autopilot", False), "PX4"),
+        (lambda rig: rig.core.handle(twin(rig), rig.now_ns), "nother agent"),
+    ],
+)
+def test_it_takes_over_nothing_that_it_does_not_know_well_enough(spoil: object, words: str) -> None:
+    rig = restarted()
+    spoil(rig)  # type: ignore[operator]
+    rig.run(1.0)
+    reply = rig.order("hold")
+    assert not reply.is_accepted
+    assert words in reply.reason
+    rig.run(1.0)
+    assert rig.count(ev.SendAttitude) == 0
+
+
+def test_a_px4_that_does_not_enter_offboard_is_left_alone() -> None:
+    rig = restarted()
+    rig.accepts_offboard = False
+    assert rig.order("hold", order_id="take").is_accepted
+    rig.run(6.0)
+    assert rig.outcomes()["take"] == "failed"
+    assert rig.core.flight.state == "failed"
+    since_ns = rig.now_ns
+    rig.run(2.0)
+    assert rig.count(ev.SendAttitude, since_ns) == 0
+
+
+def test_a_vehicle_on_the_ground_is_not_taken_over() -> None:
+    rig = Rig()
+    rig.until("ready")
+    reply = rig.order("hold")
+    assert not reply.is_accepted
+
+
+def twin(rig: Rig) -> ev.NeighbourHeard:
+    """A message of another process under our name."""
+    vector = (0.0, 0.0, 0.0)
+    message = StateMessage(
+        vehicle="mav0",
+        boot_id=99,
+        sequence=1,
+        stamp_ns=rig.now_ns,
+        is_valid=True,
+        is_airborne=False,
+        is_cooperative=False,
+        position_enu_m=vector,
+        velocity_enu_m_s=vector,
+        acceleration_enu_m_s2=vector,
+        predicted_position_enu_m=vector,
+        predicted_velocity_enu_m_s=vector,
+        commanded_acceleration_enu_m_s2=vector,
+        lead_time_s=0.2,
+        position_std_m=0.01,
+        velocity_std_m_s=0.02,
+        crowd_count=0.0,
+    )
+    return ev.NeighbourHeard(message, rig.now_ns)

@@ -1,0 +1,57 @@
+"""How accurate the own position is called: by the filter with a motion capture, by what PX4 itself can be without."""
+
+from __future__ import annotations
+
+import pytest
+from msgspec.structs import replace
+
+from onboard.autopilot import Landed, Snapshot
+from onboard.bus.schema import MocapPose
+from onboard.config.fleet import Vehicle
+from onboard.feasibility.bounds import ACCURACIES
+from onboard.localization.own_state import OwnState
+from tests.onboard.agent.rig import DT_NS, fleet
+
+
+def _vehicle(*, has_mocap: bool) -> Vehicle:
+    return replace(fleet().vehicles["mav0"], mocap_required=has_mocap)
+
+
+def _stood(has_mocap: bool, accuracy_m: float = 0.0) -> tuple[float, float]:
+    """Standard deviations of position and velocity after two seconds on the ground."""
+    own = OwnState(_vehicle(has_mocap=has_mocap))
+    for count in range(1, 101):
+        now_ns = count * DT_NS
+        seen = Snapshot(
+            local_position_ns=now_ns, attitude_ns=now_ns, landed=Landed.ON_GROUND, position_accuracy_m=accuracy_m
+        )
+        if has_mocap:
+            still = (1e-6 * (count % 2), 0.0, 0.0)
+            pose = MocapPose(
+                body="mav0",
+                boot_id=1,
+                sequence=count,
+                stamp_ns=now_ns,
+                is_tracked=True,
+                position_enu_m=still,
+                quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
+            )
+            own.add_pose(pose, now_ns)
+        own.update(now_ns, 0.02, seen, 0.0, 0.5, True)
+    state = own.state
+    assert state is not None
+    return float(state.position_std_m), float(state.velocity_std_m_s)
+
+
+def test_px4s_own_position_is_never_called_better_than_satellites_are() -> None:
+    known = ACCURACIES["gps"]
+    assert _stood(False) == (known.position_std_m, known.velocity_std_m_s)
+
+
+def test_when_px4_says_that_it_is_worse_it_is_believed_up_to_a_limit() -> None:
+    assert _stood(False, 0.6)[0] == pytest.approx(0.424, abs=1e-3)
+    assert _stood(False, 1e6)[0] == 0.5
+
+
+def test_a_motion_captures_samples_speak_for_themselves_whatever_px4_says() -> None:
+    assert max(_stood(True, 5.0)) < 0.05

@@ -1,0 +1,45 @@
+"""Poses of sources that restart, are doubled or replayed: only what is newer counts, whoever says it."""
+
+from __future__ import annotations
+
+import msgspec
+
+from onboard.bus.schema import MocapPose
+from onboard.localization.own_state import OwnState
+from tests.onboard.agent.rig import fleet
+
+_MS = 1_000_000
+
+
+def _pose(at_ms: int, boot_id: int, sequence: int) -> MocapPose:
+    return MocapPose(
+        body="mav0",
+        boot_id=boot_id,
+        sequence=sequence,
+        stamp_ns=at_ms * _MS,
+        is_tracked=True,
+        position_enu_m=(1e-4 * at_ms, 0.0, 1.0),
+        quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
+    )
+
+
+def _taken(own: OwnState, pose: MocapPose, at_ms: int | None = None) -> bool:
+    return own.add_pose(pose, pose.stamp_ns + 10 * _MS if at_ms is None else at_ms * _MS)
+
+
+def test_a_source_that_restarts_is_believed_at_once_and_its_life_before_no_more() -> None:
+    own = OwnState(fleet().vehicles["mav0"])
+    assert all(_taken(own, _pose(1000 + 20 * n, 1, n)) for n in range(10))
+    assert all(_taken(own, _pose(1200 + 20 * n, 2, n)) for n in range(10))
+    replayed = [_pose(1000 + 20 * n, 1, n) for n in range(10)]
+    assert not any(_taken(own, pose, 1500) for pose in replayed)
+    assert own.ignored_samples == 10
+    assert _taken(own, _pose(1400, 2, 10))
+
+
+def test_the_same_pose_by_two_relays_counts_once() -> None:
+    own = OwnState(fleet().vehicles["mav0"])
+    for n in range(10):
+        pose = _pose(1000 + 20 * n, 1, n)
+        assert _taken(own, pose)
+        assert not _taken(own, msgspec.structs.replace(pose, boot_id=2))

@@ -1,0 +1,78 @@
+"""Two agents for one vehicle: whoever hears both says so, the two learn of it, and neither flies."""
+
+from __future__ import annotations
+
+import msgspec
+
+from onboard import events as ev
+from onboard.agent.core import AgentCore
+from onboard.bus.schema import Telemetry
+from onboard.neighbours.duplicate_agents import Lives
+from tests.onboard.agent.rig import Rig, fleet
+
+S = 1_000_000_000
+
+
+def told(rig: Rig) -> Telemetry:
+    assert rig.telemetry is not None
+    return rig.telemetry
+
+
+def other(boot_id: int) -> Rig:
+    rig = Rig(core=AgentCore(fleet(), "mav1", boot_id=boot_id))
+    rig.run(1.0)
+    return rig
+
+
+def hear(rig: Rig, message: Telemetry) -> None:
+    rig.core.handle(ev.NeighbourHeard(message, rig.now_ns), rig.now_ns)
+
+
+def test_a_restart_is_one_life_after_the_other_and_two_voices_are_two() -> None:
+    lives = Lives()
+    for boot_id in (1, 1, 2, 2, 3, 3):
+        lives.hear("mav1", boot_id, 5 * S)
+    assert lives.doubled(5 * S) == ()
+    lives.hear("mav1", 2, 6 * S)
+    assert lives.doubled(6 * S) == ("mav1",)
+    lives.hear("mav1", 3, 7 * S)
+    assert lives.doubled(8 * S) == ("mav1",)
+    assert lives.doubled(10 * S) == ()
+
+
+def test_a_thousand_lives_are_not_kept() -> None:
+    lives = Lives()
+    for boot_id in range(1000):
+        lives.hear("mav1", boot_id, S)
+    assert max(map(len, lives._before.values())) < 100
+
+
+def test_a_third_agent_that_hears_both_tells_them() -> None:
+    third, first, second = Rig(), other(11), other(22)
+    for _ in range(3):
+        hear(third, told(first))
+        hear(third, told(second))
+    third.run(0.2)
+    assert told(third).doubles == ("mav1",)
+    for twin in (first, second):  # which do not hear each other
+        hear(twin, told(third))
+        twin.run(0.2)
+        assert any("nother agent" in reason for reason in told(twin).not_ready)
+        reply = twin.order("takeoff", height_m=1.0)
+        assert not reply.is_accepted
+
+
+def test_who_flies_when_a_newcomer_appears_flies_on_and_the_newcomer_sends_nothing() -> None:
+    rig = Rig()
+    rig.fly()
+    begin_ns = rig.now_ns
+    for _ in range(20):
+        hear(rig, msgspec.structs.replace(told(rig), boot_id=99))
+        rig.run(0.1)
+    assert rig.core.flight.state in ("flying", "holding")
+    assert rig.count(ev.SendAttitude, begin_ns) == 100
+    assert any(event.code == "twin" for event in rig.events)
+    newcomer = Rig(position=rig.position.copy(), is_armed=True, mode="OFFBOARD")
+    newcomer._has_flown = True
+    newcomer.run(0.5)
+    assert newcomer.count(ev.SendAttitude) == newcomer.count(ev.SetOffboard) == newcomer.count(ev.Px4Land) == 0

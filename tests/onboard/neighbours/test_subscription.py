@@ -1,0 +1,102 @@
+"""Who is heard at full rate: all in reach, the nearest few always, and those whose place nobody knows."""
+
+from __future__ import annotations
+
+import pytest
+
+from onboard.bus.schema import StateMessage
+from onboard.neighbours import subscription
+from onboard.neighbours.table import NeighbourTable
+from sitl.lockstep.fleets import square_fleet
+from sitl.lockstep.neighbour_tables import Round, Tables
+
+S = 1_000_000_000
+ZERO = (0.0, 0.0, 0.0)
+
+
+def _state(name: str, x_m: float, sequence: int = 10, stamp_ns: int = S, **changes: object) -> StateMessage:
+    values: dict[str, object] = {
+        "vehicle": name, "boot_id": 1, "sequence": sequence, "stamp_ns": stamp_ns, "is_valid": True,
+        "is_airborne": True, "is_cooperative": True, "position_enu_m": (x_m, 0.0, 1.0), "velocity_enu_m_s": ZERO,
+        "acceleration_enu_m_s2": ZERO, "predicted_position_enu_m": (x_m, 0.0, 1.0), "predicted_velocity_enu_m_s": ZERO,
+        "commanded_acceleration_enu_m_s2": ZERO, "lead_time_s": 0.1, "position_std_m": 0.01, "velocity_std_m_s": 0.01,
+        "crowd_count": 0.0, "intent_enu_m_s": ZERO,
+    }  # fmt: skip
+    return StateMessage(**{**values, **changes})  # type: ignore[arg-type]
+
+
+def test_whoever_is_in_reach_is_followed_and_leaves_later_than_it_came() -> None:
+    distances_m = {f"mav{place}": 1.0 + place for place in range(10)}
+    first = subscription.chosen(distances_m, frozenset(), frozenset(), 6.5)
+    assert first == {f"mav{place}" for place in range(6)}
+    moved = {name: 1.08 * far_m for name, far_m in distances_m.items()}
+    assert subscription.chosen(moved, frozenset(), first, 6.4) == first  # mav5 is at 6.48 m, inside what it may leave
+    assert "mav5" not in subscription.chosen(moved, frozenset(), frozenset(), 6.4)
+
+
+def test_the_nearest_four_and_the_unplaced_are_followed_however_far() -> None:
+    distances_m = {f"mav{place}": 50.0 + place for place in range(10)}
+    found = subscription.chosen(distances_m, frozenset({"lost"}), frozenset(), 6.0)
+    assert found == {"mav0", "mav1", "mav2", "mav3", "lost"}
+
+
+def test_the_reach_leaves_room_to_notice_and_to_brake_from_full_speed() -> None:
+    fleet = square_fleet(10)
+    own = fleet.vehicles["mav0"]
+    speed_m_s = fleet.law.avoid_speed_frac * own.max_speed_m_s
+    closing_m = 2.0 * speed_m_s * (0.2 + 0.2 + 0.02)  # heard slowly, chosen, on its way
+    brake_m = speed_m_s**2 / own.max_acceleration_m_s2
+    assert subscription.reach_m(fleet, "mav0") > fleet.fleet.safety_distance_m + closing_m + brake_m
+
+
+def test_a_table_narrows_to_its_neighbourhood_and_widens_again() -> None:
+    fleet = square_fleet(12)
+    table = NeighbourTable(fleet, "mav0")
+    assert table.followed == set(table.names)  # until it knows better
+    for place, name in enumerate(table.names):
+        assert table.hear(_state(name, 3.0 * (1 + place)), S)
+    assert table.choose(ZERO, S)
+    assert table.followed == {"mav1", "mav2", "mav3", "mav4"}
+    assert set(table.distances_m(ZERO, S)) == table.followed
+    assert not table.choose(ZERO, S)
+    table.choose((30.0, 0.0, 1.0), S)
+    assert {"mav9", "mav10", "mav11"} < table.followed
+
+
+def test_one_lost_slow_message_is_no_silence_but_three_are() -> None:
+    fleet = square_fleet(12)
+    table = NeighbourTable(fleet, "mav0")
+    for place, name in enumerate(table.names):
+        table.hear(_state(name, 3.0 * (1 + place)), S)
+    table.choose(ZERO, S)
+    assert set(table.silent(S + 450_000_000)) == table.followed
+    assert set(table.silent(S + 800_000_000)) == set(table.names)
+
+
+@pytest.mark.parametrize("sequence", [11, 20])
+def test_many_tables_hear_at_once_what_each_would_hear_alone(sequence: int) -> None:
+    fleet = square_fleet(12)
+    names = fleet.enabled_names
+    places = {name: place for place, name in enumerate(names)}
+    apart, together = ([NeighbourTable(fleet, name) for name in names] for _ in range(2))
+    hall = Tables(together)
+    for stamp_ns, number in ((S, 10), (S + 20_000_000, sequence)):
+        said = [_state(name, 2.0 * places[name], number, stamp_ns, is_valid=name != "mav7") for name in names]
+        received_ns = stamp_ns + 1_000_000
+        hall.hear(Round.of(said, places), received_ns, hall.all_listening)
+        hall.age(received_ns)
+        for table, other in zip(apart, together, strict=True):
+            slow = number % subscription.FAR_PERIOD_TICKS == 0
+            for message in said:
+                if slow or message.vehicle in table.followed:
+                    table.hear(message, received_ns)
+            position = (2.0 * places[table.own_name], 0.0, 1.0)
+            assert table.distances_m(position, received_ns) == other.distances_m(position, received_ns)
+            assert table.near_ages_s(received_ns) == other.near_ages_s(received_ns)
+            one, two = table.snapshot(received_ns), other.snapshot(received_ns)
+            assert all((getattr(one, field) == getattr(two, field)).all() for field in one.__dataclass_fields__)
+            assert table.ignored_messages == other.ignored_messages
+            assert table.choose(position, received_ns) == other.choose(position, received_ns)
+    stacked = hall.snapshots([3, 5], S + 30_000_000)
+    alone = apart[5].snapshot(S + 30_000_000)
+    assert all((getattr(stacked, f)[1] == getattr(alone, f)).all() for f in alone.__dataclass_fields__)

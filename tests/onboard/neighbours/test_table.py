@@ -1,0 +1,163 @@
+"""What an agent knows of the others."""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from onboard.bus.schema import StateMessage
+from onboard.neighbours.table import SILENT_S, NeighbourTable
+from sitl.lockstep.neighbour_tables import Round, Tables
+from tests.onboard.agent.rig import fleet
+
+S = 1_000_000_000
+
+
+def _state(**changes: object) -> StateMessage:
+    zero = (0.0, 0.0, 0.0)
+    base = StateMessage(
+        vehicle="mav1",
+        boot_id=1,
+        sequence=10,
+        stamp_ns=5 * S,
+        is_valid=True,
+        is_airborne=True,
+        is_cooperative=True,
+        position_enu_m=(2.0, 0.0, 1.0),
+        velocity_enu_m_s=(1.0, 0.0, 0.0),
+        acceleration_enu_m_s2=zero,
+        predicted_position_enu_m=zero,
+        predicted_velocity_enu_m_s=zero,
+        commanded_acceleration_enu_m_s2=zero,
+        lead_time_s=0.15,
+        position_std_m=0.01,
+        velocity_std_m_s=0.02,
+        crowd_count=0.0,
+    )
+    return msgspec.structs.replace(base, **changes)
+
+
+def _table() -> NeighbourTable:
+    return NeighbourTable(fleet(("mav0", "mav1", "mav2")), "mav0")
+
+
+def test_a_neighbour_never_heard_is_not_present() -> None:
+    assert not _table().snapshot(5 * S).is_present.any()
+
+
+def test_the_ring_successor_is_the_next_of_the_fleet_file() -> None:
+    for own, successor in (("mav0", "mav1"), ("mav1", "mav2"), ("mav2", "mav0")):
+        table = NeighbourTable(fleet(("mav0", "mav1", "mav2")), own)
+        for place, name in enumerate(table.names):
+            table.hear(_state(vehicle=name, sequence=place), 5 * S)
+        seen = dict(zip(table.names, table.snapshot(5 * S).is_paper_obstacle.tolist(), strict=True))
+        assert [name for name, is_successor in seen.items() if is_successor] == [successor]
+
+
+def test_a_silent_neighbour_stays_present_but_does_not_cooperate() -> None:
+    table = _table()
+    table.hear(_state(), 5 * S)
+    assert table.snapshot(5 * S + 100_000_000).is_cooperative[0]
+    late = table.snapshot(5 * S + 310_000_000)
+    assert late.is_present[0]
+    assert not late.is_cooperative[0]
+    assert table.silent(5 * S + 310_000_000) == ("mav1",)
+    assert table.distances_m((0.0, 0.0, 1.0), 9 * S)["mav1"] == pytest.approx(2.0 + SILENT_S)
+
+
+def test_a_neighbour_without_a_position_is_avoided_where_it_was() -> None:
+    table = _table()
+    table.hear(_state(), 5 * S)
+    table.hear(_state(sequence=11, stamp_ns=6 * S, is_valid=False, position_enu_m=(0.0, 0.0, 0.0)), 6 * S)
+    seen = table.snapshot(6 * S)
+    assert seen.position_enu_m[0].tolist() == [2.0, 0.0, 1.0]
+    assert not seen.is_cooperative[0]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"sequence": 10},
+        {"sequence": 9},
+        {"sequence": 11, "position_enu_m": (math.nan, 0.0, 0.0)},
+        {"sequence": 11, "commanded_acceleration_enu_m_s2": (0.0, math.inf, 0.0)},
+        {"sequence": 11, "crowd_count": math.nan},
+    ],
+)
+def test_replayed_and_non_finite_messages_change_nothing_and_are_counted(changes: dict[str, object]) -> None:
+    table = _table()
+    table.hear(_state(), 5 * S)
+    assert not table.hear(_state(position_enu_m=(9.0, 9.0, 9.0)) if not changes else _state(**changes), 5 * S)
+    assert table.snapshot(5 * S).position_enu_m[0].tolist() == [2.0, 0.0, 1.0]
+    assert table.ignored_messages == 1
+
+
+def test_a_restarted_neighbour_is_heard_again_although_its_count_begins_anew() -> None:
+    table = _table()
+    table.hear(_state(), 5 * S)
+    assert table.hear(_state(boot_id=2, sequence=1, position_enu_m=(3.0, 0.0, 0.0)), 6 * S)
+
+
+def test_a_message_of_a_life_that_is_over_is_no_news() -> None:
+    table = _table()
+    table.hear(_state(boot_id=1, stamp_ns=4 * S), 4 * S)
+    table.hear(_state(boot_id=2, sequence=1, stamp_ns=5 * S), 5 * S)
+    assert not table.hear(_state(boot_id=1, sequence=99, stamp_ns=4 * S), 6 * S)  # replayed
+    assert table.age_s("mav1", 6 * S) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("stamp_ns", [10**17, 7 * S])
+def test_a_stamp_of_the_future_counts_from_its_arrival(stamp_ns: int) -> None:
+    table = _table()
+    table.hear(_state(stamp_ns=stamp_ns), 5 * S)
+    assert table.age_s("mav1", 5 * S + 100_000_000) == pytest.approx(0.10)
+
+
+def test_a_message_that_was_held_up_is_as_old_as_it_is() -> None:
+    table = _table()
+    table.hear(_state(stamp_ns=3 * S), 5 * S)
+    assert table.age_s("mav1", 5 * S) == pytest.approx(2.0)
+
+
+def test_strangers_are_ignored() -> None:
+    assert not _table().hear(_state(vehicle="stranger"), 5 * S)
+
+
+def test_a_round_of_messages_is_heard_like_one_after_the_other() -> None:
+    rng = np.random.default_rng(0)
+    names = ("mav0", "mav1", "mav2")
+    single, whole = (NeighbourTable(fleet(names), "mav1") for _ in range(2))
+    hall = Tables([whole])
+    for step in range(40):
+        now_ns = 5 * S + step * 20_000_000
+        messages = [
+            _state(
+                vehicle=name,
+                sequence=int(rng.integers(step, step + 3)),
+                boot_id=int(rng.integers(1, 3)) if step % 9 == 0 else 1,
+                stamp_ns=now_ns - int(rng.choice([1_000_000, 3 * S, -S])),
+                is_valid=bool(rng.random() < 0.8),
+                is_airborne=bool(rng.random() < 0.5),
+                is_cooperative=bool(rng.random() < 0.5),
+                position_enu_m=tuple(rng.normal(size=3).tolist()) if rng.random() < 0.9 else (math.nan, 0.0, 0.0),
+                crowd_count=float(rng.integers(0, 4)),
+            )
+            for name in names
+        ]
+        messages = [message for message in messages if rng.random() < 0.9]
+        for message in messages:
+            single.hear(message, now_ns)
+        said = Round.of(messages, {name: place for place, name in enumerate(names)})
+        hall.hear(said, now_ns, hall.all_listening)
+        now_ns += int(rng.integers(0, S))
+        one, other = single.snapshot(now_ns), whole.snapshot(now_ns)
+        for name in one.__slots__:
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+        assert single.silent(now_ns) == whole.silent(now_ns)
+        assert single.distances_m((0.0, 0.0, 0.0), now_ns) == whole.distances_m((0.0, 0.0, 0.0), now_ns)
+        assert single.near_ages_s(now_ns) == whole.near_ages_s(now_ns)
+        assert (single.ignored_messages, single.last_heard_ns) == (whole.ignored_messages, whole.last_heard_ns)
+    assert single.ignored_messages > 10

@@ -1,0 +1,183 @@
+"""The agent as a process: wrong input, taken endpoints, signals; and the timer that drives it."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from onboard.agent.main import main
+from onboard.agent.ticker import Ticker
+from onboard.process.background_queue import Outbox
+
+FLEET = """
+schema = 1
+[fleet]
+name = "process-test-{agent}"
+geofence_m = {{ x = [-5.0, 5.0], y = [-5.0, 5.0], z = [0.0, 3.0] }}
+[vehicles.solo]
+system_id = 1
+start_enu_m = [0.0, 0.0, 0.0]
+agent = "tcp/127.0.0.1:{agent}"
+autopilot = "udpin://127.0.0.1:{port}"
+"""
+
+
+def _free_port(kind: socket.SocketKind) -> int:
+    with socket.socket(socket.AF_INET, kind) as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+@pytest.fixture
+def fleet_file(tmp_path: Path) -> Path:
+    path = tmp_path / "fleet.toml"
+    agent, port = _free_port(socket.SOCK_STREAM), _free_port(socket.SOCK_DGRAM)
+    path.write_text(FLEET.format(agent=agent, port=port), encoding="utf-8")
+    return path
+
+
+def _start(fleet_file: Path) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "onboard", "--fleet", str(fleet_file), "--vehicle", "solo"]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def _wait_for_port(fleet_file: Path) -> None:
+    port = int(fleet_file.read_text(encoding="utf-8").split('agent = "tcp/127.0.0.1:')[1].split('"')[0])
+    deadline = time.monotonic() + 15.0
+    while time.monotonic() < deadline:
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                return
+        time.sleep(0.05)
+    raise AssertionError("the agent does not listen")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_on_the_ground_a_signal_ends_the_agent_with_status_0(fleet_file: Path, number: signal.Signals) -> None:
+    with _start(fleet_file) as process:
+        _wait_for_port(fleet_file)
+        time.sleep(0.3)
+        process.send_signal(number)
+        assert process.wait(10) == 0
+
+
+def test_a_second_agent_for_the_same_vehicle_is_refused_in_words_with_status_2(fleet_file: Path) -> None:
+    with _start(fleet_file) as first:
+        _wait_for_port(fleet_file)
+        with _start(fleet_file) as second:
+            _, errors = second.communicate(timeout=20)
+            assert second.returncode == 2
+            assert "is taken" in errors
+            assert "Traceback" not in errors
+        assert first.poll() is None
+        first.terminate()
+        assert first.wait(10) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--fleet", "/nowhere/fleet.toml", "--vehicle", "solo"], "no such fleet file"),
+        (["--fleet", "FILE", "--vehicle", "nobody"], "nobody"),
+        (["--fleet", "FILE", "--vehicle", "3"], "selects no vehicle"),
+    ],
+)
+def test_wrong_input_is_a_sentence_and_status_2(
+    fleet_file: Path, arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status = main([str(fleet_file) if word == "FILE" else word for word in arguments])
+    assert status == 2
+    assert words in capsys.readouterr().err
+
+
+async def test_the_ticker_keeps_an_absolute_schedule_and_counts_what_comes_late() -> None:
+    stamps: list[int] = []
+
+    def tick() -> None:
+        stamps.append(time.monotonic_ns())
+        if len(stamps) == 10:
+            time.sleep(0.05)  # a blocked loop: two ticks are due at once and become one
+
+    ticker = Ticker(20_000_000, tick, offset_ns=3_000_000)
+    ticker.start(asyncio.get_running_loop())
+    for _ in range(500):
+        if len(stamps) >= 30:
+            break
+        await asyncio.sleep(0.02)
+    ticker.stop()
+    ticker.stop()
+    assert ticker.late_ticks >= 1
+    assert ticker.missed_ticks >= 1
+    assert 0.0 <= ticker.lateness_p99_ms() < 20.0
+    late_ns = sorted((stamp - 3_000_000) % 20_000_000 for stamp in stamps)
+    assert late_ns[len(late_ns) // 2] < 5_000_000
+    median, _, longest = ticker.statistics_ms()
+    assert median == pytest.approx(20.0, abs=3.0)
+    assert longest > 45.0
+
+
+def test_an_outbox_keeps_the_order_drops_what_is_too_much_and_survives_what_fails(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    outbox, done, gate = Outbox("test", most=3), [], threading.Event()
+    assert outbox.submit(gate.wait, 5.0)
+    assert outbox.submit(done.append, 1)
+    assert outbox.submit(done.append)  # one argument too few
+    assert not outbox.submit(done.append, 2)  # a hung bus: whoever submits goes on
+    assert outbox.dropped == 1
+    gate.set()
+    while not outbox.submit(done.append, 3):
+        time.sleep(0.01)
+    outbox.stop()
+    outbox.stop()
+    assert done == [1, 3]
+    assert "left undone: TypeError" in caplog.text
+
+
+def test_a_reader_of_the_log_that_hangs_does_not_hold_up_who_logs() -> None:
+    program = (
+        "import logging, time\n"
+        "from onboard.process.realtime import log_elsewhere\n"
+        "lines = log_elsewhere('mav0', 'INFO')\n"
+        "begin = time.monotonic()\n"
+        "for _ in range(5000): logging.getLogger('covey').info('x' * 200)\n"  # a megabyte; a pipe holds 64 kB
+        "print(time.monotonic() - begin, flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    command = [sys.executable, "-c", program]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            assert float(process.stdout.readline()) < 5.0
+        finally:
+            process.kill()
+
+
+def test_the_loop_goes_first_where_it_may_its_helpers_next_and_what_it_starts_later_does_not() -> None:
+    program = """
+import os, threading
+from onboard.agent import process
+there, end = threading.Event(), threading.Event()
+before = threading.Thread(target=lambda: (there.set(), end.wait()))
+before.start(); there.wait()
+said, found = process.take_precedence(), []
+after = threading.Thread(target=lambda: found.append(os.sched_getscheduler(0)))
+after.start(); after.join()
+own = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+is_next = 0 < os.sched_getparam(before.native_id).sched_priority < os.sched_getparam(0).sched_priority
+end.set()
+print(own == os.SCHED_FIFO, is_next, found == [os.SCHED_OTHER], said)
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=30.0, check=True)
+    has_it, helpers_are_next, others_do_not, said = ended.stdout.split(" ", 3)
+    assert others_do_not == "True"
+    assert helpers_are_next == has_it
+    assert said.startswith("The loop runs with real-time priority" if has_it == "True" else "The loop runs without")

@@ -1,0 +1,45 @@
+"""One agent for one autopilot, whatever the wire."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from onboard.autopilot import LinkError
+from onboard.px4.port_lock import PortClaim
+
+DEVICE = f"/dev/covey-test-{os.getpid()}"
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("udpin://127.0.0.1:28991", "udpin://0.0.0.0:28991"),
+        ("udpout://10.9.9.9:14550", "udpout://10.9.9.9:14550"),
+        (f"serial://{DEVICE}:921600", f"serial://{DEVICE}:57600"),
+        (f"serial://{DEVICE}:921600", f"serial://{DEVICE}"),
+    ],
+    ids=["addresses", "remote", "serial", "serial without a rate"],
+)
+def test_who_comes_second_is_refused_in_words_until_the_first_lets_go(first: str, second: str) -> None:
+    holder, newcomer = PortClaim(first), PortClaim(second)
+    holder.take()
+    holder.take()
+    try:
+        with pytest.raises(LinkError, match="is taken"):
+            newcomer.take()
+    finally:
+        holder.release()
+    newcomer.take()
+    newcomer.release()
+    newcomer.release()
+
+
+def test_different_autopilots_do_not_hinder_each_other() -> None:
+    claims = [PortClaim(f"serial://{DEVICE}{number}:921600") for number in range(3)]
+    claims += [PortClaim(f"udpout://10.9.9.9:{14550 + number}") for number in range(3)]
+    for claim in claims:
+        claim.take()
+    for claim in claims:
+        claim.release()

@@ -1,0 +1,110 @@
+"""The failsafe table, all of it."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import pytest
+
+from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, decide, latched, needs_level, table_text
+
+AIRBORNE = (Situation.LIFTOFF, Situation.FLYING, Situation.LANDING)
+
+
+@pytest.mark.parametrize(("situation", "condition"), list(itertools.product(Situation, Condition)))
+def test_every_pair_has_a_decided_action(situation: Situation, condition: Condition) -> None:
+    action, speaker = decide(situation, {condition})
+    assert action is TABLE[situation, condition]
+    assert speaker is condition
+
+
+def test_the_table_has_no_other_pairs() -> None:
+    assert set(TABLE) == set(itertools.product(Situation, Condition))
+
+
+def test_nothing_disarms_what_may_be_in_the_air() -> None:
+    in_air = (*AIRBORNE, Situation.PX4_LANDING, Situation.SILENT)
+    assert all(TABLE[situation, condition] is not Action.DISARM for situation in in_air for condition in Condition)
+
+
+def test_who_gave_up_stays_silent_and_who_is_on_the_ground_needs_nothing_but_a_refusal() -> None:
+    assert {TABLE[Situation.SILENT, condition] for condition in Condition} == {Action.GO_ON}
+    assert {TABLE[Situation.GROUND, condition] for condition in Condition} <= {Action.GO_ON, Action.REFUSE}
+
+
+def test_what_lasts_is_answered_at_least_as_strongly_as_what_has_just_begun() -> None:
+    pairs = [
+        (Condition.POSITION_STALE, Condition.POSITION_LOST),
+        (Condition.BUS_LOST, Condition.BUS_LOST_LONG),
+        (Condition.FENCE_BREACH, Condition.FENCE_BREACH_LONG),
+        (Condition.NOT_FINITE, Condition.NOT_FINITE_LONG),
+        (Condition.LOOP_STALLED, Condition.LOOP_STALLED_LONG),
+        (Condition.BATTERY_WARNING, Condition.BATTERY_LOW),
+        (Condition.POSITION_JUMPED, Condition.MOCAP_SWAPPED),
+        (Condition.NEIGHBOUR_SILENT, Condition.NEIGHBOUR_UNSEEN),
+        (Condition.SEPARATION_PREDICTED, Condition.SEPARATION_BREACHED),
+        (Condition.SEPARATION_BREACHED, Condition.COLLISION_SUSPECTED),
+        (Condition.THRUST_SATURATED, Condition.NOT_CLIMBING),
+        (Condition.FENCE_NEAR, Condition.FENCE_BREACH),
+    ]
+    for (short, long), situation in itertools.product(pairs, Situation):
+        assert TABLE[situation, long] >= TABLE[situation, short]
+
+
+@pytest.mark.parametrize(("situation", "first"), list(itertools.product(Situation, Condition)))
+def test_of_two_conditions_the_stronger_action_wins(situation: Situation, first: Condition) -> None:
+    for second in Condition:
+        action, _ = decide(situation, {first, second})
+        assert action is max(TABLE[situation, first], TABLE[situation, second])
+
+
+def test_on_every_path_to_the_ground_a_stronger_action_is_never_taken_back() -> None:
+    for before, asked in itertools.product(Action, repeat=2):
+        assert latched(before, asked) >= asked
+        if before not in (Action.REFUSE, Action.LEVEL):
+            assert latched(before, asked) >= before
+    assert latched(Action.LEVEL, Action.GO_ON) is Action.HOLD
+    assert latched(Action.REFUSE, Action.GO_ON) is Action.GO_ON
+
+
+def test_level_flight_is_for_a_missing_position_or_number_only_and_never_hidden_by_a_landing() -> None:
+    asks = {condition for (_, condition), action in TABLE.items() if action is Action.LEVEL}
+    assert asks == {Condition.POSITION_STALE, Condition.NOT_FINITE}
+    both = {Condition.POSITION_STALE, Condition.BATTERY_LOW}
+    assert decide(Situation.FLYING, both)[0] is Action.LAND
+    assert needs_level(Situation.FLYING, both)
+
+
+def test_what_makes_silence_in_flight_is_only_what_takes_the_controls_away() -> None:
+    silent = {condition for condition in Condition if TABLE[Situation.FLYING, condition] is Action.STOP}
+    assert silent == {
+        Condition.LEFT_OFFBOARD,
+        Condition.PX4_FAILSAFE,
+        Condition.DISARMED,
+        Condition.REBOOTED,
+        Condition.AUTOPILOT_SILENT,
+        Condition.AUTOPILOT_FROZEN,
+        Condition.FALLEN,
+    }
+
+
+def test_without_conditions_it_goes_on() -> None:
+    assert decide(Situation.FLYING, ()) == (Action.GO_ON, None)
+
+
+def test_a_landing_is_never_broken_off_into_a_hold() -> None:
+    assert all(TABLE[Situation.LANDING, condition] is not Action.HOLD for condition in Condition)
+
+
+def test_the_printed_table_has_a_row_for_every_condition() -> None:
+    text = table_text()
+    assert all(condition.value in text for condition in Condition)
+    assert text.count("\n") == len(Condition) + 1
+
+
+def test_the_document_says_how_each_condition_is_noticed() -> None:
+    text = (Path(__file__).parents[3] / "docs" / "failsafe.md").read_text(encoding="utf-8")
+    section = text.split("## How each condition is noticed")[1].split("## ")[0]
+    rows = [line.split(" | ")[0].removeprefix("| ") for line in section.splitlines() if line.startswith("| ")]
+    assert rows[1:] == [condition.value for condition in Condition]

@@ -1,0 +1,193 @@
+"""Go or no-go: each rule fails once on purpose, alone, with a sentence and a remedy that a person can act on."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from typing import Any
+
+import msgspec
+import pytest
+
+from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.safety import preflight_rules
+from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
+from onboard.safety.preflight_judgements import Facts
+from onboard.safety.preflight_rules import RULES
+
+FLEET = load_fleet("configs/fleets/paper.toml")
+VEHICLE = FLEET.vehicles["mav1"]
+BARE = msgspec.structs.replace(VEHICLE, mocap_required=False)
+OUTSIDE = msgspec.structs.replace(VEHICLE, start_enu_m=(9.0, 0.0, 0.0))
+FINE = Facts(
+    autopilot_age_s=0.01,
+    heartbeat_age_s=0.4,
+    attitude_hz=50.0,
+    has_rc=True,
+    sample_delay_s=0.02,
+    sample_age_s=0.01,
+    position_age_s=0.02,
+    position_enu_m=(0.02, -1.5, 0.0),
+    px4_position_enu_m=(0.05, -1.52, 0.1),
+    fuses_position=True,
+    fuses_heading=True,
+    battery_frac=0.87,
+    battery_voltage_v=11.9,
+    missing_neighbours=(),
+    other_hashes={},
+    config_hash="abc",
+    param_problems=(),
+    loop_p99_ms=20.4,
+    is_law_warm=True,
+    is_airborne=False,
+    has_recorder=True,
+)
+FINDING = ("spacing", "mav1 and mav2 are 0.4 m apart.", "Spread the places by 0.65 m.")
+SPOT_OF_MAV2 = (1.5, -1.4, 0.0)
+# rule and fault -> what is wrong, and words that its sentence has
+CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
+    ("px4", "silent"): ({"autopilot_age_s": 0.5}, "udpin://127.0.0.1:14541"),
+    ("link", "slow"): ({"attitude_hz": 9.0}, "only 9 Hz"),
+    ("link", "thin"): ({"attitude_hz": 30.0}, "30 Hz"),
+    ("alone", "twin"): ({"has_twin": True}, "Another agent speaks for mav1"),
+    ("health", "failsafe"): ({"is_failsafe": True}, "failsafe"),
+    ("health", "unhealthy"): ({"unhealthy": (("gyroscope", True), ("satellites", False))}, "unhealthy: gyroscope."),
+    ("health", "unneeded"): ({"unhealthy": (("satellites", False),)}, "satellites"),
+    ("disarmed", "airborne"): ({"is_airborne": True, "is_armed": True}, "in the air"),
+    ("disarmed", "armed"): ({"is_armed": True}, "armed already"),
+    ("failsafe", "holds"): (
+        {"conditions": frozenset({Condition.MOCAP_FROZEN, Condition.DISK_FULL, Condition.POSITION_STALE})},
+        "Mocap repeats itself, disk full.",
+    ),
+    ("parameters", "unread"): ({"param_problems": None}, "not read yet"),
+    ("parameters", "differ"): ({"param_problems": ("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)}, "0.3"),
+    ("position", "untracked"): ({"position_age_s": math.inf, "sample_age_s": math.inf}, "mocap body 'mav1'"),
+    ("position", "source"): (
+        {"position_age_s": math.inf, "source_problem": "OptiTrack at 127.0.0.9 does not answer."},
+        "mocap body 'mav1': OptiTrack at 127.0.0.9 does not answer.",
+    ),
+    ("position", "silent"): ({"position_age_s": 0.3, "vehicle": BARE}, "PX4's local position"),
+    ("clock", "mocap"): ({"sample_delay_s": -3.0, "position_age_s": math.inf}, "3 s in the future"),
+    ("clock", "unmeasured"): ({"clock_bounds_s": {"mav2": math.inf, "mocap": 0.001}}, "clock of mav2 is not measured"),
+    ("clock", "wide"): ({"clock_bounds_s": {"mav0": 0.002, "mav2": 0.045}}, "clock of mav2 is known to 45 ms only"),
+    ("agreement", "tilt"): ({"tilt_miss_rad": math.radians(90.0)}, "by 90 degrees about which way is up"),
+    ("agreement", "handled"): ({"has_wrong_tilt": True}, "tilted by hand"),
+    ("agreement", "heading"): ({"heading_miss_rad": math.radians(-90.0)}, "-90 degrees about the heading"),
+    ("agreement", "untold"): ({"px4_position_enu_m": None}, "no local position"),
+    ("agreement", "apart"): ({"px4_position_enu_m": (1.0, -1.5, 0.0)}, "0.98 m from where the mocap"),
+    ("agreement", "compass"): ({"heading_miss_rad": 1.0, "fuses_heading": False}, "57 degrees from PX4's compass"),
+    ("at rest", "moving"): ({"speed_m_s": 0.8}, "0.8 m/s"),
+    ("spot", "swapped"): ({"position_enu_m": SPOT_OF_MAV2, "fuses_position": False}, "take-off spot of mav2"),
+    ("spot", "away"): ({"position_enu_m": (1.5, 0.0, 0.0), "fuses_position": False}, "2.12 m from its take-off spot"),
+    ("fence", "spot"): (
+        {"vehicle": OUTSIDE, "position_enu_m": (3.9, 0.0, 0.0), "has_flown": True, "fuses_position": False},
+        "(9.00, 0.00, 0.00) m lies outside",
+    ),
+    ("fence", "outside"): (
+        {"position_enu_m": (0.0, -4.2, 0.0), "has_flown": True, "fuses_position": False},
+        "(0.00, -4.20, 0.00) m lies outside",
+    ),
+    ("neighbours", "unheard"): ({"missing_neighbours": ("mav0", "mav2")}, "mav0, mav2 are not heard"),
+    ("configuration", "differs"): (
+        {"other_hashes": {"mav2": "xyz"}},
+        "mav2 flies with another fleet file (xyz, here abc",
+    ),
+    ("law", "refused"): ({"law_refusals": (FINDING,)}, "0.4 m apart"),
+    ("law", "baseline"): ({"law_refusals": (FINDING,), "law": "paper"}, "0.4 m apart"),
+    ("hover thrust", "far"): ({"hover_frac": 0.45}, "0.45 of its throttle, the fleet file says 0.75"),
+    ("hover thrust", "off"): ({"hover_frac": 0.65}, "0.65"),
+    ("battery", "untold"): ({"battery_frac": math.nan}, "no battery level"),
+    ("battery", "implausible"): ({"battery_voltage_v": 0.4}, "0.4 V, which cannot be"),
+    ("battery", "low"): ({"battery_frac": 0.22}, "Battery at 22 %, take-off needs 30 %"),
+    ("loop", "warming"): ({"is_law_warm": False}, "warming up"),
+    ("loop", "late"): ({"loop_p99_ms": 55.0}, "55 ms"),
+    ("record", "none"): ({"has_recorder": False}, "Nobody records"),
+    ("kill switch", "heard"): ({}, "hears a radio control"),
+    ("kill switch", "unheard"): ({"has_rc": False}, "no radio control"),
+    ("kill switch", "unknown"): ({"has_rc": None}, "not known"),
+}
+
+
+def judged(fleet: FleetConfig = FLEET, **changes: Any) -> tuple[preflight_rules.Check, ...]:
+    vehicle = changes.pop("vehicle", VEHICLE)
+    return preflight_rules.checks(dataclasses.replace(FINE, **changes), fleet, vehicle)
+
+
+def test_a_vehicle_that_is_fine_is_go_and_only_the_kill_switch_is_a_word_of_advice() -> None:
+    assert all(check.is_ok for check in judged())
+    assert [check.name for check in judged() if check.remedy] == ["kill switch"]
+    assert preflight_rules.reasons(FINE, FLEET, VEHICLE) == ()
+
+
+@pytest.mark.parametrize(("rule", "fault"), CASES)
+def test_each_fault_shows_in_its_own_line_only_with_sentence_and_remedy(rule: str, fault: str) -> None:
+    changes, words = CASES[rule, fault]
+    found = {check.name: check for check in judged(**dict(changes))}
+    other = {name for name, check in found.items() if not (check.is_ok and not check.remedy)} - {rule, "kill switch"}
+    assert not other
+    check = found[rule]
+    assert words in check.sentence
+    assert check.remedy
+    assert check.sentence.endswith(".")
+    assert check.remedy.endswith((".", "MAV_ parameters."))
+    assert "{" not in check.sentence + check.remedy
+    is_advice = {r.name: r for r in RULES}[rule].faults[fault].is_advice
+    assert check.is_ok is is_advice
+    vehicle = changes.get("vehicle", VEHICLE)
+    facts = dataclasses.replace(FINE, **{key: value for key, value in changes.items() if key != "vehicle"})
+    assert preflight_rules.reasons(facts, FLEET, vehicle) == (
+        () if is_advice else (f"{check.sentence} {check.remedy}",)
+    )
+
+
+def test_no_fault_is_left_out_of_these_cases() -> None:
+    assert set(CASES) == {(rule.name, fault) for rule in RULES for fault in rule.faults}
+
+
+def test_every_condition_that_refuses_take_off_is_in_some_line_of_the_page() -> None:
+    # which line shows those that have one of their own
+    own = {
+        "position": {Condition.POSITION_STALE, Condition.POSITION_LOST},
+        "px4": {Condition.AUTOPILOT_SILENT, Condition.AUTOPILOT_FROZEN, Condition.HEARTBEAT_LOST},
+        "alone": {Condition.TWIN},
+        "neighbours": {Condition.BUS_LOST, Condition.BUS_LOST_LONG},
+        "law": {Condition.SEPARATION_BREACHED},
+        "configuration": {Condition.CONFIG_DIFFERS},
+        "battery": {Condition.BATTERY_WARNING, Condition.BATTERY_LOW},
+        "fence": {Condition.FENCE_BREACH, Condition.FENCE_BREACH_LONG},
+    }
+    refusing = {condition for condition in Condition if TABLE[Situation.GROUND, condition] is Action.REFUSE}
+    for condition in refusing - set().union(*own.values()) - {Condition.SHUTDOWN}:
+        found = {check.name: check for check in judged(conditions=frozenset({condition}))}
+        assert not found["failsafe"].is_ok, condition
+
+
+def test_what_cannot_be_judged_says_so_and_refuses_nothing_by_itself() -> None:
+    silent = {check.name: check for check in judged(autopilot_age_s=math.inf)}
+    assert [name for name, check in silent.items() if not check.is_ok] == ["px4"]
+    assert silent["battery"].sentence == "Not judged while PX4 is silent."
+    blind = {check.name: check for check in judged(position_age_s=math.inf, sample_age_s=math.inf)}
+    assert [name for name, check in blind.items() if not check.is_ok] == ["position"]
+    assert blind["spot"].sentence == "Not judged without a fresh position."
+
+
+def test_numbers_that_are_not_finite_never_make_a_vehicle_ready() -> None:
+    for name in (
+        "autopilot_age_s",
+        "heartbeat_age_s",
+        "position_age_s",
+        "battery_frac",
+        "tilt_miss_rad",
+        "heading_miss_rad",
+        "speed_m_s",
+    ):
+        assert preflight_rules.reasons(dataclasses.replace(FINE, **{name: math.nan}), FLEET, VEHICLE), name
+    lost = dataclasses.replace(FINE, position_enu_m=(math.nan, 0.0, 0.0))
+    assert preflight_rules.reasons(lost, FLEET, VEHICLE)
+
+
+def test_the_page_names_every_rule_and_marks_what_refuses() -> None:
+    page = preflight_rules.page()
+    assert re.findall(r"^### (.+)$", page, re.MULTILINE) == [rule.name for rule in RULES]
+    assert page.count("**no-go**") == sum(not fault.is_advice for rule in RULES for fault in rule.faults.values())

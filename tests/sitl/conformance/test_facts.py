@@ -1,0 +1,226 @@
+"""The emulator against the facts, and the command that asks them."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sitl.conformance.__main__ import main
+from sitl.conformance.facts import Fact, Report, Verdict, chosen, number, word
+from sitl.conformance.suite import FACTS, Terms, check
+from tests.sitl.conformance.exceptions import DIFFERENCES
+from tests.sitl.conformance.facts_page import PAGE, whole_check
+from tests.sitl.conformance.virtual import VirtualPort, Wires
+
+# The first test that asks for it waits for a whole check.
+pytestmark = pytest.mark.timeout(400)
+
+
+def test_the_emulator_agrees_with_every_fact_but_the_documented_ones(report: Report) -> None:
+    differing = {
+        name: f"{finding.measured} instead of {finding.fact.expected} {finding.reason}"
+        for name, finding in report.findings.items()
+        if finding.verdict is not Verdict.AGREES and name not in DIFFERENCES
+    }
+    assert not differing
+
+
+def test_every_fact_is_settled_one_way_or_the_other(report: Report) -> None:
+    assert set(report.findings) == {fact.name for fact in FACTS}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(2, 6))
+def test_the_facts_do_not_depend_on_the_seed(seed: int) -> None:
+    differing = {
+        name: f"{finding.measured} instead of {finding.fact.expected} {finding.reason}"
+        for name, finding in whole_check(seed).findings.items()
+        if finding.verdict is not Verdict.AGREES and name not in DIFFERENCES
+    }
+    assert not differing
+
+
+def test_documented_differences_are_facts_with_a_reason() -> None:
+    assert set(DIFFERENCES) <= {fact.name for fact in FACTS}
+    assert all(len(reason) > 10 for reason in DIFFERENCES.values())
+
+
+def test_the_page_shows_every_fact_and_every_difference() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    assert [fact.name for fact in FACTS if f"| `{fact.name}` |" not in text] == []
+    assert [name for name in DIFFERENCES if f"- `{name}`: " not in text] == []
+
+
+def test_no_two_facts_share_a_name_and_each_says_what_it_accepts() -> None:
+    assert len({fact.name for fact in FACTS}) == len(FACTS) > 300
+    assert all(fact.allowed or fact.low <= fact.high for fact in FACTS)
+
+
+def test_a_vehicle_that_does_not_look_simulated_is_never_armed() -> None:
+    wires = Wires()
+    armed: list[bool] = []
+
+    def outgoing(frame: bytes) -> list[bytes]:
+        armed.append(wires.emulator.autopilots[0].is_armed)
+        return [] if int.from_bytes(frame[7:10], "little") == 115 else [frame]  # no ground truth
+
+    wires.outgoing = outgoing
+    asked = Report(chosen(FACTS, ["arm", "step.thrust", "ack", "param.COM_OF_LOSS_T"]))
+    check(wires.companion(), None, asked, Terms(), lambda line: None)
+    verdicts = {name: finding.verdict for name, finding in asked.findings.items()}
+    assert not any(armed)
+    assert verdicts["arm.accepted"] is verdicts["step.thrust"] is Verdict.SKIPPED
+    assert verdicts["ack.unknown-command"] is verdicts["param.COM_OF_LOSS_T"] is Verdict.AGREES
+
+
+def test_a_vehicle_that_falls_silent_in_flight_differs_in_what_was_not_seen() -> None:
+    wires = Wires()
+    wires.outgoing = lambda frame: [] if wires.emulator.time_s > 20.0 else [frame]
+    asked = Report(chosen(FACTS, ["loss", "param.COM_OF_LOSS_T"]))
+    check(wires.companion(), None, asked, Terms(may_turn_motors=True), lambda line: None)
+    assert asked.findings["param.COM_OF_LOSS_T"].verdict is Verdict.AGREES
+    assert asked.findings["loss.ground-armed"].verdict is Verdict.DIFFERS
+    assert "silent" in asked.findings["loss.ground-armed"].reason
+
+
+def test_parameters_are_what_they_were_after_a_check() -> None:
+    wires = Wires()
+    before = dict(wires.emulator.autopilots[0].params.values)
+    asked = Report(chosen(FACTS, ["param.set-float", "loss.action-4", "loss.timeout-follows", "vision.flags"]))
+    check(wires.companion(), None, asked, Terms(may_turn_motors=True), lambda line: None)
+    assert dict(wires.emulator.autopilots[0].params.values) == before
+    assert not wires.emulator.autopilots[0].is_armed
+
+
+def test_an_interrupted_check_puts_the_vehicle_down_and_its_parameters_back() -> None:
+    wires = Wires()
+    before = dict(wires.emulator.autopilots[0].params.values)
+    interrupted: list[float] = []
+
+    def incoming(frame: bytes) -> list[bytes]:
+        autopilot = wires.emulator.autopilots[0]
+        if autopilot.params["COM_OBL_RC_ACT"] == 4 and autopilot.mode.name == "LAND" and not interrupted:
+            interrupted.append(wires.emulator.time_s)
+            raise KeyboardInterrupt
+        return [frame]
+
+    wires.incoming = incoming
+    asked = Report(chosen(FACTS, ["loss.action-4", "loss.action-5"]))
+    with pytest.raises(KeyboardInterrupt):
+        check(wires.companion(), None, asked, Terms(may_turn_motors=True), lambda line: None)
+    assert interrupted
+    assert not wires.emulator.autopilots[0].is_armed
+    assert dict(wires.emulator.autopilots[0].params.values) == before
+
+
+class _Quick:
+    """A port whose clock sees the vehicle run four times as fast as real time."""
+
+    def __init__(self, port: VirtualPort) -> None:
+        self._port = port
+
+    def now_s(self) -> float:
+        return self._port.now_s() / 4.0
+
+    def receive(self, timeout_s: float) -> list[bytes]:
+        return self._port.receive(4.0 * timeout_s)
+
+    def send(self, datagram: bytes) -> None:
+        self._port.send(datagram)
+
+    def stranger(self) -> _Quick:
+        return _Quick(self._port.stranger())
+
+    def close(self) -> None:
+        self._port.close()
+
+
+def test_a_simulator_that_runs_faster_than_time_is_judged_in_its_own_time() -> None:
+    facts = ["boot", "stream.attitude", "heartbeat", "rate.odometry", "arm", "loss.action-4", "hover", "clock.pace"]
+    asked = Report(chosen(FACTS, facts))
+    pilot = check(_Quick(Wires().companion()), None, asked, Terms(), lambda line: None)
+    differing = {name: f.measured for name, f in asked.findings.items() if f.verdict is Verdict.DIFFERS}
+    assert pilot.clock.pace == pytest.approx(4.0, rel=0.02)
+    assert differing == {}
+    assert asked.findings["clock.pace"].verdict is Verdict.SKIPPED
+
+
+@pytest.mark.parametrize(
+    ("fact", "measured", "agrees"),
+    [
+        (number("a", "1", "x", 1.0, 2.0, "s"), 1.5, True),
+        (number("a", "1", "x", 1.0, 2.0, "s"), 2.1, False),
+        (number("a", "1", "x", 1.0, 2.0, "s"), float("nan"), False),
+        (word("a", "1", "x", "yes", "perhaps"), "perhaps", True),
+        (word("a", "1", "x", "yes"), "no", False),
+    ],
+)
+def test_a_fact_accepts_what_lies_within_its_bounds(fact: Fact, measured: float | str, agrees: bool) -> None:
+    asked = Report({"a": fact})
+    asked.add("a", measured)
+    assert (asked.findings["a"].verdict is Verdict.AGREES) == agrees
+
+
+def test_the_command_lists_what_it_would_check(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--list", "--only", "heartbeat", "loss.action-*"]) == 0
+    out = capsys.readouterr().out
+    assert "heartbeat.interval-max" in out
+    assert "loss.action-0-time" in out
+    assert "takeoff" not in out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["udpin://127.0.0.1:14540", "--only", "nonsense"], "Topics: "),
+        (["tcp://127.0.0.1:5760"], "is no endpoint"),
+        (["udpin://127.0.0.1:99999"], "is no endpoint"),
+        ([], "which endpoint?"),
+    ],
+)
+def test_wrong_input_is_refused_in_words(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_port_in_use_is_refused_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        assert main([f"udpin://127.0.0.1:{port}"]) == 2
+    assert f"port {port} on 127.0.0.1 cannot be bound" in capsys.readouterr().err
+
+
+def test_nobody_at_the_endpoint_is_exit_status_ten(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    assert main([f"udpin://127.0.0.1:{port}", "--wait", "0.2"]) == 10
+    assert "nobody answered" in capsys.readouterr().out
+
+
+def test_the_command_checks_a_running_emulator_over_udp_and_prints_json(emulator_port: int) -> None:
+    facts = ["quirk.heartbeat", "quirk.odometry-frames", "param.MPC_THR_HOVER", "ack", "mode.two-acks"]
+    covey = "import sys; from groundstation.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", covey, "sitl-check", f"udpin://127.0.0.1:{emulator_port}"]
+    done = subprocess.run([*command, "--json", "--only", *facts], capture_output=True, text=True, timeout=100)
+    shown = json.loads(done.stdout)
+    wrong = [fact for fact in shown["facts"] if fact["verdict"] == "differs" and fact["name"] != "ack.latency"]
+    assert wrong == []
+    assert shown["agrees"] >= len(facts) - 1
+    assert {"name", "section", "expected", "measured", "verdict", "reason"} <= set(shown["facts"][0])
+    assert re.search(r"agrees\s+param.MPC_THR_HOVER", done.stderr)
+
+
+def test_the_suite_shares_no_code_with_the_emulator() -> None:
+    folder = Path(main.__code__.co_filename).parent
+    imports = [line for path in folder.glob("*.py") for line in path.read_text().splitlines() if "import" in line]
+    foreign = [line for line in imports if re.match(r"\s*(from|import) (sitl|onboard|groundstation)", line)]
+    assert foreign
+    assert [line for line in foreign if not line.startswith("from sitl.conformance")] == []

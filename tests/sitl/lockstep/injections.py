@@ -1,0 +1,227 @@
+"""What the fault suite breaks: one row for each thing that can go wrong in flight, and what has to be noticed of it."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import msgspec
+
+from onboard import events as ev
+from onboard.bus.schema import StateMessage
+from onboard.bus.topics import Topic
+from onboard.safety.failsafe_table import Condition as C
+from sitl.faults.catalogue import Fault
+from sitl.lockstep.bus import BusSettings
+from sitl.lockstep.flight import GROUND, Lockstep
+from sitl.px4.modes import Mode
+
+Inject = Callable[[Lockstep, str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Injection:
+    """One thing that goes wrong.
+
+    Args:
+        own: conditions of which the vehicle has to notice at least one; others: at least one of the others.
+        is_silenced: whether the vehicle stops avoiding, so that its pairs are reported by themselves.
+        is_cut_off: whether the ground may not hear why until it is over.
+        may_leave_fence: PX4 flies it alone, or nobody does.
+        is_falling: it tumbles to the ground faster than anybody can go aside; who flies above it has not been touched.
+    """
+
+    name: str
+    inject: Inject
+    own: frozenset[C] = frozenset()
+    others: frozenset[C] = frozenset()
+    is_silenced: bool = False
+    is_cut_off: bool = False
+    may_leave_fence: bool = False
+    is_falling: bool = False
+
+
+def _fault(kind: str, duration_s: float = 0.0, **parameters: float | str) -> Inject:
+    def inject(flight: Lockstep, name: str) -> None:
+        flight.inject(Fault(kind, name, at_s=flight.time_s, duration_s=duration_s, parameters=parameters))
+
+    return inject
+
+
+def _swap(duration_s: float) -> Inject:
+    def inject(flight: Lockstep, name: str) -> None:
+        names = flight.config.enabled_names
+        other = names[(names.index(name) + 1) % len(names)]
+        _fault("mocap_swapped", duration_s, other=other)(flight, name)
+
+    return inject
+
+
+def _kill(flight: Lockstep, name: str) -> None:
+    flight.agents[name].kill()
+
+
+def _kill_and_start(flight: Lockstep, name: str) -> None:
+    flight.agents[name].kill()
+    flight.at(flight.time_s + 1.0, flight.agents[name].start)
+
+
+def _hang(duration_s: float) -> Inject:
+    def inject(flight: Lockstep, name: str) -> None:
+        flight.agents[name].hang()
+        if math.isfinite(duration_s):
+            flight.at(flight.time_s + duration_s, flight.agents[name].resume)
+
+    return inject
+
+
+def _stop_agent(flight: Lockstep, name: str) -> None:
+    flight.agents[name].ask_to_stop()
+
+
+def _cut(duration_s: float, *, keeps: tuple[str, ...] = (), all_agents: bool = False) -> Inject:
+    """Cut the vehicle, or every agent, from all nodes but those it keeps."""
+
+    def inject(flight: Lockstep, name: str) -> None:
+        names = flight.config.enabled_names if all_agents else (name,)
+        for one in names:
+            for other in [*flight.config.enabled_names, GROUND, "sitl"]:
+                if other != one and other not in keeps:
+                    flight.bus.cut(one, other)
+        flight.at(flight.time_s + duration_s, flight.bus.heal)
+
+    return inject
+
+
+def _lose_ground(flight: Lockstep, _name: str) -> None:
+    flight.bus.partition([GROUND])
+    flight.at(flight.time_s + 2.0, flight.bus.heal)
+
+
+def _bad_bus(flight: Lockstep, name: str) -> None:
+    bad = BusSettings(delay_s=0.01, jitter_s=0.02, loss=0.3, reorder=0.2, duplicate=0.2)
+    for other in flight.config.enabled_names:
+        if other != name:
+            flight.bus.set_link(name, other, bad)
+
+
+def _pilot(mode: Mode) -> Inject:
+    """Somebody at the transmitter, or another ground station, takes the vehicle."""
+
+    def inject(flight: Lockstep, name: str) -> None:
+        emulator = flight.simulation.emulator
+        px4 = emulator.autopilots[flight.simulation.names.index(name)]
+        px4.request(emulator.time_s, mode)
+
+    return inject
+
+
+def _tick_fails(count: int) -> Inject:
+    """An error of our own: ticks without a result."""
+
+    def inject(flight: Lockstep, name: str) -> None:
+        def fail() -> None:
+            core = flight.agents[name].core
+            core.handle(ev.TickFailed("Internal error: ZeroDivisionError: injected."), flight.simulation.now_ns)
+
+        for number in range(count):
+            flight.at(flight.time_s + 0.02 * number, fail)
+
+    return inject
+
+
+def _nonsense(flight: Lockstep, name: str) -> None:
+    """What nobody means, under the name of another: not finite, from the future, huge, repeated, from nobody."""
+    other = next(one for one in flight.config.enabled_names if one != name)
+    liar = flight.bus.node("liar")
+    liar.start()
+    heard: list[StateMessage] = []
+
+    def listen(_topic: Topic, _name: str, message: object) -> None:
+        if isinstance(message, StateMessage) and message.sequence > 0:
+            heard[:] = [message]
+
+    liar.subscribe(Topic.STATE, other, listen)
+    lies: tuple[dict[str, object], ...] = (
+        {"position_enu_m": (math.nan, 0.0, 0.0)},
+        {"velocity_enu_m_s": (math.inf, 0.0, 0.0)},
+        {"sequence": -5, "position_enu_m": (1e300, 1e300, 1e300)},
+        {"sequence": 0},
+        {"vehicle": "nobody", "position_enu_m": (0.0, 0.0, 1.0)},
+        {"predicted_position_enu_m": (1e30, 0.0, 0.0)},
+    )
+
+    def lie(number: int) -> None:
+        if heard:
+            told = msgspec.structs.replace(heard[0], **lies[number % len(lies)])
+            liar.publish(Topic.STATE, told.vehicle, told)
+
+    for number in range(120):
+        flight.at(flight.time_s + 0.01 * number, functools.partial(lie, number))
+    flight.at(flight.time_s + 1.5, liar.stop)
+
+
+def _f(*conditions: C) -> frozenset[C]:
+    return frozenset(conditions)
+
+
+_POSITION = (C.POSITION_STALE, C.POSITION_LOST)
+_SILENT = _f(C.NEIGHBOUR_SILENT, C.NEIGHBOUR_UNSEEN, C.NEIGHBOUR_STALE)
+
+INJECTIONS: tuple[Injection, ...] = (
+    Injection("mocap lost for good", _fault("mocap_lost"), _f(*_POSITION), is_silenced=True, may_leave_fence=True),
+    Injection("mocap lost for 0.35 s", _fault("mocap_lost", 0.35), _f(*_POSITION)),
+    Injection("mocap jumps for 0.4 s", _fault("mocap_jump", 0.4, east_m=1.0), _f(C.POSITION_JUMPED, C.MOCAP_SWAPPED)),
+    Injection("mocap jumps for good", _fault("mocap_jump", north_m=-0.8),
+              _f(C.POSITION_JUMPED, C.MOCAP_SWAPPED, *_POSITION), is_silenced=True, may_leave_fence=True),
+    Injection("mocap swaps two", _swap(1.0), _f(C.MOCAP_SWAPPED, C.POSITION_JUMPED, *_POSITION), is_silenced=True,
+              may_leave_fence=True),
+    Injection("mocap frozen for 0.3 s", _fault("mocap_frozen", 0.3), _f(C.MOCAP_FROZEN)),
+    Injection("mocap frozen for good", _fault("mocap_frozen"), _f(C.MOCAP_FROZEN), is_silenced=True,
+              may_leave_fence=True),
+    Injection("mocap 0.15 s late", _fault("mocap_late", 2.0, delay_s=0.15), _f(C.MOCAP_LATE, *_POSITION)),
+    Injection("PX4 silent", _fault("link_loss", 1.0, share=1.0, direction="out"), _f(C.AUTOPILOT_SILENT),
+              is_silenced=True, may_leave_fence=True),
+    Injection("PX4 deaf", _fault("link_loss", share=1.0, direction="in"),
+              _f(C.ATTITUDE_NOT_FOLLOWED, C.PX4_FAILSAFE, C.LEFT_OFFBOARD, C.THRUST_SATURATED), is_silenced=True,
+              may_leave_fence=True),
+    Injection("a tenth of the link lost", _fault("link_loss", share=0.1)),
+    Injection("PX4 hangs for 0.6 s", _fault("autopilot_hang", 0.6),
+              _f(C.AUTOPILOT_FROZEN, C.AUTOPILOT_SILENT, C.AUTOPILOT_BACK),
+              is_silenced=True, may_leave_fence=True),
+    Injection("PX4 reboots", _fault("autopilot_reboot"),
+              _f(C.REBOOTED, C.DISARMED, C.AUTOPILOT_SILENT, C.AUTOPILOT_FROZEN),
+              is_silenced=True, may_leave_fence=True),
+    Injection("PX4's clock drifts", _fault("clock_drift", ms_per_s=-8.0)),
+    Injection("PX4 ignores setpoints", _fault("setpoints_ignored"),
+              _f(C.ATTITUDE_NOT_FOLLOWED, C.NOT_CLIMBING, C.FALLEN), is_silenced=True, may_leave_fence=True),
+    Injection("a pilot takes over", _pilot(Mode.LOITER), _f(C.LEFT_OFFBOARD), is_silenced=True, may_leave_fence=True),
+    Injection("a pilot lands", _pilot(Mode.LAND), _f(C.LEFT_OFFBOARD, C.PX4_FAILSAFE), is_silenced=True),
+    Injection("agent killed", _kill, others=_SILENT, is_silenced=True, may_leave_fence=True),
+    Injection("agent killed and started", _kill_and_start, others=_SILENT, is_silenced=True, may_leave_fence=True),
+    Injection("agent hangs for 0.15 s", _hang(0.15), _f(C.LOOP_STALLED, C.LOOP_LATE)),
+    Injection("agent hangs for 1 s", _hang(1.0), _f(C.LOOP_STALLED, C.LOOP_STALLED_LONG, C.PX4_FAILSAFE), _SILENT,
+              is_silenced=True, may_leave_fence=True),
+    Injection("agent hangs for good", _hang(math.inf), others=_SILENT, is_silenced=True, may_leave_fence=True),
+    Injection("agent is asked to stop", _stop_agent, _f(C.SHUTDOWN)),
+    Injection("ticks fail for 0.1 s", _tick_fails(5), _f(C.NOT_FINITE)),
+    Injection("ticks fail for 1 s", _tick_fails(50), _f(C.NOT_FINITE, C.NOT_FINITE_LONG), is_silenced=True,
+              may_leave_fence=True),
+    Injection("cut off from all for 1 s", _cut(1.0), _f(*_POSITION, C.BUS_LOST), _SILENT, is_silenced=True,
+              is_cut_off=True, may_leave_fence=True),
+    Injection("cut off from all but the mocap", _cut(1.0, keeps=("sitl",)), _SILENT, _SILENT, is_cut_off=True),
+    Injection("all cut apart, mocap stays", _cut(6.0, keeps=("sitl",), all_agents=True),
+              _f(C.BUS_LOST, C.BUS_LOST_LONG, *_SILENT), is_cut_off=True),
+    Injection("ground lost", _lose_ground, _f(C.GROUND_LOST), is_cut_off=True),
+    Injection("bad bus", _bad_bus),
+    Injection("nonsense on the bus", _nonsense),
+    Injection("battery cell fails", _fault("battery_cell", drop_pct=80.0),
+              _f(C.BATTERY_LOW, C.BATTERY_FALLING, C.BATTERY_WARNING)),
+    Injection("motor weak", _fault("motor_weak", 3.0, motor=2.0, effectiveness=0.85)),
+    Injection("motor dead", _fault("motor_dead", motor=1.0),
+              _f(C.ATTITUDE_NOT_FOLLOWED, C.NOT_CLIMBING, C.FALLEN, C.DISARMED, C.PX4_FAILSAFE, C.LEFT_OFFBOARD),
+              is_silenced=True, may_leave_fence=True, is_falling=True),
+    Injection("PX4's own vision lost", _fault("vision_lost", 3.0)),
+)  # fmt: skip

@@ -1,0 +1,51 @@
+"""Whatever breaks at whichever moment: nobody collides, everybody comes down, and the record says why.
+
+`make test` flies a cross-section, another moment for each thing that breaks; `make test-long` flies all of them at
+every half second, with three and with six vehicles.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from onboard.safety.failsafe_table import Condition
+from tests.sitl.lockstep.injections import INJECTIONS
+from tests.sitl.lockstep.suite import Case, Outcome, cases, fly, summary
+
+
+def _fly(todo: Iterable[Case]) -> list[Outcome]:
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return list(pool.map(fly, todo))
+
+
+def _judge(outcomes: list[Outcome], folder: Path) -> None:
+    table = summary(outcomes)
+    (folder / "fault-suite.md").write_text(table, encoding="utf-8")
+    print(table)
+    assert not [f"{one.case.name}: {'; '.join(one.wrong)}" for one in outcomes if one.wrong]
+
+
+@pytest.mark.timeout(600)
+def test_a_cross_section_of_all_that_can_break_ends_with_everybody_down_and_apart(tmp_path: Path) -> None:
+    moments = cases(every=850, counts=(3,), stagger=173)  # one for each, spread over the flight
+    crowd = [Case(injection.name, 300 + 40 * place, 6, place % 6) for place, injection in enumerate(INJECTIONS)][::6]
+    _judge(_fly([*moments, *crowd]), tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(5400)
+def test_all_that_can_break_at_every_half_second_ends_with_everybody_down_and_apart(tmp_path: Path) -> None:
+    outcomes = _fly(cases(every=25, counts=(3, 6)))
+    _judge(outcomes, tmp_path)
+    noticed = {name for outcome in outcomes for name in outcome.seen}
+    assert len(noticed) > 0.6 * len(Condition)
+
+
+def test_every_injection_has_a_name_of_its_own() -> None:
+    names = [injection.name for injection in INJECTIONS]
+    assert len(names) == len(set(names))

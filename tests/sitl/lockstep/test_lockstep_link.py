@@ -1,0 +1,82 @@
+"""The typed link: what a client would see on the wire, in the fleet's axes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from onboard.frames import (
+    quaternion_enu_flu_from_ned_frd,
+    quaternion_from_yaw,
+    quaternion_multiply,
+)
+from onboard.px4.required_params import required_params
+from sitl.lockstep import link
+from sitl.lockstep.simulation import Simulation
+
+
+def test_turns_in_floats_are_those_of_the_frames() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        q = rng.normal(size=4)
+        q /= np.linalg.norm(q)
+        yaw, half = rng.normal(), 0.01 * rng.normal(size=3)
+        turned = quaternion_multiply(quaternion_multiply(quaternion_from_yaw(yaw), q), np.array([1.0, *half]))
+        expected = quaternion_enu_flu_from_ned_frd(turned / np.linalg.norm(turned))
+        np.testing.assert_allclose(link._measured(q.tolist(), yaw, half.tolist()), expected, atol=1e-12)
+
+
+@pytest.fixture
+def simulation(paper) -> Simulation:
+    return Simulation(paper, seed=1)
+
+
+def _run(simulation: Simulation, seconds: float) -> None:
+    for _ in range(round(seconds / 0.004)):
+        simulation.step()
+
+
+def test_armed_and_mode_are_told_once_a_second_and_attitude_fifty_times(simulation) -> None:
+    one = simulation.links.links[0]
+    beats, attitudes, positions = set(), set(), set()
+    for _ in range(1000):
+        simulation.step()
+        snapshot = one.snapshot()
+        beats.add(snapshot.heartbeat_ns)
+        attitudes.add(snapshot.attitude_ns)
+        positions.add(snapshot.local_position_ns)
+    assert len(beats - {0}) == 4
+    assert len(attitudes - {0}) == pytest.approx(200, abs=2)
+    assert len(positions - {0}) == pytest.approx(40, abs=1)  # the motion capture leads
+    assert snapshot.system_id == 1
+    assert snapshot.mode == "HOLD"
+
+
+def test_a_command_is_answered_by_telemetry_only_and_arming_is_refused_without_setpoints(simulation) -> None:
+    _run(simulation, 6.0)
+    one = simulation.links.links[0]
+    one.set_offboard()
+    one.arm()
+    _run(simulation, 1.5)
+    assert one.snapshot().mode == "OFFBOARD"
+    assert not one.snapshot().is_armed
+
+
+def test_connecting_applies_the_fleets_parameters_and_finds_none_wrong(simulation, paper) -> None:
+    one = simulation.links.links[1]
+    assert one.connect() == ()
+    values = simulation.emulator.autopilots[1].params.values
+    required = required_params(paper.vehicles["mav1"])
+    assert {name: values[name] for name in required} == pytest.approx(required)
+
+
+def test_a_silent_link_leaves_the_snapshot_as_it_was(simulation) -> None:
+    from sitl.faults.catalogue import Fault
+
+    _run(simulation, 1.0)
+    simulation.inject(Fault("link_loss", "mav0", at_s=simulation.time_s, parameters={"share": 1.0, "direction": "out"}))
+    _run(simulation, 0.1)
+    before = simulation.links.links[0].snapshot()
+    _run(simulation, 1.0)
+    assert simulation.links.links[0].snapshot().last_packet_ns == before.last_packet_ns
+    assert simulation.links.links[1].snapshot().last_packet_ns > before.last_packet_ns

@@ -1,0 +1,375 @@
+"""What clients ask for beyond flying: messages, events, ground truth, and all that is refused cleanly."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from sitl.mavlink.codec import ID_BY_NAME, Encoder
+from sitl.mavlink.streams import GCS_RATES_HZ
+from sitl.px4.events import event_id
+from sitl.px4.modes import Mode
+from tests.sitl.sitl_flying import Client, emulator, run_for, until
+
+ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
+
+
+def test_events_come_to_everybody_and_can_be_asked_for_again() -> None:
+    emu = emulator()
+    client = Client(emu)
+    client.command(400, 1)
+    (event,) = [m for m in client.collect(0.1) if m.name == "EVENT"]
+    assert event.fields["id"] == event_id("commander_arm_denied_resolve_failures")
+    assert event.fields["log_levels"] == 0x62
+    (again,) = client.send("REQUEST_EVENT", first_sequence=1, last_sequence=1, target_system=1, target_component=1)
+    assert again.fields == event.fields
+    (error,) = client.send("REQUEST_EVENT", first_sequence=7, last_sequence=9, target_system=1, target_component=1)
+    assert error.name == "RESPONSE_EVENT_ERROR"
+    (count,) = client.send("COMMAND_LONG", command=512, target_system=1, param1=411.0)[1:]
+    assert count.fields["sequence"] == 1
+
+
+def test_an_origin_is_told_once_when_it_is_known_and_again_when_asked_for() -> None:
+    emu = emulator()
+    client = Client(emu)
+    told = [m for m in client.collect(8.0) if m.name == "GPS_GLOBAL_ORIGIN"]
+    assert len(told) == 1
+    answers = client.send("COMMAND_LONG", command=512, target_system=1, param1=49.0)
+    assert [m.name for m in answers] == ["COMMAND_ACK", "GPS_GLOBAL_ORIGIN"]
+
+
+def test_streams_start_before_the_first_heartbeat_and_home_follows_the_satellites() -> None:
+    emu = emulator()
+    client = Client(emu)
+    first: dict[str, float] = {}
+
+    def note() -> None:
+        for message in client.collect(0.1):
+            first.setdefault(message.name, emu.time_s)
+
+    while emu.time_s < 5.0:
+        note()
+    assert 0.3 <= first["ATTITUDE"] < 0.6
+    assert 1.3 <= first["HEARTBEAT"] < 1.6
+    assert 2.3 <= first["HOME_POSITION"] < 4.5
+
+
+def test_home_is_where_it_was_armed_and_heights_count_from_there() -> None:
+    emu = emulator()
+    client = Client(emu)
+    client.collect(6.0)
+    autopilot = emu.autopilots[0]
+    autopilot.request(emu.time_s, Mode.LOITER)
+    assert client.command(400, 1) == [ACCEPTED]
+    armed_at = autopilot.flight.home_ned_m.tolist()
+    assert max(abs(c) for c in armed_at) > 0.001
+    seen = client.collect(3.0)
+    home = [m.fields for m in seen if m.name == "HOME_POSITION"][-1]
+    assert [home["x"], home["y"], home["z"]] == pytest.approx(armed_at, abs=1e-5)
+    assert home["altitude"] == pytest.approx((489.4 - armed_at[2]) * 1e3, abs=1.0)
+    place = [m.fields for m in seen if m.name == "GLOBAL_POSITION_INT"][-1]
+    assert place["relative_alt"] == pytest.approx(place["alt"] - home["altitude"], abs=2.0)
+
+
+def test_both_battery_messages_say_one_ampere_less_than_nothing() -> None:
+    seen = {m.name: m.fields for m in Client(emulator()).collect(3.0)}
+    status = seen["SYS_STATUS"]
+    assert seen["BATTERY_STATUS"]["current_battery"] == status["current_battery"] == -100
+    assert all(status[f"onboard_control_sensors_{kind}"] >> 31 for kind in ("present", "enabled", "health"))
+    assert status["battery_remaining"] == 100
+    assert status["voltage_battery"] == 16200
+
+
+def test_the_date_goes_on_with_the_clock() -> None:
+    emu = emulator()
+    emu.unix_start_s = 1.8e9
+    times = [m.fields for m in Client(emu).collect(4.0) if m.name == "SYSTEM_TIME"]
+    assert len(times) >= 3
+    for told in times:
+        assert told["time_unix_usec"] == pytest.approx(1.8e15 + told["time_boot_ms"] * 1e3, abs=2e3)
+
+
+def test_rates_reach_px4s_ceilings_and_no_further() -> None:
+    client = Client(emulator())
+    client.collect(1.0)
+    for number in (30, 31, 32, 36):
+        assert client.command(511, number, 1000) == [ACCEPTED]
+    names = [m.name for m in client.collect(4.0)]
+    assert names.count("LOCAL_POSITION_NED") / 4 == pytest.approx(124, abs=3)
+    assert names.count("SERVO_OUTPUT_RAW") / 4 == pytest.approx(250, abs=4)
+    assert names.count("ATTITUDE") / 4 == pytest.approx(218, abs=4)
+    assert names.count("ATTITUDE_QUATERNION") / 4 == pytest.approx(220, abs=4)
+
+
+@pytest.mark.parametrize("name", ["HIL_STATE_QUATERNION", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS"])
+def test_ground_truth_and_outputs_are_streamed_when_asked_for(name: str) -> None:
+    client = Client(emulator())
+    assert client.command(511, ID_BY_NAME[name], 10_000) == [ACCEPTED]
+    assert [m.name for m in client.collect(1.0)].count(name) == pytest.approx(100, abs=3)
+
+
+def test_streams_without_data_are_accepted_and_stay_silent() -> None:
+    client = Client(emulator())
+    assert client.command(511, ID_BY_NAME["RC_CHANNELS"], 100_000) == [ACCEPTED]
+    assert "RC_CHANNELS" not in [m.name for m in client.collect(1.0)]
+
+
+def test_an_interval_is_told_for_known_messages_and_zero_for_unknown_ones() -> None:
+    client = Client(emulator())
+    for number, expected in ((32, 33333), (375, -1), (999, 0)):
+        answers = client.send("COMMAND_LONG", command=510, target_system=1, param1=float(number))
+        assert [m.name for m in answers] == ["COMMAND_ACK", "MESSAGE_INTERVAL"]
+        assert answers[1].fields["interval_us"] == expected
+
+
+def test_a_mode_by_the_old_message_gets_one_answer() -> None:
+    emu = emulator()
+    client = Client(emu)
+    run_for(emu, 5.0)
+    answers = client.send("SET_MODE", target_system=1, base_mode=1, custom_mode=393216)
+    assert [(m.name, m.fields["command"], m.fields["result"]) for m in answers] == [("COMMAND_ACK", 176, ACCEPTED)]
+    assert emu.autopilots[0].mode is Mode.OFFBOARD
+
+
+def test_an_unknown_automatic_mode_is_rejected_and_other_numbers_change_nothing() -> None:
+    emu = emulator()
+    client = Client(emu)
+    assert client.command(176, 1, 4, 99) == [ACCEPTED, REJECTED]
+    assert emu.autopilots[0].texts[-1].text == "Unsupported auto mode\t"
+    assert client.command(176, 1, 77) == [ACCEPTED, ACCEPTED]
+    assert emu.autopilots[0].mode is Mode.LOITER
+
+
+def test_missions_logs_files_and_the_shell_are_refused_or_empty_at_once() -> None:
+    client = Client(emulator())
+    (count,) = client.send("MISSION_REQUEST_LIST", target_system=1, target_component=1)
+    assert (count.name, count.fields["count"]) == ("MISSION_COUNT", 0)
+    (refusal,) = client.send("MISSION_COUNT", target_system=1, target_component=1, count=3)
+    assert (refusal.name, refusal.fields["type"]) == ("MISSION_ACK", 3)
+    (cleared,) = client.send("MISSION_CLEAR_ALL", target_system=1, target_component=1)
+    assert (cleared.name, cleared.fields["type"]) == ("MISSION_ACK", 0)
+    (entry,) = client.send("LOG_REQUEST_LIST", target_system=1, target_component=1)
+    assert (entry.name, entry.fields["num_logs"]) == ("LOG_ENTRY", 0)
+    opening = [5, 0, 0, 4, 3, 0] + [0] * 245
+    (refused,) = client.send("FILE_TRANSFER_PROTOCOL", target_system=1, target_component=1, payload=opening)
+    assert refused.fields["payload"][:6] == [6, 0, 0, 129, 1, 4]
+    assert refused.fields["payload"][12] == 10
+    assert client.send("SERIAL_CONTROL", device=10, count=1) == []
+    assert client.command(300) == [DENIED]
+
+
+@pytest.mark.parametrize("number", [521, 530, 1000, 2000, 2500, 31010])
+def test_cameras_gimbals_and_strangers_commands_are_unsupported(number: int) -> None:
+    assert Client(emulator()).command(number, math.nan, 1.0) == [UNSUPPORTED]
+
+
+def test_the_versions_are_those_of_px4_1_16_with_bytewise_parameters() -> None:
+    client = Client(emulator())
+    (version,) = client.send("COMMAND_LONG", command=512, target_system=1, param1=148.0)[1:]
+    assert version.fields["flight_sw_version"] >> 8 == 0x011000
+    assert version.fields["capabilities"] & 0x10  # integers bytewise
+    assert not version.fields["capabilities"] & 0x20000  # and not converted
+    (protocol,) = client.send("COMMAND_LONG", command=519, target_system=0)[1:]
+    assert protocol.fields["version"] == 200
+
+
+def test_parameters_of_the_wrong_type_and_for_everybody_are_met_with_silence() -> None:
+    emu = emulator()
+    client = Client(emu)
+    assert client.send("PARAM_SET", param_id=b"COM_OF_LOSS_T", param_value=1.0, param_type=6, target_system=1) == []
+    assert client.send("PARAM_SET", param_id=b"COM_OF_LOSS_T", param_value=1.0, param_type=9, target_system=0) == []
+    (value,) = client.send("PARAM_REQUEST_READ", param_id=b"_HASH_CHECK", param_index=-1, target_system=1)
+    assert (value.fields["param_index"], value.fields["param_type"]) == (0xFFFF, 5)
+    (other,) = client.send("PARAM_SET", param_id=b"COM_OF_LOSS_T", param_value=0.5, param_type=9, target_system=1)
+    assert other.fields["param_value"] == 0.5
+    (changed,) = client.send("PARAM_REQUEST_READ", param_id=b"_HASH_CHECK", param_index=-1, target_system=1)
+    assert changed.fields["param_value"] != value.fields["param_value"]
+
+
+def test_a_reboot_on_command_keeps_the_parameters_and_is_denied_to_an_armed_vehicle() -> None:
+    emu = emulator()
+    client = Client(emu)
+    run_for(emu, 5.0)
+    client.send("PARAM_SET", param_id=b"COM_OF_LOSS_T", param_value=0.5, param_type=9, target_system=1)
+    assert client.command(400, 1) == [ACCEPTED]
+    assert client.command(246, 1) == [DENIED]
+    assert client.command(400, 0) == [ACCEPTED]
+    assert client.command(246, 1) == [ACCEPTED]
+    assert client.command(400, 1) == [REJECTED]  # it starts again
+    run_for(emu, 5.0)
+    assert client.command(400, 1) == [ACCEPTED]
+    assert emu.autopilots[0].params["COM_OF_LOSS_T"] == 0.5
+
+
+def test_a_ground_station_that_knows_the_parameters_stops_the_list() -> None:
+    client = Client(emulator())
+    client.send("PARAM_REQUEST_LIST", target_system=1)
+    client.collect(0.02)
+    client.send("PARAM_SET", param_id=b"_HASH_CHECK", param_value=0.0, param_type=5, target_system=1)
+    assert "PARAM_VALUE" not in [m.name for m in client.collect(0.5)]
+
+
+def test_hold_flies_to_a_place_on_earth_when_told_so() -> None:
+    emu = emulator()
+    client = Client(emu)
+    run_for(emu, 5.0)
+    assert client.command(22) == [ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    until(emu, lambda: emu.autopilots[0].mode is Mode.LOITER, 15.0)
+    latitude, longitude, _ = client.link.view.to_global((4.0, 0.0, -2.5))
+    answers = client.send(
+        "COMMAND_INT",
+        command=192,
+        target_system=1,
+        target_component=1,
+        param2=1.0,
+        param4=math.nan,
+        x=round(latitude * 1e7),
+        y=round(longitude * 1e7),
+        z=math.nan,
+    )
+    assert [m.fields["result"] for m in answers] == [ACCEPTED]
+    until(emu, lambda: emu.world.vehicles.states.position_ned_m[0, 0] > 3.0, 12.0)
+    assert emu.world.vehicles.states.position_ned_m[0, 2] < -1.5
+
+
+@pytest.mark.parametrize(
+    ("above_sea_m", "height_m", "said"),
+    [
+        (math.nan, 2.5, "Using default takeoff altitude: 2.5 m\t"),
+        (3.0, 2.5, "Using minimum takeoff altitude: 2.50 m\t"),
+        (493.4, 4.0, None),
+    ],
+)
+def test_a_take_off_goes_to_the_altitude_asked_for_but_not_below_the_default(
+    above_sea_m: float, height_m: float, said: str | None
+) -> None:
+    emu = emulator()
+    client = Client(emu)
+    run_for(emu, 5.0)
+    assert client.command(22, 0, 0, 0, math.nan, math.nan, math.nan, above_sea_m) == [ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    pilot = emu.autopilots[0]
+    assert [text.text for text in pilot.texts if "altitude" in text.text] == ([said] if said else [])
+    until(emu, lambda: pilot.mode is Mode.LOITER, 15.0)
+    assert -float(emu.estimator.position_ned_m[0, 2]) == pytest.approx(height_m, abs=0.4)
+
+
+def test_the_ground_link_streams_less_and_events_as_well() -> None:
+    emu = emulator()
+    from sitl.mavlink.codec import Decoder
+    from sitl.mavlink.link import Link
+
+    link, decoder = Link(emu, 0, GCS_RATES_HZ), Decoder()
+    names: list[str] = []
+    run_for(emu, 5.0)
+    link.poll()
+    emu.autopilots[0].request_arm(emu.time_s, True, 0.0)
+
+    def poll() -> None:
+        names.extend(m.name for datagram in link.poll() for m in decoder.decode(datagram))
+
+    run_for(emu, 4.0, poll)
+    assert names.count("ATTITUDE") == pytest.approx(60, abs=2)
+    assert "EVENT" in names
+    assert "HIGHRES_IMU" not in names
+
+
+def test_setpoints_for_places_on_earth_are_flown() -> None:
+    emu = emulator()
+    client = Client(emu)
+    run_for(emu, 5.0)
+    latitude, longitude, _ = client.link.view.to_global((3.0, -1.0, 0.0))
+    place = {"lat_int": round(latitude * 1e7), "lon_int": round(longitude * 1e7), "alt": 2.0}
+
+    def send() -> None:
+        if emu.world.vehicles.steps % 10 == 0:
+            client.send("SET_POSITION_TARGET_GLOBAL_INT", **place, target_system=1, coordinate_frame=6, type_mask=0xFF8)
+
+    run_for(emu, 0.2, send)
+    assert client.command(176, 1, 6) == [ACCEPTED, ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    run_for(emu, 12.0, send)
+    north, east, down = emu.world.vehicles.states.position_ned_m[0].tolist()
+    assert math.dist((north, east, down), (3.0, -1.0, -2.0)) < 1.5
+
+
+def test_a_setpoint_in_an_unknown_frame_or_of_nothing_is_refused_in_words() -> None:
+    emu = emulator()
+    client = Client(emu)
+    client.send("SET_POSITION_TARGET_LOCAL_NED", target_system=1, coordinate_frame=9, x=1.0)
+    client.send("SET_POSITION_TARGET_LOCAL_NED", target_system=1, coordinate_frame=1, type_mask=0x1FF)
+    said = [text.text for text in emu.autopilots[0].texts]
+    assert said == [
+        "SET_POSITION_TARGET_LOCAL_NED coordinate frame 9 unsupported\t",
+        "SET_POSITION_TARGET_LOCAL_NED invalid\t",
+    ]
+    assert emu.autopilots[0].setpoint is None
+
+
+def test_a_velocity_in_the_body_frame_turns_with_the_heading_and_a_yaw_rate_turns_it() -> None:
+    emu = emulator()
+    client = Client(emu)
+    mask, speed = 0x7C7 & ~0x800, {"vx": 1.0, "yaw_rate": 0.0}
+
+    def send() -> None:
+        if emu.world.vehicles.steps % 10 == 0:
+            client.send(
+                "SET_POSITION_TARGET_LOCAL_NED", target_system=1, coordinate_frame=8, type_mask=mask, vz=climb, **speed
+            )
+
+    climb = -0.5
+    run_for(emu, 5.0, send)
+    assert client.command(176, 1, 6) == [ACCEPTED, ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    run_for(emu, 4.0, send)
+    climb = 0.0
+    run_for(emu, 4.0, send)
+    north, east, _ = emu.world.vehicles.states.velocity_ned_m_s[0].tolist()
+    assert east == pytest.approx(1.0, abs=0.5)  # body x points east
+    assert abs(north) < 0.5
+    before = float(emu.world.vehicles.states.yaw_rad[0])
+    speed["yaw_rate"] = 0.5
+    run_for(emu, 3.0, send)
+    turned = math.remainder(float(emu.world.vehicles.states.yaw_rad[0]) - before, 2.0 * math.pi)
+    assert 0.6 < turned < 1.8
+
+
+def test_an_acceleration_alone_is_flown() -> None:
+    emu = emulator()
+    client = Client(emu)
+    mask = 0xC3F & ~0x400
+
+    def send() -> None:
+        if emu.world.vehicles.steps % 10 == 0:
+            client.send(
+                "SET_POSITION_TARGET_LOCAL_NED",
+                target_system=1,
+                coordinate_frame=1,
+                type_mask=mask,
+                afx=1.0,
+                afz=-0.5,
+                yaw=math.pi / 2,
+            )
+
+    run_for(emu, 5.0, send)
+    assert client.command(176, 1, 6) == [ACCEPTED, ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    run_for(emu, 4.0, send)
+    north, east, down = emu.world.vehicles.states.velocity_ned_m_s[0].tolist()
+    assert north > 0.5
+    assert abs(east) < 0.3
+    assert down < 0.0
+
+
+def test_another_component_and_another_system_are_not_this_autopilot() -> None:
+    emu = emulator()
+    client = Client(emu)
+    command = Encoder(245, 190)
+    for system, component in ((1, 100), (2, 1), (0, 1)):
+        frame = command.encode_named(
+            "COMMAND_LONG", command=400, target_system=system, target_component=component, param1=1.0
+        )
+        assert client.send_bytes(frame) == []
+    assert client.send_bytes(command.encode_named("COMMAND_LONG", command=512, target_system=0, param1=148.0))

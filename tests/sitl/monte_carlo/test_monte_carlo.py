@@ -1,0 +1,308 @@
+"""``covey simulate``: the same digits for the same seed, honest judgement, sentences for bad input."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from groundstation.cli import main as covey
+from onboard.control.pipeline import pipeline_params
+from onboard.rollout import batch as fleet_step
+from onboard.types import Goal, State
+from sitl.monte_carlo import batch, flight, radio, results, scenarios, settings
+from sitl.monte_carlo.command import main
+
+KEYS = {
+    *("scenario", "seed", "law", "success", "min_separation_m", "violation_s", "collision", "makespan_s"),
+    *("straight_line_s", "relaxed_share", "ratio", "reason", "slew_rms_m_s3", "max_speed_m_s", "violation_depth_m"),
+    *("intervention_m_s2", "path_ratio"),
+}
+STILL = ("delay_s=0", "loss_share=0", "gust_m_s2=0", "lag_mismatch=0", "gain=0")
+
+
+def fly(name, seeds, *, setup=None, has_trace=True):
+    setup = setup or settings.choose()
+    return flight.fly([scenarios.plan(name, seed, scale=setup.scale) for seed in seeds], setup, has_trace=has_trace)
+
+
+def judged(trace, limit_m, body_m):
+    """Independent of the judge: smallest horizontal distance, time below the limit, collision."""
+    nearest = [
+        min(np.hypot(*(sample[i] - sample[j])[:2]) for i in range(len(sample)) for j in range(i))
+        for sample in trace["position_enu_m"]
+    ]
+    step_s = np.diff(trace["t_s"])[0]
+    return min(nearest), step_s * sum(d < limit_m for d in nearest), min(nearest) < body_m
+
+
+@pytest.mark.parametrize(
+    ("name", "errors", "types"),
+    [
+        ("form3", "mocap", "sih"),
+        ("swap2x", "mocap", "sih,ardrone"),
+        ("rand4", "vision", "sih"),
+        ("intruder2@2", "none", "sih"),
+        ("lost4", "mocap", "sih"),  # a new leg in the middle of one flight of the batch
+        ("rand1", "mocap", "sih"),
+    ],
+)
+def test_flight_alone_is_bit_for_bit_the_same_flight_in_a_batch(name, errors, types):
+    setup = settings.choose(errors=errors, types=types)
+    together, alone = fly(name, range(5, 8), setup=setup), fly(name, [6], setup=setup)
+    assert together[1].outcome.trace.position_enu_m.tobytes() == alone[0].outcome.trace.position_enu_m.tobytes()
+    one, two = (results.line(results.record(flown, setup, "covey")) for flown in (together[1], alone[0]))
+    assert one == two
+
+
+def test_lines_are_the_same_again_in_other_chunks_and_over_two_processes(capsys):
+    lines = []
+    for words in (["--seeds", "0:4"], ["--seeds", "0:4", "--jobs", "2"], ["--seeds", "0:3"]):
+        assert main(["form3", "--json", *words]) == 0
+        lines.append(capsys.readouterr().out.splitlines())
+    assert lines[0] == lines[1]
+    assert lines[0][:3] == lines[2]
+    values = [json.loads(line) for line in lines[0]]
+    assert [value["seed"] for value in values] == [0, 1, 2, 3]
+    assert all(value.keys() >= KEYS for value in values)
+
+
+def test_trace_shows_what_the_line_says_and_without_the_law_they_collide(tmp_path, capsys):
+    assert main(["form3", "--law", "off", "--seeds", "0:6", "--json", "--trace", str(tmp_path)]) == 1
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert sum(line["collision"] for line in lines) >= 2
+    for line in lines:
+        with np.load(tmp_path / f"form3-{line['seed']}.npz") as trace:
+            nearest, violation_s, is_collision = judged(trace, 0.8, 0.5)
+            assert line["min_separation_m"] == pytest.approx(nearest, abs=1e-8)
+            assert line["violation_s"] == pytest.approx(violation_s, abs=1e-8)
+            assert line["collision"] == is_collision
+            steps = np.diff(trace["t_s"])
+            assert steps.max() <= 0.02 + 1e-9
+            assert trace["position_enu_m"].shape == (len(trace["t_s"]), 3, 3)
+            assert trace["t_s"][-1] == pytest.approx(line["duration_s"])
+            away = np.linalg.norm(trace["position_enu_m"] - trace["goal_enu_m"], axis=-1)
+            arrived = trace["t_s"] >= line["makespan_s"] - 1e-9
+            assert away[arrived].max() < 0.15
+
+
+def test_law_off_takes_the_straight_line_time_and_the_law_at_least_that():
+    setup = settings.choose(law="off")
+    for flown in fly("swap3x", [1, 2], setup=setup, has_trace=False):
+        assert flown.outcome.makespan_s == flown.straight_line_s
+    for flown in fly("swap3x", [1, 2], has_trace=False):
+        assert flown.outcome.is_success
+        assert 1.0 <= flown.outcome.makespan_s / flown.straight_line_s < 2.0
+        assert flown.outcome.min_separation_m >= 0.8
+
+
+def test_two_laws_meet_the_same_vehicles_noise_and_straight_line():
+    covey_, off = fly("rand4", [3]), fly("rand4", [3], setup=settings.choose(law="off"))
+    assert covey_[0].straight_line_s == off[0].straight_line_s
+    first = [flown[0].outcome.trace.position_enu_m[:10] for flown in (covey_, off)]
+    np.testing.assert_allclose(*first, atol=1e-3)
+
+
+def test_goal_that_nobody_reaches_in_time_is_a_failure_with_a_reason():
+    setup = settings.choose(changes=["law.design_margin_m=1.5"])
+    plan = scenarios.plan("squeeze", 0)
+    outcome = flight.fly([plan], setup)[0].outcome
+    assert not outcome.is_success
+    assert outcome.reason in ("deadlock", "livelock", "time")
+    assert outcome.duration_s > 12.0
+
+
+def test_lone_vehicle_has_no_separation_and_arrives_without_errors_to_fight():
+    flown = fly("rand1", [10], setup=settings.choose(errors="none", changes=STILL))[0]
+    values = results.record(flown, settings.choose(), "covey")
+    assert values["min_separation_m"] is None
+    assert values["success"]
+    assert values["ratio"] == 1.0
+    assert json.loads(results.line(values)) == values
+
+
+def test_perturbations_and_vehicle_values_have_their_effect():
+    def spread(*changes, **options):
+        flown = fly("rand1", [10], setup=settings.choose(changes=[*STILL, *changes], **options))[0]
+        return flown.outcome.trace.position_enu_m[:50]
+
+    calm = spread(errors="none")
+    for change in (
+        "gust_m_s2=0.5",
+        "lag_mismatch=0.5",
+        "gain=0.3",
+        "drag_mismatch=0.5",
+        "lag_error_s=0.1",
+        "tilt_deg=6",
+    ):
+        assert np.abs(spread(change, errors="none") - calm).max() > 1e-3, change
+    assert np.abs(spread(errors="vision") - calm).max() > 1e-2
+    assert np.abs(spread(errors="mocap") - calm).max() > 1e-6
+
+
+@pytest.mark.parametrize("changes", [["loss_share=1"], ["burst_s=60", "burst_every_s=0.1"]])
+def test_messages_that_never_arrive_let_the_vehicles_fly_into_each_other(changes):
+    outcome = fly("form3", [4], setup=settings.choose(changes=changes))[0].outcome
+    assert outcome.is_collision
+
+
+@pytest.mark.parametrize(("delay_s", "ticks"), [(0.0, 1), (0.04, 2), (0.05, 3), (0.2, 10)])
+def test_message_is_as_old_as_it_says(delay_s, ticks):
+    def moved(tick):
+        still, zero = np.zeros((1, 2, 3)), np.zeros((1, 2))
+        position = np.full((1, 2, 3), float(tick))
+        return State(position, still, still, zero, zero, zero, zero)
+
+    nobody = np.zeros((1, 2), bool)
+    station = radio.Radio(moved(0), nobody, settings.Perturbation(delay_s=delay_s, loss_share=0.0))
+    vehicles = settings.choose().fleet(2)
+    pilots = fleet_step.FleetPipeline(
+        [pipeline_params(vehicles, name) for name in vehicles.vehicles], np.zeros((1, 2, 3))
+    )
+    goal = Goal(np.zeros((1, 2, 3)), np.zeros((1, 2)), np.zeros((1, 2), np.int64))
+    law = pilots.step(moved(0), goal, station.receive(np.ones((1, 2, 2)), nobody, nobody), dt_s=0.02).law
+    for tick in range(30):
+        heard = station.receive(np.full((1, 2, 2), 0.5), nobody, nobody)
+        if tick > ticks:
+            assert heard.position_enu_m[0, 0, 0, 0] == tick - ticks
+            assert heard.age_s[0, 0, 0] == pytest.approx(0.02 * ticks)
+        station.publish(moved(tick), law)
+
+
+def test_intruder_moves_as_announced_and_the_formation_makes_way():
+    flown = fly("intruder4@2", [3])[0]
+    trace, plan = flown.outcome.trace, flown.plan
+    expected = plan.start_enu_m[-1] + trace.t_s[:, None] * plan.intruder_m_s
+    np.testing.assert_allclose(trace.position_enu_m[:, -1], expected, atol=1e-9)
+    off = fly("intruder4@2", [3], setup=settings.choose(law="off"))[0]
+    assert flown.outcome.min_separation_m > off.outcome.min_separation_m
+
+
+def test_frozen_vehicle_stops_for_good_and_its_arrival_is_not_asked_for():
+    flown = fly("lost4@frozen", [1])[0]
+    place, time_s, _ = flown.plan.lost
+    trace = flown.outcome.trace
+    late = trace.position_enu_m[trace.t_s > time_s + 3.0, place]
+    assert np.ptp(late, axis=0).max() < 0.15
+    assert np.linalg.norm(late[-1] - flown.plan.goal_enu_m[place]) > 0.3
+
+
+class _Hover:
+    """A controller of somebody else: everybody stays where they are."""
+
+    def __init__(self, params, start_enu_m):
+        self.inner, self.start = fleet_step.FleetPipeline(params, start_enu_m), start_enu_m
+
+    def step(self, state, goal, neighbours, *, dt_s):
+        from dataclasses import replace
+
+        return self.inner.step(state, replace(goal, position_enu_m=self.start), neighbours, dt_s=dt_s)
+
+    def keep(self, flights):
+        self.inner.keep(flights)
+        self.start = self.start[flights]
+
+
+def test_another_controller_can_fly_the_campaign():
+    records = [
+        r
+        for part in batch.campaign(["squeeze"], range(2), settings.choose(), controller=_Hover, law="hover")
+        for r in part
+    ]
+    assert [record["law"] for record in records] == ["hover", "hover"]
+    assert not any(record["success"] for record in records)
+    assert all(record["min_separation_m"] > 2.0 for record in records)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nowhere"], "'nowhere' is not a scenario"),
+        (["form3", "--law", "orca"], "--law is 'orca'"),
+        (["form3", "--errors", "lidar"], "--errors is 'lidar'"),
+        (["form3", "--type", "jet"], "no vehicle type 'jet'"),
+        (["form3", "--seeds", "5:5"], "holds no seed"),
+        (["form3", "--seeds", "x"], "--seeds is 'x'"),
+        (["form3", "--jobs", "0"], "--jobs is 0"),
+        (["form3", "--scale", "nan"], "--scale is nan"),
+        (["form3", "--set", "law.kappa=4"], "there is no such key"),
+        (["form3", "--set", "delay_s"], "write it as key=value"),
+        (["form3", "--set", "loss_share=2"], "from 0 to 1"),
+        (["form3", "--set", "law.kappa_1_1_s=inf"], "must be finite"),
+        (["form3", "--set", "law.kappa_1_1_s=fast"], "law.kappa_1_1_s"),
+        (["form3", "--set", "vehicle.max_tilt_deg=80"], "max_tilt_deg"),
+        (["swap8", "--law", "paper"], "ring"),
+        (["form3", "--set", "delay_s=[1]"], "from 0 to 2"),
+        (["form3", "--set", "delay_s=2020-01-01"], "from 0 to 2"),
+        (["form3", "--set", "law.kappa_1_1_s=NaN"], "must be finite"),
+        (["form3", "--type", ""], "no vehicle type ''"),
+        (["form3", "--trace", "/proc"], "nothing can be written there"),
+        (["form3", "--trace", "/proc/self/status"], "nothing can be written there"),
+        (["form3", "--plot", "/proc/picture.png", "--seeds", "0"], "nothing can be written there"),
+        (["form3", "--plot", "/proc/pictures"], "nothing can be written there"),
+        (["form3", "--fleet", "/nowhere.toml"], "no such fleet file"),
+        (["form3", "--plot", "one.png", "--seeds", "0:2"], "name a folder"),
+        (["form3", "--plot", "one.docx", "--seeds", "0"], "one.docx"),
+    ],
+)
+def test_bad_input_is_a_sentence_and_status_2(words, said, capsys):
+    assert covey(["simulate", *words]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert said in captured.err
+    assert captured.err.startswith("covey: ")
+    assert captured.err.rstrip().endswith(".")
+
+
+@pytest.mark.parametrize(("text", "value"), [(".7", 0.7), ("+.7", 0.7), ("0.7", 0.7), ("7e-1", 0.7), ("1", 1)])
+def test_numbers_of_set_may_be_written_as_anybody_writes_them(text, value):
+    setup = settings.choose(changes=[f"law.shortfall_gain={text}", f"vehicle.drag_1_s={text}", f"delay_s={text}"])
+    assert setup.law_table["shortfall_gain"] == value
+    assert setup.fleet(2).law.shortfall_gain == value
+    assert setup.fleet(2).vehicles["v1"].drag_1_s == value
+    assert setup.perturbation.delay_s == value
+
+
+def test_last_of_two_values_for_a_key_counts():
+    setup = settings.choose(changes=["tilt_deg=20", "vehicle.max_tilt_deg=22", "delay_s=0.1", "delay_s=0.2"])
+    assert setup.fleet(2).vehicles["v0"].max_tilt_deg == 22
+    assert setup.perturbation.delay_s == 0.2
+
+
+def test_table_counts_flights_and_bounds_the_rate_of_violations(capsys):
+    assert main(["swap2", "form3", "--seeds", "0:2", "--set", "law.kappa_1_1_s=5"]) == 0
+    out = capsys.readouterr().out
+    assert "swap2" in out
+    assert "form3" in out
+    assert "all" in out
+    assert results.upper_bound(0, 300) == pytest.approx(3 / 300, rel=0.01)
+    assert results.upper_bound(3, 20) == pytest.approx(0.3437, abs=1e-3)
+    assert results.upper_bound(20, 20) == 1.0
+
+
+def test_fleet_file_gives_types_law_and_distances(tmp_path):
+    text = Path("configs/fleets/paper.toml").read_text(encoding="utf-8")
+    text = text.replace("safety_distance_m = 0.80", "safety_distance_m = 0.90")
+    text = text.replace('name = "covey"', 'name = "covey"\nkappa_1_1_s = 3.5').replace(
+        "[defaults]", "[defaults]\nmax_acceleration_m_s2 = 1.25"
+    )
+    (tmp_path / "fleet.toml").write_text(text, encoding="utf-8")
+    setup = settings.choose(fleet_path=str(tmp_path / "fleet.toml"))
+    assert setup.types == ("ardrone",)
+    fleet = setup.fleet(4)
+    assert {vehicle.hover_thrust_frac for vehicle in fleet.vehicles.values()} == {0.75}
+    assert {vehicle.max_acceleration_m_s2 for vehicle in fleet.vehicles.values()} == {1.25}
+    assert fleet.fleet.safety_distance_m == 0.9
+    assert fleet.law.kappa_1_1_s == 3.5
+    changed = settings.choose(fleet_path=str(tmp_path / "fleet.toml"), changes=["law.kappa_1_1_s=4", "tilt_deg=20"])
+    assert changed.fleet(2).law.kappa_1_1_s == 4.0
+    assert changed.fleet(2).vehicles["v1"].max_tilt_deg == 20.0
+    assert settings.choose(types="sih,ardrone").fleet(3).vehicles["v1"].type == "ardrone"
+
+
+@pytest.mark.parametrize("name", ["intruder3@2", "intruder9@2"])
+def test_picture_of_a_flight_is_drawn_for_few_and_for_many_vehicles(name, tmp_path):
+    assert main([name, "--seeds", "1", "--plot", str(tmp_path / "pictures"), "--json"]) in (0, 1)
+    picture = tmp_path / "pictures" / f"{name}-1.png"
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+    assert picture.stat().st_size > 50_000

@@ -1,0 +1,218 @@
+"""The failsafe table: every value of every parameter, the wait in Hold, what clears, and what is said."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from msgspec.structs import replace
+
+from sitl.px4.battery import BatteryStage
+from sitl.px4.events import SAYINGS, Journal, event_id
+from sitl.px4.failsafes import CONDITIONS, Action, Facts, Failsafe
+from sitl.px4.modes import BY_NUMBERS, MODES, Landed, Mode, Need, Result, SystemStatus, mode_of
+from sitl.px4.parameters import DEFAULTS, Parameters
+from tests.sitl.px4.test_commander import offboard_at_height
+from tests.sitl.sitl_flying import EAST_WXYZ, emulator, height_m, run_for, streamer, until
+
+CALM = Facts(True, BatteryStage.OK, False, (0.0, 0.0), 0.0)
+
+
+def decided(facts: Facts, **values: float) -> Action:
+    """What is done at once under parameters."""
+    params = Parameters()
+    params.values.update(values)
+    failsafe = Failsafe()
+    failsafe.step(0.0, facts, params)
+    return failsafe.delayed or failsafe.action
+
+
+@pytest.mark.parametrize(
+    ("value", "action"),
+    [
+        (-1, Action.POSCTL),
+        (0, Action.POSCTL),
+        (1, Action.ALTCTL),
+        (2, Action.STABILIZED),
+        (3, Action.RETURN),
+        (4, Action.LAND),
+        (5, Action.HOLD),
+        (6, Action.TERMINATE),
+        (7, Action.DISARM),
+        (8, Action.POSCTL),
+    ],
+)
+def test_each_value_of_com_obl_rc_act_has_its_action(value: int, action: Action) -> None:
+    assert decided(replace(CALM, has_offboard_signal=False), COM_OBL_RC_ACT=value) is action
+
+
+@pytest.mark.parametrize(
+    ("stage", "value", "action"),
+    [
+        (BatteryStage.LOW, 3, Action.WARN),
+        (BatteryStage.CRITICAL, 0, Action.WARN),
+        (BatteryStage.CRITICAL, 2, Action.LAND),
+        (BatteryStage.CRITICAL, 3, Action.RETURN),
+        (BatteryStage.EMERGENCY, 0, Action.WARN),
+        (BatteryStage.EMERGENCY, 2, Action.LAND),
+        (BatteryStage.EMERGENCY, 3, Action.LAND),
+    ],
+)
+def test_each_value_of_com_low_bat_act_has_its_action(stage: BatteryStage, value: int, action: Action) -> None:
+    assert decided(replace(CALM, battery=stage), COM_LOW_BAT_ACT=value) is action
+
+
+def test_a_patient_action_waits_in_hold_and_an_urgent_one_does_not() -> None:
+    params, failsafe = Parameters(), Failsafe()
+    empty = replace(CALM, battery=BatteryStage.EMERGENCY)
+    assert failsafe.step(10.0, empty, params)
+    assert (failsafe.action, failsafe.delayed) == (Action.HOLD, Action.LAND)
+    assert not failsafe.step(14.9, empty, params)
+    assert failsafe.step(15.1, empty, params)
+    assert (failsafe.action, failsafe.delayed) == (Action.LAND, Action.NONE)
+    lost = replace(CALM, has_offboard_signal=False)
+    assert decided(lost, COM_OBL_RC_ACT=4) is Action.LAND
+
+
+def test_the_most_severe_of_several_actions_is_taken() -> None:
+    both = replace(CALM, has_offboard_signal=False, attitude_failed=True)
+    assert decided(both, COM_OBL_RC_ACT=4) is Action.LAND
+    assert decided(both, COM_OBL_RC_ACT=4, CBRK_FLIGHTTERM=0) is Action.TERMINATE
+
+
+def test_a_fence_is_left_by_asking_for_a_mode_and_a_lost_signal_by_its_return() -> None:
+    params, failsafe = Parameters(), Failsafe()
+    params.values.update(GF_MAX_HOR_DIST=5.0, GF_ACTION=3)
+    failsafe.step(0.0, replace(CALM, from_home_m=(6.0, 0.0)), params)
+    assert failsafe.action is Action.RETURN
+    failsafe.step(1.0, CALM, params)
+    assert failsafe.action is Action.RETURN
+    failsafe.mode_asked()
+    failsafe.step(2.0, CALM, params)
+    assert failsafe.action is Action.NONE
+    failsafe.step(3.0, replace(CALM, has_offboard_signal=False), params)
+    assert failsafe.is_active
+    failsafe.step(4.0, CALM, params)
+    assert not failsafe.is_active
+
+
+def test_every_row_names_parameters_that_exist_and_modes_that_are_distinct() -> None:
+    assert all(row.parameter is None or row.parameter in DEFAULTS for row in CONDITIONS)
+    assert len({row.name for row in CONDITIONS}) == len(CONDITIONS)
+    assert set(BY_NUMBERS.values()) == {mode for mode, row in MODES.items() if row.is_selectable}
+
+
+@pytest.mark.parametrize(("action", "is_armed"), [(6, True), (7, False)])
+def test_termination_and_disarming_stop_the_motors_in_the_air(action: int, is_armed: bool) -> None:
+    emu = emulator()
+    offboard_at_height(emu, 2.0, loss_action=action)
+    run_for(emu, 1.3)
+    pilot = emu.autopilots[0]
+    assert pilot.is_armed is is_armed
+    assert not pilot.actuation.motors_on
+    until(emu, lambda: height_m(emu) == 0.0, 3.0)
+    until(emu, lambda: not pilot.is_armed, 8.0)
+
+
+def test_a_flight_is_terminated_on_command_only_while_armed() -> None:
+    emu = emulator()
+    run_for(emu, 5.0)
+    pilot = emu.autopilots[0]
+    assert pilot.request_termination(emu.time_s) is Result.DENIED
+    offboard_at_height(emu, 1.0, warm_up_s=0.1)
+    assert pilot.request_termination(emu.time_s) is Result.ACCEPTED
+    assert pilot.mode is Mode.TERMINATION
+    run_for(emu, 0.5, streamer(emu, 0.9))
+    assert not pilot.actuation.motors_on  # setpoints do not bring it back
+
+
+def test_a_tilt_beyond_sixty_degrees_is_reported_and_flown_on() -> None:
+    emu = emulator()
+    offboard_at_height(emu, 8.0)
+    pilot = emu.autopilots[0]
+    half = math.radians(35.0)
+    tilted = [math.cos(half), math.sin(half), 0.0, 0.0]
+    yaw_w, yaw_z = EAST_WXYZ[0], EAST_WXYZ[3]
+    rolled = [yaw_w * tilted[0], yaw_w * tilted[1], yaw_z * tilted[1], yaw_z * tilted[0]]
+    until(emu, lambda: bool(pilot.failsafe.present), 3.0, streamer(emu, 0.9, rolled))
+    said = [text.text for text in pilot.texts[-2:]]
+    assert said == ["Preflight Fail: Attitude failure (roll)\t", "Failsafe activated\t"]
+    assert pilot.mode is Mode.OFFBOARD
+    assert pilot.system_status(emu.time_s) is SystemStatus.ACTIVE
+
+
+def test_setpoints_that_come_back_after_a_landing_take_off_again_if_still_armed() -> None:
+    emu = emulator()
+    offboard_at_height(emu, 1.0, loss_action=4)
+    pilot = emu.autopilots[0]
+    until(emu, lambda: pilot.landed is Landed.ON_GROUND, 20.0)
+    assert pilot.is_armed
+    until(emu, lambda: height_m(emu) > 0.3, 4.0, streamer(emu, 0.6))
+    assert pilot.mode is Mode.OFFBOARD
+
+
+def test_lost_setpoints_on_the_ground_leave_the_vehicle_armed_in_posctl() -> None:
+    emu = emulator()
+    run_for(emu, 5.0, streamer(emu, 0.0))
+    pilot = emu.autopilots[0]
+    pilot.request(emu.time_s, Mode.OFFBOARD)
+    assert pilot.request_arm(emu.time_s, True, 0.0) is Result.ACCEPTED
+    run_for(emu, 6.0)
+    assert pilot.is_armed
+    assert pilot.mode is Mode.POSCTL
+    assert pilot.base_mode(emu.time_s) == 209
+
+
+@pytest.mark.parametrize("mode", [Mode.LAND, Mode.RTL])
+def test_nobody_arms_in_a_mode_that_only_ends_flights(mode: Mode) -> None:
+    emu = emulator()
+    run_for(emu, 5.0)
+    pilot = emu.autopilots[0]
+    assert pilot.request(emu.time_s, mode) is Result.ACCEPTED
+    assert pilot.request_arm(emu.time_s, True, 0.0) is Result.TEMPORARILY_REJECTED
+    assert pilot.request_arm(emu.time_s, True, 21196.0) is Result.TEMPORARILY_REJECTED  # force is for disarming
+
+
+def test_a_ground_station_is_needed_only_if_its_loss_would_matter() -> None:
+    emu = emulator()
+    run_for(emu, 5.0)
+    pilot = emu.autopilots[0]
+    pilot.params.values["NAV_DLL_ACT"] = 2
+    assert pilot.arming_obstacles(emu.time_s) == ["no connection to the ground station"]
+    pilot.ground_time_s = emu.time_s
+    assert pilot.arming_obstacles(emu.time_s) == []
+
+
+def test_modes_are_found_by_px4s_numbers() -> None:
+    assert mode_of(1, 6, 0) is Mode.OFFBOARD
+    assert mode_of(1, 4, 3) is Mode.LOITER
+    assert mode_of(1, 4, 0) is Mode.MISSION
+    assert mode_of(0, 6, 0) is None
+    assert mode_of(192, 0, 0) is Mode.MANUAL
+    assert mode_of(208, 0, 0) is Mode.STABILIZED
+    assert mode_of(216, 0, 0) is Mode.POSCTL
+    assert mode_of(220, 0, 0) is Mode.MISSION
+    assert mode_of(1, 9, 0) is None
+    assert MODES[Mode.LOITER].custom_mode == 50593792
+    assert MODES[Mode.OFFBOARD].custom_mode == 393216
+    assert Need.ARMING in MODES[Mode.LAND].needs
+
+
+def test_the_journal_forgets_the_old_but_not_how_much_there_was() -> None:
+    journal = Journal()
+    for second in range(1000):
+        journal.say(float(second), "takeoff")
+    assert journal.texts_said == journal.events_said == 1000
+    assert len(journal.texts) <= 200
+    assert [event.sequence for event in journal.events_since(997)] == [998, 999, 1000]
+    assert journal.texts_since(998)[-1].time_s == 999.0
+
+
+def test_events_have_the_numbers_that_follow_from_their_names() -> None:
+    # FNV-1a of "commander_arm_denied_resolve_failures" by an independent loop over its bytes.
+    value = 2166136261
+    for character in "commander_arm_denied_resolve_failures":
+        value = (value ^ ord(character)) * 16777619 % 2**32
+    assert event_id("commander_arm_denied_resolve_failures") == (1 << 24) + value % 2**24
+    numbers = [event_id(saying.event) for saying in SAYINGS.values() if saying.event]
+    assert len(set(numbers)) == len(numbers)
