@@ -1,0 +1,94 @@
+"""Vectors of plain floats, and the few operations on them that the control code needs.
+
+Python interprets these functions on a drone, and numba compiles the same functions for batches of flights. So they take
+their arguments by position and keep to floats and tuples.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+
+class Vec2(NamedTuple):
+    """A horizontal vector; the unit and the frame stand in the name of whatever holds it."""
+
+    x: float
+    y: float
+
+
+class Vec3(NamedTuple):
+    """A vector in space; the unit and the frame stand in the name of whatever holds it."""
+
+    x: float
+    y: float
+    z: float
+
+
+ZERO_2 = Vec2(0.0, 0.0)
+ZERO_3 = Vec3(0.0, 0.0, 0.0)
+
+
+def add(a: Vec3, b: Vec3) -> Vec3:
+    """Return a + b."""
+    return Vec3(a.x + b.x, a.y + b.y, a.z + b.z)
+
+
+def subtract(a: Vec3, b: Vec3) -> Vec3:
+    """Return a - b."""
+    return Vec3(a.x - b.x, a.y - b.y, a.z - b.z)
+
+
+def scaled(factor: float, a: Vec3) -> Vec3:
+    """Return the vector times a number."""
+    return Vec3(factor * a.x, factor * a.y, factor * a.z)
+
+
+def add_scaled(a: Vec3, factor: float, b: Vec3) -> Vec3:
+    """Return a + factor * b."""
+    return Vec3(a.x + factor * b.x, a.y + factor * b.y, a.z + factor * b.z)
+
+
+def horizontal(a: Vec3) -> Vec2:
+    """Return the horizontal part."""
+    return Vec2(a.x, a.y)
+
+
+def length(a: Vec3) -> float:
+    """Return the Euclidean length."""
+    return math.sqrt(a.x * a.x + a.y * a.y + a.z * a.z)
+
+
+def is_finite(a: Vec3) -> bool:
+    """Whether all three components are numbers and none is infinite."""
+    return math.isfinite(a.x) and math.isfinite(a.y) and math.isfinite(a.z)
+
+
+def dot_2(a: Vec2, b: Vec2) -> float:
+    """Return the scalar product."""
+    return a.x * b.x + a.y * b.y
+
+
+def cross_2(a: Vec2, b: Vec2) -> float:
+    """Return the vertical component of the vector product."""
+    return a.x * b.y - a.y * b.x
+
+
+def length_2(a: Vec2) -> float:
+    """Return the Euclidean length."""
+    return math.sqrt(a.x * a.x + a.y * a.y)
+
+
+def add_2(a: Vec2, b: Vec2) -> Vec2:
+    """Return a + b."""
+    return Vec2(a.x + b.x, a.y + b.y)
+
+
+def subtract_2(a: Vec2, b: Vec2) -> Vec2:
+    """Return a - b."""
+    return Vec2(a.x - b.x, a.y - b.y)
+
+
+def scaled_2(factor: float, a: Vec2) -> Vec2:
+    """Return the vector times a number."""
+    return Vec2(factor * a.x, factor * a.y)
