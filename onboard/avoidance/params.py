@@ -1,169 +1,252 @@
-"""Values of the law for one vehicle: the fleet file's law, what the vehicle is, and the numbers that follow from both.
+"""Numbers of the avoidance law for one vehicle, as they follow from the fleet file.
 
-Policies are names in the configuration and numbers here, so that array code, scalar kernels and compiled kernels read
-the same thing.
+Policies are names in the configuration and whole numbers here, so that Python and compiled code read the same thing.
+The meaning of each value stands in ``README.md`` beside this file.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, get_type_hints
+from typing import NamedTuple
 
 import msgspec
 
-from onboard.avoidance.oist_paper import PaperLawParams
+from onboard.config.fleet import FleetConfig
 from onboard.config.law import LawConfig, LawName
-from onboard.config.obstacles import Capsule
 from onboard.types import GRAVITY_M_S2
+from onboard.vectors import Vec2
 
 OPEN_FENCE = (-math.inf, math.inf, -math.inf, math.inf)
 _BRAKE_SHARE = 0.6  # of the horizontal acceleration, for stopping before what stands still
 _MARGIN_FLOOR_M, _MARGIN_SIGMAS = 0.05, 4.5  # fitted over simulated flights: the floor covers lag errors and gusts
 
-ROTATION = {"never": 0, "violated": 1, "always": 2}
-DIRECTION = {"fixed": 0, "pair": 1, "crowd": 2, "intent": 3}
+# the policies of LawConfig by number
+OFF, PAPER, COVEY = 0, 1, 2  # name
+RESPONSIBILITY_HALF, RESPONSIBILITY_SHORTFALL, RESPONSIBILITY_FULL = 0, 1, 2
+PREDICTION_NONE, PREDICTION_LAG = 0, 1
+ROTATION_NEVER, ROTATION_VIOLATED, ROTATION_ALWAYS = 0, 1, 2
+DIRECTION_FIXED, DIRECTION_PAIR, DIRECTION_CROWD, DIRECTION_INTENT = 0, 1, 2, 3
+JAM_IGNORE, JAM_SLOW = 0, 1
+
+LAW_NAMES: tuple[LawName, ...] = ("off", "paper", "covey")  # the name of each number
+_RESPONSIBILITIES = ("half", "shortfall", "full")
+_PREDICTIONS = ("none", "lag")
+_ROTATIONS = ("never", "violated", "always")
+_DIRECTIONS = ("fixed", "pair", "crowd", "intent")
+_JAMS = ("ignore", "slow")
 
 
-class LawNumbers(NamedTuple):
-    """What rows and kernels compute with; units as in LawConfig.
+class Capsule(NamedTuple):
+    """Static obstacle: all points nearer than a radius to a segment, in fleet ENU."""
 
-    is_full: 1 for the paper's full share, and shortfall_gain 0 for plain halves: the responsibility policy. rotation,
-    direction: places in the tables above. margin_m: the fixed part of the design margin; sigma_position, sigma_velocity
-    [-], [s]: margin per metre and per m/s of a vehicle's standard deviation, 0 under the fixed policy. static_kappa_*:
-    for what stands still. lead_time_s: L, or 0 without prediction.
-    """
+    begin_enu_m: Vec2
+    end_enu_m: Vec2
+    radius_m: float
 
-    is_full: int
-    shortfall_gain: float
-    rotation: int
-    direction: int
-    lead_time_s: float
-    safety_distance_m: float
-    margin_m: float
-    uncooperative_margin_m: float
-    margin_floor_m: float
-    sigma_position: float
-    sigma_velocity_s: float
+
+class PaperParams(NamedTuple):
+    """Tuning of the paper's own law, (5) to (22)."""
+
     kappa_1_1_s: float
     kappa_2_1_s: float
     kappa_3_1_s: float
     kappa_4_1_s: float
-    static_kappa_1_1_s: float
     v_perp_m_s: float
-    v_perp_crowd_m_s: float
-    crowd_count: int
-    rotation_fade_m_s2: float
-    max_neighbours: int
-    range_m: float
-    clearance_m: float
-    top_speed_m_s: float
-    fence_low_x_m: float
-    fence_high_x_m: float
-    fence_low_y_m: float
-    fence_high_y_m: float
+    d_inf_m: float
+    turn_sign: float  # +1 for (8), -1 for (9)
 
 
-_KINDS = tuple(get_type_hints(LawNumbers).values())
+class Policies(NamedTuple):
+    """Choices among variants of the law, by the numbers above."""
+
+    responsibility: int
+    prediction: int
+    rotation: int
+    direction: int
+    jam: int
 
 
-@dataclass(frozen=True, slots=True)
-class LawParams:
-    """The law of one vehicle.
+class Spacing(NamedTuple):
+    """Distances to keep, and from whom."""
 
-    config: values and policies; their defaults stand there and nowhere else. lag_s: the own L; vertical_lag_s: the
-    motors'. body_radius_m: keeps the hull off obstacles. max_thrust_m_s2: collective thrust at full throttle per mass.
-    fence_enu_m: walls (x low, x high, y low, y high). capsules_enu_m: static obstacles.
-    """
+    safety_distance_m: float  # d_inf
+    margin_m: float  # design margin while estimates are good
+    uncooperative_margin_m: float  # more for a neighbour that does not cooperate
+    margin_floor_m: float  # part of the margin that does not depend on the accuracy; 0 under the fixed policy
+    sigma_position: float  # margin per metre of a vehicle's std of position; 0 under the fixed policy
+    sigma_velocity_s: float  # margin per m/s of its std of velocity; 0 under the fixed policy
+    clearance_m: float  # kept from an obstacle's outline by the vehicle's centre
+    max_neighbours: int  # only so many of the nearest count
+    range_m: float  # and only within this range
 
-    config: LawConfig = field(default_factory=LawConfig)
+
+class Gains(NamedTuple):
+    """Tuning of the rows."""
+
+    kappa_1_1_s: float
+    kappa_2_1_s: float
+    kappa_3_1_s: float
+    kappa_4_1_s: float
+    static_kappa_1_1_s: float  # kappa_1 for what stands still
+    shortfall_gain: float  # gamma
+    v_perp_m_s: float
+    v_perp_crowd_m_s: float  # in place of v_perp_m_s in a crowd
+    crowd_count: int  # near neighbours that make a crowd
+    rotation_fade_m_s2: float  # violation from which a rotation row has its full strength
+
+
+class Fence(NamedTuple):
+    """Walls in fleet ENU, moved inwards by the margin; infinite where there is none."""
+
+    low_x_m: float
+    high_x_m: float
+    low_y_m: float
+    high_y_m: float
+
+
+class LawParams(NamedTuple):
+    """Everything that the law of one vehicle computes with."""
+
+    law: int  # OFF, PAPER or COVEY
+    policies: Policies
+    lag_s: float  # L: from a command to its acceleration
+    vertical_lag_s: float  # the motors' part of it
+    lead_time_s: float  # how far ahead of now the rows are evaluated: L, or 0 without prediction
+    spacing: Spacing
+    gains: Gains
+    max_speed_m_s: float
+    top_speed_m_s: float  # while avoiding
+    max_tilt_rad: float
+    max_thrust_m_s2: float  # collective thrust per mass at full throttle
+    fence: Fence
+    paper: PaperParams
+
+
+class VehicleLimits(NamedTuple):
+    """Properties of the vehicle and its room that shape the law; the defaults are those of a quick small quadrotor."""
+
     lag_s: float = 0.15
     vertical_lag_s: float = 0.09
     safety_distance_m: float = 0.8
-    body_radius_m: float = 0.25
+    body_radius_m: float = 0.25  # keeps the hull off obstacles
     max_speed_m_s: float = 1.0
     max_tilt_rad: float = math.radians(25.0)
     max_thrust_m_s2: float = 2.0 * GRAVITY_M_S2
-    fence_enu_m: tuple[float, float, float, float] = OPEN_FENCE
-    capsules_enu_m: tuple[Capsule, ...] = ()
-    numbers: LawNumbers = field(init=False, compare=False, repr=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "numbers", _numbers(self))
-
-    @property
-    def name(self) -> LawName:
-        """Which law: covey, paper or off."""
-        return self.config.name
-
-    @property
-    def capsule_values(self) -> list[float]:
-        """All numbers of all capsules, one after the other."""
-        return [float(value) for capsule in self.capsules_enu_m for value in capsule]
-
-    @property
-    def d_design_m(self) -> float:
-        """Distance kept between two vehicles with good estimates."""
-        return self.safety_distance_m + self.config.margin_m(self.lag_s)
-
-    @property
-    def paper(self) -> PaperLawParams:
-        """The paper's values."""
-        c = self.config
-        return PaperLawParams(
-            kappa_1_1_s=c.paper_kappa_1_1_s,
-            kappa_2_1_s=c.paper_kappa_2_1_s,
-            kappa_3_1_s=c.paper_kappa_3_1_s,
-            kappa_4_1_s=c.paper_kappa_4_1_s,
-            v_perp_m_s=c.paper_v_perp_m_s,
-            d_inf_m=self.safety_distance_m,
-            turn_sign=1.0 if c.paper_turn == "eq8" else -1.0,
-        )
-
-    def changed(self, **values: Any) -> LawParams:
-        """These parameters with other values in the configuration."""
-        return replace(self, config=msgspec.structs.replace(self.config, **values))
+    fence_enu_m: tuple[float, float, float, float] = OPEN_FENCE  # x low, x high, y low, y high
 
 
-def _numbers(params: LawParams) -> LawNumbers:
-    c = params.config
-    sigma_position, sigma_velocity_s = _sigmas(c)
-    top_speed_m_s = c.avoid_speed_frac * params.max_speed_m_s
-    brake_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(params.max_tilt_rad)
-    low_x, high_x, low_y, high_y = params.fence_enu_m
-    numbers = LawNumbers(
-        is_full=int(c.responsibility == "full"),
-        shortfall_gain=c.shortfall_gain if c.responsibility == "shortfall" else 0.0,
-        rotation=ROTATION[c.rotation],
-        direction=DIRECTION[c.direction],
-        lead_time_s=params.lag_s if c.prediction == "lag" else 0.0,
-        safety_distance_m=params.safety_distance_m,
-        margin_m=c.margin_m(params.lag_s),
-        uncooperative_margin_m=c.uncooperative_margin_m,
-        margin_floor_m=_MARGIN_FLOOR_M if c.margin == "accuracy" else 0.0,
+def law_params(fleet: FleetConfig, vehicle_name: str, law: str | None = None) -> LawParams:
+    """Return the law's numbers for one vehicle of a fleet.
+
+    Args:
+        fleet: checked configuration.
+        vehicle_name: a key of ``fleet.vehicles``.
+        law: "covey", "paper" or "off" in place of the fleet file's choice.
+    Raises:
+        ValueError: there is no law of that name.
+    """
+    config = fleet.law
+    if law is not None:
+        if law not in LAW_NAMES:
+            raise ValueError(f"law is '{law}', but there are only {', '.join(LAW_NAMES)}. Name one of these.")
+        config = msgspec.structs.replace(config, name=LAW_NAMES[LAW_NAMES.index(law)])
+    vehicle = fleet.vehicles[vehicle_name]
+    limits = VehicleLimits(
+        lag_s=vehicle.lag_s,
+        safety_distance_m=fleet.fleet.safety_distance_m,
+        body_radius_m=0.5 * fleet.fleet.body_diameter_m,
+        max_speed_m_s=vehicle.max_speed_m_s,
+        max_tilt_rad=math.radians(vehicle.max_tilt_deg),
+        max_thrust_m_s2=0.97 / vehicle.hover_thrust_frac * GRAVITY_M_S2,
+        fence_enu_m=(*fleet.fleet.geofence_m.x, *fleet.fleet.geofence_m.y),
+    )
+    return params_of(config, limits)
+
+
+def obstacles(fleet: FleetConfig) -> tuple[Capsule, ...]:
+    """Return the static obstacles of a fleet as the law takes them."""
+    return tuple(
+        Capsule(Vec2(float(x1), float(y1)), Vec2(float(x2), float(y2)), float(radius))
+        for obstacle in fleet.obstacles
+        for x1, y1, x2, y2, radius in obstacle.capsules_enu_m
+    )
+
+
+def params_of(config: LawConfig, limits: VehicleLimits = VehicleLimits()) -> LawParams:
+    """Return the law's numbers for values of ``[law]`` and a vehicle.
+
+    A fleet file may say 1 for 1.0, but compiled code is made for kinds of numbers: all are converted here.
+    """
+    low_x, high_x, low_y, high_y = limits.fence_enu_m
+    fence_margin_m = config.fence_margin_m
+    has_prediction = config.prediction == "lag" and config.name != "paper"
+    return LawParams(
+        law=LAW_NAMES.index(config.name),
+        policies=Policies(
+            _RESPONSIBILITIES.index(config.responsibility),
+            _PREDICTIONS.index(config.prediction),
+            _ROTATIONS.index(config.rotation),
+            _DIRECTIONS.index(config.direction),
+            _JAMS.index(config.jam),
+        ),
+        lag_s=float(limits.lag_s),
+        vertical_lag_s=float(min(limits.vertical_lag_s, limits.lag_s)),
+        lead_time_s=float(limits.lag_s) if has_prediction else 0.0,
+        spacing=_spacing(config, limits),
+        gains=_gains(config, limits),
+        max_speed_m_s=float(limits.max_speed_m_s),
+        top_speed_m_s=float(config.avoid_speed_frac * limits.max_speed_m_s),
+        max_tilt_rad=float(limits.max_tilt_rad),
+        max_thrust_m_s2=float(limits.max_thrust_m_s2),
+        fence=Fence(
+            float(low_x + fence_margin_m),
+            float(high_x - fence_margin_m),
+            float(low_y + fence_margin_m),
+            float(high_y - fence_margin_m),
+        ),
+        paper=PaperParams(
+            kappa_1_1_s=float(config.paper_kappa_1_1_s),
+            kappa_2_1_s=float(config.paper_kappa_2_1_s),
+            kappa_3_1_s=float(config.paper_kappa_3_1_s),
+            kappa_4_1_s=float(config.paper_kappa_4_1_s),
+            v_perp_m_s=float(config.paper_v_perp_m_s),
+            d_inf_m=float(limits.safety_distance_m),
+            turn_sign=1.0 if config.paper_turn == "eq8" else -1.0,
+        ),
+    )
+
+
+def _spacing(config: LawConfig, limits: VehicleLimits) -> Spacing:
+    sigma_position, sigma_velocity_s = _sigmas(config)
+    return Spacing(
+        safety_distance_m=float(limits.safety_distance_m),
+        margin_m=float(config.margin_m(limits.lag_s)),
+        uncooperative_margin_m=float(config.uncooperative_margin_m),
+        margin_floor_m=_MARGIN_FLOOR_M if config.margin == "accuracy" else 0.0,
         sigma_position=sigma_position,
         sigma_velocity_s=sigma_velocity_s,
-        kappa_1_1_s=c.kappa_1_1_s,
-        kappa_2_1_s=c.kappa_2_1_s,
-        kappa_3_1_s=c.kappa_3_1_s,
-        kappa_4_1_s=c.kappa_4_1_s,
-        # the row lets a vehicle close at kappa_1 times its distance, which must not ask for more braking than there is
-        static_kappa_1_1_s=min(c.kappa_1_1_s, brake_m_s2 / top_speed_m_s),
-        v_perp_m_s=c.v_perp_m_s,
-        v_perp_crowd_m_s=c.v_perp_crowd_m_s,
-        crowd_count=c.crowd_count,
-        rotation_fade_m_s2=c.rotation_fade_m_s2,
-        max_neighbours=c.max_neighbours,
-        range_m=c.range_m,
-        clearance_m=params.body_radius_m + c.obstacle_margin_m,
-        top_speed_m_s=top_speed_m_s,
-        fence_low_x_m=low_x + c.fence_margin_m,
-        fence_high_x_m=high_x - c.fence_margin_m,
-        fence_low_y_m=low_y + c.fence_margin_m,
-        fence_high_y_m=high_y - c.fence_margin_m,
+        clearance_m=float(limits.body_radius_m + config.obstacle_margin_m),
+        max_neighbours=int(config.max_neighbours),
+        range_m=float(config.range_m),
     )
-    # a fleet file may say 1 for 1.0, and compiled code is made for kinds of numbers
-    return LawNumbers._make(kind(value) for kind, value in zip(_KINDS, numbers, strict=True))
+
+
+def _gains(config: LawConfig, limits: VehicleLimits) -> Gains:
+    brake_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(limits.max_tilt_rad)
+    top_speed_m_s = config.avoid_speed_frac * limits.max_speed_m_s
+    return Gains(
+        kappa_1_1_s=float(config.kappa_1_1_s),
+        kappa_2_1_s=float(config.kappa_2_1_s),
+        kappa_3_1_s=float(config.kappa_3_1_s),
+        kappa_4_1_s=float(config.kappa_4_1_s),
+        # the row lets a vehicle close at kappa_1 times its distance, which must not ask for more braking than there is
+        static_kappa_1_1_s=float(min(config.kappa_1_1_s, brake_m_s2 / top_speed_m_s)),
+        shortfall_gain=float(config.shortfall_gain),
+        v_perp_m_s=float(config.v_perp_m_s),
+        v_perp_crowd_m_s=float(config.v_perp_crowd_m_s),
+        crowd_count=int(config.crowd_count),
+        rotation_fade_m_s2=float(config.rotation_fade_m_s2),
+    )
 
 
 def _sigmas(c: LawConfig) -> tuple[float, float]:

@@ -1,143 +1,169 @@
-"""Prediction over the own attitude lag, and of the neighbours over the age of their messages.
+"""Prediction over the own attitude lag, and of a neighbour over the age of its message: lines P1 and P3 of README.md.
 
-Between a command and the acceleration it causes lies the lag L (dead time plus 2 zeta / wn). What the vehicle will do
-until t + L is therefore known: it is what was commanded during the last L seconds. The law evaluates its rows there,
-and the neighbours publish the same about themselves. Lines P1 to P3 of the design; all by time, not by whole ticks.
+Between a command and the acceleration it causes lies the lag L (dead time plus 2 zeta / wn). The motion of the vehicle
+until t + L is therefore known: it follows from the commands of the last L seconds. The law evaluates its rows there,
+and the neighbours publish the same about themselves. DEVIATION D3.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
-import numpy as np
+from onboard.types import Neighbour
+from onboard.vectors import ZERO_3, Vec2, Vec3, is_finite
 
-from onboard.avoidance.kernels import MAX_COMMAND_AGE_S
-from onboard.avoidance.kernels import MAX_MESSAGE_AGE_S as MAX_MESSAGE_AGE_S
-from onboard.control import kernel_motion
-from onboard.rollout import compiled
-from onboard.types import Array, State, light
-
-SLOTS = 40
-
-
-@light
-@dataclass(frozen=True, slots=True)
-class CommandHistory:
-    """Own past commands, newest first: acceleration_enu_m_s2 (..., B, 3), held for duration_s (..., B)."""
-
-    acceleration_enu_m_s2: Array
-    duration_s: Array
+SLOTS = 40  # past commands that are kept
+MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour further than this gains nothing
+MAX_COMMAND_AGE_S = 0.25  # a neighbour's last command says little about what it does later
+LONGEST_LEAD_S = 1.0
+LARGEST = 1e5  # positions, velocities and accelerations beyond this are clipped: squares must stay finite
+_LEAST_LEAD_S = 1e-3
 
 
-def initial(batch_shape: tuple[int, ...]) -> CommandHistory:
-    """A history without commands: prediction is then at constant velocity."""
-    return CommandHistory(np.zeros((*batch_shape, SLOTS, 3)), np.zeros((*batch_shape, SLOTS)))
+class Command(NamedTuple):
+    """One past command of this vehicle."""
+
+    acceleration_enu_m_s2: Vec3
+    duration_s: float  # time for which it was held
 
 
-def record(history: CommandHistory, command_enu_m_s2: Array, duration_s: float) -> CommandHistory:
-    """History after ``command`` (..., 3) has been held for ``duration_s``; what is not finite counts as zero."""
-    command = command_enu_m_s2
-    if not np.isfinite(command).all():
-        command = np.where(np.isfinite(command), command, 0.0)
-    acceleration = np.empty_like(history.acceleration_enu_m_s2)
-    acceleration[..., 1:, :] = history.acceleration_enu_m_s2[..., :-1, :]
-    acceleration[..., 0, :] = command
-    duration = np.empty_like(history.duration_s)
-    duration[..., 1:] = history.duration_s[..., :-1]
-    duration[..., 0] = duration_s
-    return CommandHistory(acceleration, duration)
+class Motion(NamedTuple):
+    """Position and velocity of one moment."""
+
+    position_enu_m: Vec3
+    velocity_enu_m_s: Vec3
 
 
-def predict_own(
-    history: CommandHistory, position_enu_m: Array, velocity_enu_m_s: Array, window_s: Array
-) -> tuple[Array, Array]:
-    """State after ``window_s`` (...) under the commands of the last ``window_s`` seconds.
+class Received(NamedTuple):
+    """Horizontal motion of a neighbour, carried to the own time t + L."""
 
-    Line P1: ``P = p + W v + sum u_k l_k (r_k + l_k / 2)``, ``V = v + sum u_k l_k``; l_k is the part of command k inside
-    the window and r_k the time left after it.
+    is_usable: bool  # False: the message holds no finite motion
+    position_m: Vec2
+    velocity_m_s: Vec2
+    command_m_s2: Vec2
+
+
+def no_commands() -> list[Command]:
+    """Return a history without commands: prediction is then at constant velocity.
+
+    A list, because compiled code copies long tuples slowly; it is never changed in place.
+    """
+    return [Command(ZERO_3, 0.0)] * SLOTS
+
+
+def remembered(commands: list[Command], acceleration_enu_m_s2: Vec3, duration_s: float) -> list[Command]:
+    """Return the history, newest first, after one more command; a command that is not finite counts as zero.
 
     Args:
-        position_enu_m, velocity_enu_m_s: (..., 3), valid ``age`` seconds ago.
-        window_s: (...) lag plus age of the estimate.
+        commands: the last SLOTS commands, newest first.
+        acceleration_enu_m_s2: commanded acceleration without gravity.
+        duration_s: time for which it has been held.
+    """
+    a = acceleration_enu_m_s2
+    if not is_finite(a):
+        a = Vec3(
+            a.x if math.isfinite(a.x) else 0.0,
+            a.y if math.isfinite(a.y) else 0.0,
+            a.z if math.isfinite(a.z) else 0.0,
+        )
+    return [Command(a, duration_s)] + commands[:-1]
+
+
+def predict_own(commands: list[Command], now: Motion, window_s: float, window_z_s: float) -> Motion:
+    """Return the own motion after ``window_s``, under the commands of the last ``window_s`` seconds (line P1).
+
+    ``P = p + W v + sum u_k l_k (r_k + l_k / 2)`` and ``V = v + sum u_k l_k``: l_k is the part of command k inside the
+    window W and r_k the time left after it. The vertical axis obeys the motors and not the attitude: it has its own,
+    shorter window, and the rest of W is flown at constant velocity.
+
+    Args:
+        commands: past commands, newest first.
+        now: position and velocity [m, m/s], ENU, valid at the age of the estimate.
+        window_s: lag plus age of the estimate.
+        window_z_s: the same of the vertical axis, at most ``window_s``.
     Properties: translation- and rotation-equivariant; linear in the commands; a window cut in two gives the same.
     """
-    duration = history.duration_s
-    end_back = np.cumsum(duration, axis=-1)
-    left = end_back - duration
-    inside = np.minimum(np.maximum(window_s[..., None] - left, 0.0), duration)
-    weight = inside * (left + 0.5 * inside)
-    commands = history.acceleration_enu_m_s2
-    with np.errstate(invalid="ignore", over="ignore"):  # a state that is no number stays none, and the law says so
-        moved = position_enu_m + window_s[..., None] * velocity_enu_m_s
-    velocity = velocity_enu_m_s + np.einsum("...b,...bc->...c", inside, commands)
-    return moved + np.einsum("...b,...bc->...c", weight, commands), velocity
+    (p_x, p_y, p_z), (v_x, v_y, v_z) = now
+    p_x, p_y, p_z = p_x + window_s * v_x, p_y + window_s * v_y, p_z + window_z_s * v_z
+    left = 0.0
+    for (u_x, u_y, u_z), duration_s in commands:
+        if left >= window_s:
+            break
+        inside = min(window_s - left, duration_s)
+        weight = inside * (left + 0.5 * inside)
+        v_x, p_x = v_x + inside * u_x, p_x + weight * u_x
+        v_y, p_y = v_y + inside * u_y, p_y + weight * u_y
+        inside = min(max(window_z_s - left, 0.0), duration_s)
+        weight = inside * (left + 0.5 * inside)
+        v_z, p_z = v_z + inside * u_z, p_z + weight * u_z
+        left += duration_s
+    p_z = p_z + (window_s - window_z_s) * v_z
+    return Motion(Vec3(p_x, p_y, p_z), Vec3(v_x, v_y, v_z))
 
 
-def predict_one(history: CommandHistory, state: State, lag_s: float, vertical_lag_s: float) -> tuple[Array, Array]:
-    """Own state over the lag, the vertical axis over its own and then straight on, for one vehicle, in floats."""
-    shape = state.position_enu_m.shape
-    age = float(state.age_s.reshape(()))
-    age = 0.0 if math.isnan(age) else min(max(age, 0.0), MAX_MESSAGE_AGE_S)
-    durations = history.duration_s.ravel().tolist()
-    count, covered = 0, 0.0
-    while count < len(durations) and covered < lag_s + age:
-        covered += durations[count]
-        count += 1
-    position, velocity = kernel_motion.predicted(
-        history.acceleration_enu_m_s2[..., :count, :].ravel().tolist(),
-        durations[:count],
-        state.position_enu_m.ravel().tolist(),
-        state.velocity_enu_m_s.ravel().tolist(),
-        lag_s + age,
-        vertical_lag_s + age,
-        lag_s - vertical_lag_s,
-    )
-    return np.array(position).reshape(shape), np.array(velocity).reshape(shape)
+def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
+    """Return a neighbour's horizontal motion at the own time t + L (line P3).
 
-
-def predict_batch(
-    history: CommandHistory, state: State, age_s: Array, lag_s: float, vertical_lag_s: float
-) -> tuple[Array, Array]:
-    """:func:`predict_one` for a batch, compiled; age_s (...), already bounded."""
-    size, slots = age_s.size, history.duration_s.shape[-1]
-    out = compiled.predicted_batch(
-        compiled.flat(history.acceleration_enu_m_s2, size, 3 * slots),
-        compiled.flat(history.duration_s, size, slots),
-        compiled.flat(state.position_enu_m, size, 3),
-        compiled.flat(state.velocity_enu_m_s, size, 3),
-        np.stack([age_s + lag_s, age_s + vertical_lag_s], axis=-1).reshape(size, 2),
-        lag_s - vertical_lag_s,
-    ).reshape(*age_s.shape, 6)
-    return out[..., :3], out[..., 3:]
-
-
-def predict_neighbour(
-    position_enu_m: Array,
-    velocity_enu_m_s: Array,
-    command_enu_m_s2: Array,
-    plain_velocity_enu_m_s: Array,
-    age_s: Array,
-    lead_time_s: Array,
-    own_lead_time_s: float,
-) -> tuple[Array, Array]:
-    """Neighbour's predicted state (..., K, C) carried to our own ``t + L``, line P3.
-
-    It was predicted to its own ``t_j + L_j``. What is missing from there is flown with its command, as long as that
-    says something, then straight on. A neighbour that leads by more than we do is taken back along the way that it
-    predicts from its plain velocity.
+    A neighbour that cooperates says where it will be at the end of its own lag. For any other the plain estimate is
+    carried on at constant velocity.
 
     Args:
-        age_s, lead_time_s: (..., K) of its message, and its L_j. own_lead_time_s: our L.
+        neighbour: as received.
+        own_lead_s: how far ahead of now the own rows are evaluated.
     """
-    age = np.minimum(np.maximum(age_s, 0.0), MAX_MESSAGE_AGE_S)
-    ahead = age + (own_lead_time_s - lead_time_s)
-    held = np.minimum(np.maximum(ahead, 0.0), MAX_COMMAND_AGE_S)
-    back = np.minimum(ahead, 0.0)
-    has_lead = lead_time_s > 1e-3
-    mean = np.where(has_lead[..., None], velocity_enu_m_s - plain_velocity_enu_m_s, 0.0)
-    mean = mean / np.where(has_lead, lead_time_s, 1.0)[..., None]
-    position = position_enu_m + ahead[..., None] * velocity_enu_m_s
-    position = position + (held * (ahead - 0.5 * held))[..., None] * command_enu_m_s2
-    position = position + (0.5 * back * back)[..., None] * mean
-    return position, velocity_enu_m_s + held[..., None] * command_enu_m_s2 + back[..., None] * mean
+    age_s = message_age(neighbour.age_s)
+    is_predicted = neighbour.is_cooperative and is_finite(neighbour.predicted_position_enu_m)
+    is_predicted = is_predicted and is_finite(neighbour.predicted_velocity_enu_m_s)
+    if is_predicted and is_finite(neighbour.commanded_acceleration_enu_m_s2):
+        lead_s = lead_time(neighbour.lead_time_s, own_lead_s)
+        return _carried(neighbour, lead_s, age_s + (own_lead_s - lead_s))
+    is_usable = is_finite(neighbour.position_enu_m) and is_finite(neighbour.velocity_enu_m_s)
+    p, v = clipped(neighbour.position_enu_m), clipped(neighbour.velocity_enu_m_s)
+    ahead_s = age_s + own_lead_s
+    return Received(is_usable, Vec2(p.x + ahead_s * v.x, p.y + ahead_s * v.y), v, Vec2(0.0, 0.0))
+
+
+def _carried(neighbour: Neighbour, lead_s: float, ahead_s: float) -> Received:
+    """Return the predicted state of a neighbour, carried on by ``ahead_s``, or back where this is negative.
+
+    Onwards it flies its command, as long as that says something, then straight on. A neighbour that leads by more than
+    we do is taken back along the way that it predicts from its plain velocity. DEVIATION D11.
+    """
+    p, v = clipped(neighbour.predicted_position_enu_m), clipped(neighbour.predicted_velocity_enu_m_s)
+    u = clipped(neighbour.commanded_acceleration_enu_m_s2)
+    a, held_s = u, min(ahead_s, MAX_COMMAND_AGE_S)
+    if ahead_s < 0.0:
+        plain, share = clipped(neighbour.velocity_enu_m_s), 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0
+        a = Vec2(share * (v.x - plain.x), share * (v.y - plain.y))
+    weight = held_s * (ahead_s - 0.5 * held_s)
+    position = Vec2(p.x + ahead_s * v.x + weight * a.x, p.y + ahead_s * v.y + weight * a.y)
+    return Received(True, position, Vec2(v.x + held_s * a.x, v.y + held_s * a.y), u)
+
+
+def message_age(age_s: float) -> float:
+    """Return the age that counts: between 0 and MAX_MESSAGE_AGE_S, which also stands for an unknown one."""
+    if 0.0 <= age_s <= MAX_MESSAGE_AGE_S:
+        return age_s
+    return 0.0 if age_s < 0.0 and math.isfinite(age_s) else MAX_MESSAGE_AGE_S
+
+
+def lead_time(lead_s: float, own_lead_s: float) -> float:
+    """Return a neighbour's lead time, bounded; one that is not known is taken to be the own."""
+    if math.isfinite(lead_s):
+        return min(max(lead_s, 0.0), LONGEST_LEAD_S)
+    return own_lead_s
+
+
+def clipped(a: Vec3) -> Vec2:
+    """Return the horizontal part with both components bounded, so that squares stay finite; 0 for NaN."""
+    if abs(a.x) + abs(a.y) < LARGEST:
+        return Vec2(a.x, a.y)
+    return Vec2(bounded(a.x), bounded(a.y))
+
+
+def bounded(value: float) -> float:
+    """Return the value between -LARGEST and LARGEST; 0 for NaN."""
+    if math.isnan(value):
+        return 0.0
+    return min(max(value, -LARGEST), LARGEST)
