@@ -1,168 +1,101 @@
-"""From the thrust vector to what PX4 takes: an attitude quaternion and a throttle.
+"""From the thrust vector to the setpoint that PX4 takes: an attitude quaternion and a throttle.
 
-The quaternion is built exactly from thrust direction and yaw. The paper's (2) is kept as a documented reference only:
-DEVIATION D1: (2) are the angles of R = Rx(roll) Ry(pitch), whereas PX4 composes Euler angles as ZYX; read that way
-(2) errs by 0.4 m/s^2 at 30 deg of combined tilt (a test shows it).
+The quaternion is built exactly from thrust direction and yaw.
+DEVIATION D1: the paper's (2) gives the angles of R = Rx(roll) Ry(pitch), whereas PX4 composes Euler angles as ZYX; read
+that way (2) errs by 0.4 m/s^2 at 30 deg of combined tilt (a test shows it).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
-import numpy as np
-
-from onboard.control import kernel_motion
-from onboard.frames import vector
-from onboard.types import GRAVITY_M_S2, Array, AttitudeSetpoint, BoolArray, Thrust
+from onboard.types import GRAVITY_M_S2, AttitudeSetpoint, Thrust
+from onboard.vectors import Vec3, is_finite, length
 
 
-@dataclass(frozen=True, slots=True)
-class AllocationParams:
-    """Limits of what is sent.
+class AllocationParams(NamedTuple):
+    """Limits of the setpoints that are sent."""
 
-    max_tilt_rad (...): between thrust and the vertical. min/max_thrust_frac (...): of the throttle. The minimum keeps
-    the propellers turning so that attitude stays controlled. fallback_hover_thrust_frac (...): throttle of the level
-    answer to unusable input, the configured hover throttle.
-    """
-
-    max_tilt_rad: Array | float
-    min_thrust_frac: Array | float = 0.08
-    max_thrust_frac: Array | float = 0.98
-    fallback_hover_thrust_frac: Array | float = 0.5
+    max_tilt_rad: float  # between thrust and the vertical
+    fallback_hover_thrust_frac: float  # throttle of the level answer to unusable input: the configured hover throttle
+    min_thrust_frac: float = 0.08  # keeps the propellers turning, so that attitude stays controlled
+    max_thrust_frac: float = 0.98
 
 
-def is_usable(thrust: Thrust, yaw_rad: Array, hover_thrust_frac: Array) -> BoolArray:
-    """Whether everything needed is finite and the hover throttle positive, (...); otherwise allocate levels out."""
-    f = thrust.thrust_enu_m_s2
-    finite = np.isfinite(f[..., 0]) & np.isfinite(f[..., 1]) & np.isfinite(f[..., 2])
-    hover = np.asarray(hover_thrust_frac)
-    return np.asarray(finite & np.isfinite(yaw_rad) & np.isfinite(hover) & (hover > 0.0))
+def is_usable(thrust: Thrust, yaw_rad: float, hover_thrust_frac: float) -> bool:
+    """Whether all inputs of ``allocate`` are finite and the hover throttle is positive; else it levels out."""
+    is_number = is_finite(thrust.thrust_enu_m_s2) and math.isfinite(yaw_rad) and math.isfinite(hover_thrust_frac)
+    return is_number and hover_thrust_frac > 0.0
 
 
-def limit(thrust: Thrust, hover_thrust_frac: Array, *, params: AllocationParams) -> Thrust:
-    """The nearest thrust that the vehicle may be asked for, height first.
+def limit(thrust: Thrust, hover_thrust_frac: float, params: AllocationParams) -> Thrust:
+    """Return the nearest thrust within the limits, height first.
 
     The vertical component is kept as far as the throttle reaches, then the horizontal one is shortened (its direction
     kept) to what tilt limit and remaining throttle allow: F_h <= min(F_z tan(max_tilt), sqrt(F_max^2 - F_z^2)).
 
     Args:
-        thrust: F/m (..., 3) [m/s^2] ENU, finite.
-        hover_thrust_frac: (...) throttle that carries the weight; throttle is linear in thrust.
+        thrust: F/m [m/s^2], ENU, finite.
+        hover_thrust_frac: throttle that carries the weight [-]; throttle is linear in thrust.
+        params: limits.
     Properties: idempotent; yaw-rotation-equivariant; keeps height before tracking.
     """
-    f = thrust.thrust_enu_m_s2
-    if f.ndim == 1:
-        return Thrust(np.array(_limited_one(f, hover_thrust_frac, params)))
-    x, y, z = f[..., 0], f[..., 1], f[..., 2]
-    unit_m_s2 = GRAVITY_M_S2 / hover_thrust_frac
-    largest_m_s2 = params.max_thrust_frac * unit_m_s2
-    vertical = np.minimum(np.maximum(z, params.min_thrust_frac * unit_m_s2), largest_m_s2)
-    room = np.minimum(vertical * np.tan(params.max_tilt_rad), np.sqrt(largest_m_s2**2 - vertical**2))
-    horizontal = np.sqrt(x * x + y * y)
-    scale = np.minimum(1.0, room / np.maximum(horizontal, 1e-12))
-    return Thrust(vector(scale * x, scale * y, vertical))
+    x, y, z = thrust.thrust_enu_m_s2
+    unit = GRAVITY_M_S2 / hover_thrust_frac
+    largest = params.max_thrust_frac * unit
+    up = min(max(z, params.min_thrust_frac * unit), largest)
+    room = min(up * math.tan(params.max_tilt_rad), math.sqrt(largest * largest - up * up))
+    scale = min(1.0, room / max(math.sqrt(x * x + y * y), 1e-12))
+    return Thrust(Vec3(scale * x, scale * y, up))
 
 
-def allocate(
-    thrust: Thrust,
-    yaw_rad: Array,
-    hover_thrust_frac: Array,
-    *,
-    params: AllocationParams,
-) -> AttitudeSetpoint:
-    """Attitude and throttle whose thrust is the given vector, exactly, within the limits.
+def allocate(thrust: Thrust, yaw_rad: float, hover_thrust_frac: float, params: AllocationParams) -> AttitudeSetpoint:
+    """Return the attitude and throttle whose thrust is the given vector, exactly, within the limits.
 
     With b = F/|F| turned into the yaw frame, the attitude is Rz(yaw) Ry(pitch) Rx(roll) with pitch = atan2(b_x, b_z)
     and roll = asin(-b_y): its third column is b and its heading is yaw. Half angles come from square roots.
     thrust_frac = |F|/g * hover_thrust_frac. Unusable input gives level at the hover throttle (see ``is_usable``).
 
+    Implements: the inverse of eq. (2), see DEVIATION D1.
+
     Args:
-        thrust: F/m (..., 3) [m/s^2] ENU. yaw_rad: (...) heading to hold. hover_thrust_frac: (...).
+        thrust: F/m [m/s^2], ENU.
+        yaw_rad: heading to hold, counterclockwise from east.
+        hover_thrust_frac: throttle that carries the weight [-].
+        params: limits.
     Returns:
-        quaternion_wxyz (..., 4) FLU to ENU with w >= 0, thrust_frac (...) in [0, 1].
+        quaternion_wxyz FLU to ENU with w >= 0, thrust_frac in [0, 1].
     Properties: body z axis equals F/|F|; heading equals yaw; yaw-rotation-equivariant.
     """
-    f, yaw, hover = (
-        thrust.thrust_enu_m_s2,
-        np.asarray(yaw_rad, dtype=np.float64),
-        np.asarray(hover_thrust_frac),
-    )
-    if f.ndim == 1 and all(map(math.isfinite, (*f.tolist(), float(yaw), float(hover)))) and float(hover) > 0.0:
-        wanted = _limited_one(f, hover, params)
-        *quaternion, throttle = kernel_motion.attitude(wanted, float(yaw), float(hover))
-        return AttitudeSetpoint(np.array(quaternion), np.array(throttle))
-    usable = is_usable(thrust, yaw, hover)
-    if not np.all(usable):
-        fallback = np.asarray(params.fallback_hover_thrust_frac, dtype=np.float64)
-        yaw = np.where(np.isfinite(yaw), yaw, 0.0)
-        hover = np.where(np.isfinite(hover) & (hover > 0.0), hover, fallback)
-        f = np.where(usable[..., None], f, (0.0, 0.0, GRAVITY_M_S2))
-    f = limit(Thrust(f), hover, params=params).thrust_enu_m_s2
-    x, y, z = f[..., 0], f[..., 1], f[..., 2]
-    length = np.sqrt(x * x + y * y + z * z)
-    cos_yaw, sin_yaw = np.cos(yaw), np.sin(yaw)
-    forward, left, up = (
-        (cos_yaw * x + sin_yaw * y) / length,
-        (cos_yaw * y - sin_yaw * x) / length,
-        z / length,
-    )
-    cos_roll = np.sqrt(forward * forward + up * up)
+    wanted, yaw, hover = thrust, yaw_rad, hover_thrust_frac
+    if not is_usable(thrust, yaw_rad, hover_thrust_frac):
+        wanted = Thrust(Vec3(0.0, 0.0, GRAVITY_M_S2))
+        yaw = yaw_rad if math.isfinite(yaw_rad) else 0.0
+        is_known = math.isfinite(hover_thrust_frac) and hover_thrust_frac > 0.0
+        hover = hover_thrust_frac if is_known else params.fallback_hover_thrust_frac
+    force = limit(wanted, hover, params).thrust_enu_m_s2
+    size = length(force)
+    cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
+    forward = (cos_yaw * force.x + sin_yaw * force.y) / size
+    left = (cos_yaw * force.y - sin_yaw * force.x) / size
+    up = force.z / size
+    cos_roll = math.sqrt(forward * forward + up * up)
     cr, sr = _half(cos_roll, -left)
     cp, sp = _half(up / cos_roll, forward / cos_roll)
-    cy, sy = np.cos(0.5 * yaw), np.sin(0.5 * yaw)
-    q = np.empty((*np.shape(length), 4))
-    q[..., 0] = cy * cp * cr + sy * sp * sr
-    q[..., 1] = cy * cp * sr - sy * sp * cr
-    q[..., 2] = cy * sp * cr + sy * cp * sr
-    q[..., 3] = sy * cp * cr - cy * sp * sr
-    q *= np.where(q[..., 0] < 0.0, -1.0, 1.0)[..., None]
-    return AttitudeSetpoint(q, np.asarray(length / GRAVITY_M_S2 * hover, dtype=np.float64))
+    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    w = cy * cp * cr + sy * sp * sr
+    sign = -1.0 if w < 0.0 else 1.0
+    quaternion = (
+        sign * w,
+        sign * (cy * cp * sr - sy * sp * cr),
+        sign * (cy * sp * cr + sy * cp * sr),
+        sign * (sy * cp * cr - cy * sp * sr),
+    )
+    return AttitudeSetpoint(quaternion, size / GRAVITY_M_S2 * hover)
 
 
-def _limited_one(f: Array, hover_thrust_frac: Array, params: AllocationParams) -> tuple[float, float, float]:
-    """:func:`limit` for one vehicle, in floats."""
-    tan_tilt = math.tan(float(params.max_tilt_rad))
-    bounds = float(params.min_thrust_frac), float(params.max_thrust_frac)
-    return kernel_motion.limited(f.tolist(), float(hover_thrust_frac), tan_tilt, *bounds)
-
-
-def _half(cosine: Array, sine: Array) -> tuple[Array, Array]:
-    """Cosine and sine of half an angle in (-pi/2, pi/2) from those of the angle; exact at small angles too."""
-    half_cosine = np.sqrt(0.5 * (1.0 + cosine))
+def _half(cosine: float, sine: float) -> tuple[float, float]:
+    """Return cosine and sine of half an angle in (-pi/2, pi/2) from those of the angle; exact at small angles too."""
+    half_cosine = math.sqrt(0.5 * (1.0 + cosine))
     return half_cosine, sine / (2.0 * half_cosine)
-
-
-def euler_from_thrust_paper(thrust: Array) -> tuple[Array, Array, Array]:
-    """Implements: eq. (2), the reference. Roll, pitch and thrust in the paper's axes.
-
-    Args:
-        thrust: (..., 3) in x forward, y RIGHT, z up; from ENU/FLU at yaw 0 negate y. Any unit.
-    Returns:
-        roll_rad, pitch_rad (right-handed about x forward and y right), and |F|, (...) each.
-    """
-    x, y, z = thrust[..., 0], thrust[..., 1], thrust[..., 2]
-    roll = np.arctan2(y, z)
-    pitch = np.arctan2(-x, np.sqrt(y * y + z * z))
-    return (
-        np.asarray(roll),
-        np.asarray(pitch),
-        np.asarray(np.sqrt(x * x + y * y + z * z)),
-    )
-
-
-def tilt_rad(attitude: AttitudeSetpoint) -> Array:
-    """Angle between body z and up, (...)."""
-    q = attitude.quaternion_wxyz
-    return np.asarray(
-        2.0 * np.arcsin(np.minimum(1.0, np.sqrt(q[..., 1] ** 2 + q[..., 2] ** 2))),
-        dtype=np.float64,
-    )
-
-
-def params_from_degrees(max_tilt_deg: float, hover_thrust_frac: float) -> AllocationParams:
-    """Limits for a vehicle as its configuration gives them."""
-    return AllocationParams(
-        max_tilt_rad=math.radians(max_tilt_deg),
-        fallback_hover_thrust_frac=hover_thrust_frac,
-    )

@@ -1,6 +1,6 @@
 """The order of the stages, and nothing else: one call per tick, every intermediate value in the returned Tick.
 
-    predict own state to t + L -> guidance for t + L -> backstepping there (baseline) -> law -> + drag, - disturbance
+    predict own state to t + L -> trajectory for t + L -> backstepping there (baseline) -> law -> + drag, - disturbance
     -> allocation
 
 While the law holds a vehicle back, its trajectory would run away and the baseline would wind up: the trajectory's clock
@@ -11,35 +11,27 @@ pulls no harder, and in a jam the whole pursuit slows down.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 from enum import IntEnum
-
-import msgspec
-import numpy as np
+from typing import NamedTuple
 
 from onboard.avoidance import oist
-from onboard.config.fleet import FleetConfig, LawName
-from onboard.control import allocation, backstepping, fused, trajectory
+from onboard.avoidance.params import PAPER, Capsule, LawParams, law_params
+from onboard.avoidance.prediction import Motion
+from onboard.config.fleet import FleetConfig
+from onboard.control import allocation, backstepping, trajectory
 from onboard.estimation import disturbance_observer, hover_thrust
-from onboard.types import (
-    GRAVITY_M_S2,
-    Array,
-    AttitudeSetpoint,
-    BoolArray,
-    Goal,
-    Neighbours,
-    State,
-    Thrust,
-    Tick,
-    TrajectorySetpoint,
-    light,
-)
+from onboard.types import GRAVITY_M_S2, AttitudeSetpoint, Goal, Neighbour, State, Thrust, Tick, TrajectorySetpoint
+from onboard.vectors import ZERO_3, Vec3, add, is_finite, length, scaled
 
-_INTENT_1_S = 1.0  # the velocity that a vehicle would like, per metre left to the goal
+_INTENT_1_S = 1.0  # intended velocity per metre left to the goal
+_ACTIVE_M_S2 = 0.05  # an intervention beyond counts as the law being active
+_NOWHERE = Vec3(math.nan, math.nan, math.nan)
+_LEVEL = Thrust(Vec3(0.0, 0.0, GRAVITY_M_S2))
 
 
 class Phase(IntEnum):
-    """What the agent lets the pipeline do."""
+    """Part of the flight, as far as the pipeline is concerned."""
 
     GROUND = 0  # level at no thrust, memories kept reset
     LIFTOFF = 1  # climbing off the ground: gentle horizontally, observers frozen
@@ -47,103 +39,96 @@ class Phase(IntEnum):
     LANDING = 3  # as flying, but the hover thrust is not learned near the ground
 
 
-@dataclass(frozen=True, slots=True)
-class PipelineParams:
-    """Parameters of every stage for one vehicle, and the anti-windup of the pipeline itself.
+class PipelineParams(NamedTuple):
+    """Parameters of every stage for one vehicle, and of the pipeline's own limits."""
 
-    pursuit_speed_m_s: setpoint speed plus what the position error adds stays below. clock_slack_m, clock_stop_m: lag
-    behind the setpoint at which the clock begins to slow and stands still while the law is active.
-    """
-
-    guidance: trajectory.GuidanceParams
+    trajectory: trajectory.TrajectoryParams
     backstepping: backstepping.BacksteppingParams
-    law: oist.LawParams
+    law: LawParams
     observer: disturbance_observer.ObserverParams
     hover_thrust: hover_thrust.HoverThrustParams
     allocation: allocation.AllocationParams
     drag_1_s: float
-    pursuit_speed_m_s: float
-    clock_slack_m: float = 0.3
-    clock_stop_m: float = 1.5
+    pursuit_speed_m_s: float  # setpoint speed plus what the position error adds stays below
+    max_compensation_m_s2: float  # horizontal, for drag and disturbance
+    max_lift_compensation_m_s2: float  # vertical
+    clock_slack_m: float = 0.3  # lag behind the setpoint at which the clock begins to slow while the law is active
+    clock_stop_m: float = 1.5  # lag at which it stands still
     activity_time_s: float = 0.5
     clock_time_s: float = 0.2
+    yaw_rad: float = 0.0  # heading to hold, counterclockwise from east: the paper's psi_d
 
 
-@light
-@dataclass(frozen=True, slots=True)
-class PipelineMemory:
-    """All memories; sent_enu_m_s2 (..., 3) is the last command after every limit, without gravity.
+class PipelineMemory(NamedTuple):
+    """Memories of all stages and of the anti-windup."""
 
-    clock_rate and activity (...): state of the anti-windup. thrust_frac, cos_tilt (...): last attitude setpoint.
-    """
-
-    guidance: trajectory.GuidanceMemory
+    trajectory: trajectory.TrajectoryMemory
     law: oist.LawMemory
     observer: disturbance_observer.ObserverMemory
     hover_thrust: hover_thrust.HoverThrustMemory
-    sent_enu_m_s2: Array
-    clock_rate: Array
-    activity: Array
-    thrust_frac: Array
-    cos_tilt: Array
+    sent_enu_m_s2: Vec3  # last command after every limit, without gravity
+    clock_rate: float  # of the trajectory
+    activity: float  # share of the recent past in which the law was active
+    thrust_frac: float  # of the last attitude setpoint
+    cos_tilt: float  # of the last attitude setpoint
 
 
-def pipeline_params(fleet: FleetConfig, vehicle_name: str, *, law: str | None = None) -> PipelineParams:
-    """Parameters of one vehicle of a fleet; ``law`` ("covey", "paper", "off") overrides the fleet file's choice."""
-    vehicle, values = fleet.vehicles[vehicle_name], fleet.law
-    names: dict[str, LawName] = {"covey": "covey", "paper": "paper", "off": "off"}
-    if law is not None and law not in names:
-        raise ValueError(f"law is '{law}', but there are only {', '.join(names)}. Name one of these.")
-    if law is not None:
-        values = msgspec.structs.replace(values, name=names[law])
-    tilt_rad = math.radians(vehicle.max_tilt_deg)
-    lag_s = vehicle.lag_s if values.name != "paper" and values.prediction == "lag" else 0.0
-    lift_reserve = (1.0 / vehicle.hover_thrust_frac - 1.0) * GRAVITY_M_S2
-    limits = allocation.params_from_degrees(vehicle.max_tilt_deg, vehicle.hover_thrust_frac)
-    return PipelineParams(
-        guidance=trajectory.GuidanceParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2, lag_s),
+def pipeline_params(fleet: FleetConfig, vehicle_name: str, law: str | None = None) -> PipelineParams:
+    """Return the parameters of one vehicle of a fleet.
+
+    Args:
+        fleet: the fleet file.
+        vehicle_name: one of its vehicles.
+        law: "covey", "paper" or "off"; overrides the fleet file's choice.
+    Raises:
+        ValueError: ``law`` is none of these.
+    """
+    vehicle = fleet.vehicles[vehicle_name]
+    numbers = law_params(fleet, vehicle_name, law)
+    # a fleet file may say 1 for 1.0, but compiled code is made for kinds of numbers
+    tilt_rad, hover_frac, drag_1_s = math.radians(vehicle.max_tilt_deg), float(vehicle.hover_thrust_frac), float(vehicle.drag_1_s)
+    lead_s = 0.0 if numbers.law == PAPER else numbers.lead_time_s
+    lift_reserve = (1.0 / hover_frac - 1.0) * GRAVITY_M_S2
+        return PipelineParams(
+        trajectory=trajectory.TrajectoryParams(numbers.max_speed_m_s, float(vehicle.max_acceleration_m_s2), lead_s),
         backstepping=backstepping.BacksteppingParams(
             max_acceleration_m_s2=GRAVITY_M_S2 * math.tan(tilt_rad),
             max_vertical_acceleration_m_s2=min(2.5, 0.4 * lift_reserve),  # the rest stays for separation
         ),
-        law=oist.LawParams(
-            config=values,
-            lag_s=vehicle.lag_s,
-            safety_distance_m=fleet.fleet.safety_distance_m,
-            body_radius_m=0.5 * fleet.fleet.body_diameter_m,
-            max_speed_m_s=vehicle.max_speed_m_s,
-            max_tilt_rad=tilt_rad,
-            max_thrust_m_s2=0.97 / vehicle.hover_thrust_frac * GRAVITY_M_S2,
-            fence_enu_m=(*fleet.fleet.geofence_m.x, *fleet.fleet.geofence_m.y),
-            capsules_enu_m=tuple(capsule for obstacle in fleet.obstacles for capsule in obstacle.capsules_enu_m),
-        ),
+        law=numbers,
         observer=disturbance_observer.ObserverParams(
-            delay_s=vehicle.attitude_delay_s,
-            wn_rad_s=vehicle.attitude_wn_rad_s,
-            zeta=vehicle.attitude_zeta,
-            drag_1_s=vehicle.drag_1_s,
+            delay_s=float(vehicle.attitude_delay_s),
+            wn_rad_s=float(vehicle.attitude_wn_rad_s),
+            zeta=float(vehicle.attitude_zeta),
+            drag_1_s=drag_1_s,
         ),
-        hover_thrust=hover_thrust.HoverThrustParams(configured_frac=vehicle.hover_thrust_frac),
-        allocation=limits,
-        drag_1_s=vehicle.drag_1_s,
-        pursuit_speed_m_s=1.25 * vehicle.max_speed_m_s,
+        hover_thrust=hover_thrust.HoverThrustParams(configured_frac=hover_frac),
+        allocation=allocation.AllocationParams(tilt_rad, hover_frac),
+        drag_1_s=drag_1_s,
+        pursuit_speed_m_s=1.25 * numbers.max_speed_m_s,
+        # at least half of the tilt and of the lift reserve stays for the law
+        max_compensation_m_s2=0.5 * GRAVITY_M_S2 * math.tan(tilt_rad),
+        max_lift_compensation_m_s2=0.5 * (numbers.max_thrust_m_s2 - GRAVITY_M_S2),
     )
 
 
-def initial(params: PipelineParams, position_enu_m: Array) -> PipelineMemory:
-    """At rest on the ground or hovering at a position (..., 3); the batch has that shape."""
-    position = np.asarray(position_enu_m, dtype=np.float64)
-    batch = position.shape[:-1]
+def initial(params: PipelineParams, position_enu_m: Vec3) -> PipelineMemory:
+    """Return the memory at rest on the ground or hovering at a position.
+
+    Args:
+        params: of the vehicle.
+        position_enu_m: [m], ENU.
+    """
     return PipelineMemory(
-        guidance=trajectory.initial(position),
-        law=oist.initial(batch),
-        observer=disturbance_observer.initial(np.zeros_like(position), params=params.observer),
-        hover_thrust=hover_thrust.initial(batch, params=params.hover_thrust),
-        sent_enu_m_s2=np.zeros_like(position),
-        clock_rate=np.ones(batch),
-        activity=np.zeros(batch),
-        thrust_frac=np.zeros(batch),
-        cos_tilt=np.ones(batch),
+        trajectory.initial(position_enu_m),
+        oist.initial(),
+        disturbance_observer.initial(ZERO_3),
+        hover_thrust.initial(params.hover_thrust),
+        ZERO_3,
+        1.0,
+        0.0,
+        0.0,
+        1.0,
     )
 
 
@@ -151,241 +136,191 @@ def step(
     memory: PipelineMemory,
     state: State,
     goal: Goal,
-    neighbours: Neighbours,
-    *,
+    neighbours: Sequence[Neighbour],
+    obstacles: Sequence[Capsule],
+    phase: int,
     params: PipelineParams,
     dt_s: float,
-    phase: Phase = Phase.FLYING,
-    yaw_rad: Array | float = 0.0,
 ) -> tuple[PipelineMemory, Tick]:
-    """One tick of one vehicle, or of a batch.
+    """One tick of one vehicle.
 
     Args:
-        state: own estimate (..., 3); goal: (...); neighbours: (..., K), a snapshot.
-        yaw_rad: (...) heading to hold (the paper's psi_d is zero).
+        memory: of the last tick.
+        state: own estimate.
+        goal: of the order being flown.
+        neighbours: a snapshot of those that are known.
+        obstacles: what stands still.
+        phase: a Phase.
+        params: of the vehicle.
+        dt_s: length of the tick.
     Returns:
         Memory and Tick; ``is_finite`` is False where the input could not be used and the vehicle was levelled.
-    Properties: batch equals loop; equivariant under translation and turning about the vertical.
+    Properties: equivariant under translation and turning about the vertical.
     """
     if phase == Phase.GROUND:
-        return _ground(state, neighbours, params, yaw_rad)
-    batch = state.position_enu_m.shape[:-1]
-    if batch and isinstance(yaw_rad, float) and yaw_rad == 0.0:
-        gentle, flying = phase == Phase.LIFTOFF, phase == Phase.FLYING
-        done = fused.step(memory, state, goal, neighbours, params, dt_s, is_gentle=gentle, is_flying=flying)
-        if done is not None:
-            return done
-    is_usable = np.asarray(oist.is_plausible(state.position_enu_m) & oist.is_plausible(state.velocity_enu_m_s))
-    given, state = state, _mended(state, is_usable, memory)
-    is_frozen = phase == Phase.LIFTOFF
-    observer = disturbance_observer.observe(
-        memory.observer,
-        state.velocity_enu_m_s,
-        memory.sent_enu_m_s2,
-        params=params.observer,
-        dt_s=dt_s,
-        is_frozen=is_frozen,
+        return _on_ground(state, params)
+    is_usable = oist.is_plausible(state.position_enu_m) and oist.is_plausible(state.velocity_enu_m_s)
+    usable = state if is_usable else _at_rest(state, memory)
+    is_gentle = phase == Phase.LIFTOFF
+    observer, disturbance = disturbance_observer.step(
+        memory.observer, usable.velocity_enu_m_s, memory.sent_enu_m_s2, params.observer, dt_s, is_gentle
     )
-    hover_memory, hover = hover_thrust.step(
+    lift, hover_frac = hover_thrust.step(
         memory.hover_thrust,
         memory.thrust_frac,
         memory.cos_tilt,
-        state.acceleration_enu_m_s2[..., 2],
-        state.position_enu_m[..., 2],
-        params=params.hover_thrust,
-        dt_s=dt_s,
-        is_flying=phase == Phase.FLYING,
+        usable.acceleration_enu_m_s2.z,
+        usable.position_enu_m.z,
+        params.hover_thrust,
+        dt_s,
+        phase == Phase.FLYING,
     )
-    position, velocity = oist.predict(memory.law, state, params=params.law)
-    rate = clock_rate(memory, position, goal, params=params, dt_s=dt_s)
-    guidance_memory, setpoint = trajectory.step(
-        memory.guidance, goal, params=params.guidance, dt_s=dt_s, clock_rate=rate
-    )
-    share = oist.speed_share(memory.law, params=params.law)
-    baseline = backstepping.step(
-        position, velocity, _slowed(setpoint, share), params=_pursuit(params, setpoint, share, is_frozen)
+    predicted = oist.predict(memory.law, usable, params.law)
+    rate = clock_rate(memory, predicted.position_enu_m, goal, params, dt_s)
+    leg, setpoint = trajectory.step(memory.trajectory, goal, params.trajectory, dt_s, rate)
+    share = oist.speed_share(memory.law, params.law)
+    thrust = backstepping.step(
+        predicted.position_enu_m,
+        predicted.velocity_enu_m_s,
+        _slowed(setpoint, share),
+        _pursuit(setpoint, share, is_gentle, params),
     )
     # line O: what drag and the observed disturbance take is added after the law, so that the law commands net motion
-    compensation = params.drag_1_s * velocity - observer.disturbance_enu_m_s2
-    compensation = _limited(compensation, params)
-    if not _all(is_usable):  # the law shall know, level out, and publish no state that nobody has
-        position = np.where(is_usable[..., None], position, np.nan)
-        velocity = np.where(is_usable[..., None], velocity, np.nan)
-    law_memory, law = oist.saturate(
+    compensation = _compensation(predicted.velocity_enu_m_s, disturbance, params)
+    intended = intent(predicted.position_enu_m, goal, params.trajectory.max_speed_m_s)
+    # the law must know, level out, and publish no state that is not known
+    motion = predicted if is_usable else Motion(_NOWHERE, _NOWHERE)
+    law_memory, law = oist.step(
         memory.law,
-        baseline,
-        (position, velocity),
+        oist.Baseline(thrust, compensation, intended),
+        motion,
         state,
         neighbours,
-        params=params.law,
-        dt_s=dt_s,
-        compensation_enu_m_s2=compensation,
-        intent_enu_m_s=intent(position, goal, params=params),
+        obstacles,
+        params.law,
+        dt_s,
     )
-    wanted = Thrust(law.thrust.thrust_enu_m_s2 + compensation)
-    sent = allocation.limit(wanted, hover, params=params.allocation)
-    yaw = np.broadcast_to(np.asarray(yaw_rad, dtype=np.float64), batch) if batch else np.array(float(yaw_rad))
-    attitude = allocation.allocate(sent, yaw, hover, params=params.allocation)
-    thrust = sent.thrust_enu_m_s2
-    blend = 1.0 - math.exp(-dt_s / params.activity_time_s)
-    is_finite = np.asarray(is_usable & _is_finite(baseline.thrust_enu_m_s2))
+    compensated = Thrust(add(law.thrust.thrust_enu_m_s2, compensation))
+    sent = allocation.limit(compensated, hover_frac, params.allocation)
+    attitude = allocation.allocate(sent, params.yaw_rad, hover_frac, params.allocation)
+    force = sent.thrust_enu_m_s2
+    is_active = 1.0 if law.intervention_m_s2 > _ACTIVE_M_S2 else 0.0
     memory = PipelineMemory(
-        guidance=guidance_memory,
-        law=law_memory,
-        observer=observer,
-        hover_thrust=hover_memory,
-        sent_enu_m_s2=thrust - np.array([0.0, 0.0, GRAVITY_M_S2]),
-        clock_rate=rate,
-        activity=memory.activity + blend * ((law.intervention_m_s2 > 0.05) - memory.activity),
-        thrust_frac=attitude.thrust_frac,
-        cos_tilt=thrust[..., 2] / np.maximum(_length(thrust), 1e-9),
+        leg,
+        law_memory,
+        observer,
+        lift,
+        Vec3(force.x, force.y, force.z - GRAVITY_M_S2),
+        rate,
+        memory.activity + (1.0 - math.exp(-dt_s / params.activity_time_s)) * (is_active - memory.activity),
+        attitude.thrust_frac,
+        force.z / max(length(force), 1e-9),
     )
-    return memory, Tick(given, setpoint, baseline, law, attitude, hover, is_finite)
+    is_sound = is_usable and is_finite(thrust.thrust_enu_m_s2)
+    return memory, Tick(state, setpoint, thrust, law, attitude, hover_frac, is_sound)
 
 
-def _mended(state: State, is_usable: BoolArray, memory: PipelineMemory) -> State:
-    """The state with rows that cannot be used put at rest on the setpoint, so that no stage computes with garbage."""
-    if _all(is_usable):
-        return state
-    usable = is_usable[..., None]
-    return replace(
-        state,
-        position_enu_m=np.where(usable, state.position_enu_m, trajectory.setpoint(memory.guidance).position_enu_m),
-        velocity_enu_m_s=np.where(usable, state.velocity_enu_m_s, 0.0),
-        acceleration_enu_m_s2=np.where(usable, state.acceleration_enu_m_s2, np.nan),  # freezes the hover estimate
+def _at_rest(state: State, memory: PipelineMemory) -> State:
+    """Return a state that cannot be used as one at rest on the setpoint, so that no stage computes with garbage."""
+    return State(
+        trajectory.setpoint_position(memory.trajectory),
+        ZERO_3,
+        _NOWHERE,  # freezes the hover estimate
+        state.yaw_rad,
+        state.age_s,
+        state.position_std_m,
+        state.velocity_std_m_s,
     )
 
 
 def clock_rate(
-    memory: PipelineMemory, position_enu_m: Array, goal: Goal, *, params: PipelineParams, dt_s: float
-) -> Array:
-    """Rate (...) of the trajectory's clock: 1, or less while the law is active and the vehicle lags behind.
+    memory: PipelineMemory, position_enu_m: Vec3, goal: Goal, params: PipelineParams, dt_s: float
+) -> float:
+    """Return the rate of the trajectory's clock: 1, or less while the law is active and the vehicle lags behind.
 
-    The lag is counted along the way to the goal only: a vehicle pushed aside or ahead waits for nothing.
+    The lag is counted along the path to the goal only: a vehicle pushed aside or ahead waits for nothing.
     DEVIATION D7.
+
+    Args:
+        memory: of the last tick.
+        position_enu_m: predicted [m], ENU.
+        goal: of the order being flown.
+        params: slack, stop and time constant.
+        dt_s: length of the tick.
     """
-    ahead = trajectory.setpoint(memory.guidance).position_enu_m
-    if ahead.ndim == 1:
-        return _clock_rate_one(memory, ahead, position_enu_m, goal, params, dt_s)
-    way = (goal.position_enu_m - ahead)[..., :2]
-    rest = np.sqrt(np.einsum("...c,...c->...", way, way))
-    lag = np.einsum("...c,...c->...", (ahead - position_enu_m)[..., :2], way) / np.maximum(rest, 1e-6)
-    share = np.clip((lag - params.clock_slack_m) / (params.clock_stop_m - params.clock_slack_m), 0.0, 1.0)
-    target = 1.0 - np.clip(2.0 * memory.activity, 0.0, 1.0) * np.where(np.isfinite(share), share, 0.0)
-    blend = 1.0 - math.exp(-dt_s / params.clock_time_s)
-    return np.asarray(memory.clock_rate + blend * (target - memory.clock_rate))
-
-
-def _clock_rate_one(
-    memory: PipelineMemory, ahead_enu_m: Array, position_enu_m: Array, goal: Goal, params: PipelineParams, dt_s: float
-) -> Array:
-    """:func:`clock_rate` for one vehicle, in floats."""
-    a_x, a_y, _ = ahead_enu_m.tolist()
-    p_x, p_y, _ = position_enu_m.tolist()
-    g_x, g_y, _ = goal.position_enu_m.tolist()
-    lag = ((a_x - p_x) * (g_x - a_x) + (a_y - p_y) * (g_y - a_y)) / max(math.hypot(g_x - a_x, g_y - a_y), 1e-6)
+    ahead = trajectory.setpoint_position(memory.trajectory)
+    to_goal_x, to_goal_y = goal.position_enu_m.x - ahead.x, goal.position_enu_m.y - ahead.y
+    lag = (ahead.x - position_enu_m.x) * to_goal_x + (ahead.y - position_enu_m.y) * to_goal_y
+    lag = lag / max(math.sqrt(to_goal_x * to_goal_x + to_goal_y * to_goal_y), 1e-6)
     share = (lag - params.clock_slack_m) / (params.clock_stop_m - params.clock_slack_m)
     share = min(max(share, 0.0), 1.0) if math.isfinite(share) else 0.0
-    rate = float(memory.clock_rate)
-    target = 1.0 - min(max(2.0 * float(memory.activity), 0.0), 1.0) * share
-    return np.array(rate + (1.0 - math.exp(-dt_s / params.clock_time_s)) * (target - rate))
+    target = 1.0 - min(max(2.0 * memory.activity, 0.0), 1.0) * share
+    return memory.clock_rate + (1.0 - math.exp(-dt_s / params.clock_time_s)) * (target - memory.clock_rate)
 
 
-def intent(position_enu_m: Array, goal: Goal, *, params: PipelineParams) -> Array:
-    """Velocity (..., 3) that would lead straight to the goal, horizontal and at most as fast as is allowed."""
-    way = goal.position_enu_m - position_enu_m
-    way[..., 2] = 0.0
-    if way.ndim == 1:
-        x, y, _ = way.tolist()
-        top = params.law.max_speed_m_s
-        return way * (_INTENT_1_S * top / max(_INTENT_1_S * math.sqrt(x * x + y * y), top))
-    far = np.sqrt(np.einsum("...c,...c->...", way, way))
-    top = params.law.max_speed_m_s
-    return np.asarray(way * (_INTENT_1_S * top / np.maximum(_INTENT_1_S * far, top))[..., None])
+def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float) -> Vec3:
+    """Return the velocity that would lead straight to the goal, horizontal and at most ``max_speed_m_s``.
+
+    Args:
+        position_enu_m: predicted [m], ENU.
+        goal: of the order being flown.
+        max_speed_m_s: of the vehicle.
+    """
+    x, y = goal.position_enu_m.x - position_enu_m.x, goal.position_enu_m.y - position_enu_m.y
+    share = _INTENT_1_S * max_speed_m_s / max(_INTENT_1_S * math.sqrt(x * x + y * y), max_speed_m_s)
+    return Vec3(share * x, share * y, 0.0)
 
 
-def _slowed(setpoint: TrajectorySetpoint, share: Array) -> TrajectorySetpoint:
-    """The setpoint with its motion scaled down in a jam (line G)."""
-    scale = share[..., None]
+def _slowed(setpoint: TrajectorySetpoint, share: float) -> TrajectorySetpoint:
+    """Return the setpoint with its motion scaled down in a jam (line G)."""
     return TrajectorySetpoint(
-        setpoint.position_enu_m, setpoint.velocity_enu_m_s * scale, setpoint.acceleration_enu_m_s2 * scale
+        setpoint.position_enu_m,
+        scaled(share, setpoint.velocity_enu_m_s),
+        scaled(share, setpoint.acceleration_enu_m_s2),
     )
 
 
 def _pursuit(
-    params: PipelineParams, setpoint: TrajectorySetpoint, share: Array, is_gentle: bool
+    setpoint: TrajectorySetpoint, share: float, is_gentle: bool, params: PipelineParams
 ) -> backstepping.BacksteppingParams:
-    """Backstepping whose error clamp keeps setpoint speed plus pursuit below the limit; gentle at lift-off."""
+    """Return the backstepping whose error clamp keeps setpoint speed plus pursuit below the limit."""
     base = params.backstepping
-    velocity = setpoint.velocity_enu_m_s
-    room = (params.pursuit_speed_m_s - _length(velocity)) / base.position_gain_1_s
-    clamp = np.minimum(np.maximum(room, 0.15), base.max_position_error_m) * share
-    # while a leg still touches the ground, tilt turns the vehicle over instead of moving it
+    room = (params.pursuit_speed_m_s - length(setpoint.velocity_enu_m_s)) / base.position_gain_1_s
+    clamp, largest = min(max(room, 0.15), base.max_position_error_m) * share, base.max_acceleration_m_s2
+    if is_gentle:  # while a leg still touches the ground, tilt turns the vehicle over instead of moving it
+        clamp, largest = min(clamp, 0.1), 1.0
     return backstepping.BacksteppingParams(
         base.position_gain_1_s,
         base.velocity_gain_1_s,
         base.coupling_1_s2,
-        np.minimum(clamp, 0.1) if is_gentle else clamp,
-        1.0 if is_gentle else base.max_acceleration_m_s2,
+        clamp,
+        largest,
         base.max_vertical_acceleration_m_s2,
     )
 
 
-# of one vehicle in floats: numpy costs ten times as much for three numbers
+def _compensation(velocity_enu_m_s: Vec3, disturbance_enu_m_s2: Vec3, params: PipelineParams) -> Vec3:
+    """Return c V - s_b within its limits; a component that is not finite counts as zero."""
+    x = _or_zero(params.drag_1_s * velocity_enu_m_s.x - disturbance_enu_m_s2.x)
+    y = _or_zero(params.drag_1_s * velocity_enu_m_s.y - disturbance_enu_m_s2.y)
+    z = _or_zero(params.drag_1_s * velocity_enu_m_s.z - disturbance_enu_m_s2.z)
+    share = min(1.0, params.max_compensation_m_s2 / max(math.sqrt(x * x + y * y), 1e-9))
+    highest = params.max_lift_compensation_m_s2
+    return Vec3(share * x, share * y, min(max(z, -highest), highest))
 
 
-def _length(vector: Array) -> Array:
-    """Of vectors (..., 3), (...)."""
-    if vector.ndim == 1:
-        x, y, z = vector.tolist()
-        return np.array(math.sqrt(x * x + y * y + z * z))
-    return np.asarray(np.sqrt(np.einsum("...c,...c->...", vector, vector)))
+def _or_zero(value: float) -> float:
+    return value if math.isfinite(value) else 0.0
 
 
-def _is_finite(vector: Array) -> BoolArray:
-    """Whether all components of vectors (..., 3) are finite, (...)."""
-    if vector.ndim == 1:
-        x, y, z = vector.tolist()
-        return np.array(math.isfinite(x) and math.isfinite(y) and math.isfinite(z))
-    return np.asarray(np.isfinite(vector).all(-1))
-
-
-def _all(flags: BoolArray) -> bool:
-    return bool(flags.all() if flags.ndim else flags)
-
-
-def _limited(compensation: Array, params: PipelineParams) -> Array:
-    """Compensation (..., 3) that leaves at least half of the tilt and of the lift reserve to the law."""
-    bound = 0.5 * GRAVITY_M_S2 * math.tan(params.law.max_tilt_rad)
-    lift = 0.5 * (params.law.max_thrust_m_s2 - GRAVITY_M_S2)
-    if compensation.ndim == 1:
-        x, y, z = (value if math.isfinite(value) else 0.0 for value in compensation.tolist())
-        share = min(1.0, bound / max(math.hypot(x, y), 1e-9))
-        return np.array((share * x, share * y, min(max(z, -lift), lift)))
-    finite = np.where(np.isfinite(compensation), compensation, 0.0)
-    size = np.sqrt(finite[..., 0] ** 2 + finite[..., 1] ** 2)
-    scale = np.minimum(1.0, bound / np.maximum(size, 1e-9))
-    limited = finite * scale[..., None]
-    limited[..., 2] = np.clip(finite[..., 2], -lift, lift)
-    return np.asarray(limited)
-
-
-def _ground(
-    state: State, neighbours: Neighbours, params: PipelineParams, yaw_rad: Array | float
-) -> tuple[PipelineMemory, Tick]:
+def _on_ground(state: State, params: PipelineParams) -> tuple[PipelineMemory, Tick]:
     """No thrust, level, and memories as at the start, so that nothing learned on the ground is flown with."""
-    position = np.where(np.isfinite(state.position_enu_m), state.position_enu_m, 0.0)
-    batch = position.shape[:-1]
+    given = state.position_enu_m
+    position = Vec3(_or_zero(given.x), _or_zero(given.y), _or_zero(given.z))
     memory = initial(params, position)
-    level = Thrust(np.broadcast_to(np.array([0.0, 0.0, GRAVITY_M_S2]), position.shape).copy())
-    still = np.zeros_like(position)
-    _, law = oist.saturate(
-        memory.law, level, (position, still), state, neighbours, params=params.law.changed(name="off"), dt_s=0.02
-    )
-    hover = memory.hover_thrust.hover_thrust_frac
-    yaw = np.broadcast_to(np.asarray(yaw_rad, dtype=np.float64), batch)
-    flat = allocation.allocate(level, yaw, hover, params=params.allocation)
-    attitude = AttitudeSetpoint(flat.quaternion_wxyz, np.zeros(batch))
-    setpoint = TrajectorySetpoint(position, still, still)
-    is_finite = np.asarray(np.isfinite(state.position_enu_m).all(-1))
-    return memory, Tick(state, setpoint, level, law, attitude, hover, is_finite)
+    law = oist.unchanged(_LEVEL, Motion(position, ZERO_3), ZERO_3, params.law)
+    hover_frac = memory.hover_thrust.hover_thrust_frac
+    flat = allocation.allocate(_LEVEL, params.yaw_rad, hover_frac, params.allocation)
+    attitude = AttitudeSetpoint(flat.quaternion_wxyz, 0.0)
+    setpoint = TrajectorySetpoint(position, ZERO_3, ZERO_3)
+    return memory, Tick(state, setpoint, _LEVEL, law, attitude, hover_frac, is_finite(given))
