@@ -86,10 +86,11 @@ def pipeline_params(fleet: FleetConfig, vehicle_name: str, law: str | None = Non
     vehicle = fleet.vehicles[vehicle_name]
     numbers = law_params(fleet, vehicle_name, law)
     # a fleet file may say 1 for 1.0, but compiled code is made for kinds of numbers
-    tilt_rad, hover_frac, drag_1_s = math.radians(vehicle.max_tilt_deg), float(vehicle.hover_thrust_frac), float(vehicle.drag_1_s)
+    hover_frac, drag_1_s = float(vehicle.hover_thrust_frac), float(vehicle.drag_1_s)
+    tilt_rad = math.radians(vehicle.max_tilt_deg)
     lead_s = 0.0 if numbers.law == PAPER else numbers.lead_time_s
     lift_reserve = (1.0 / hover_frac - 1.0) * GRAVITY_M_S2
-        return PipelineParams(
+    return PipelineParams(
         trajectory=trajectory.TrajectoryParams(numbers.max_speed_m_s, float(vehicle.max_acceleration_m_s2), lead_s),
         backstepping=backstepping.BacksteppingParams(
             max_acceleration_m_s2=GRAVITY_M_S2 * math.tan(tilt_rad),
@@ -161,48 +162,22 @@ def step(
         return _on_ground(state, params)
     is_usable = oist.is_plausible(state.position_enu_m) and oist.is_plausible(state.velocity_enu_m_s)
     usable = state if is_usable else _at_rest(state, memory)
-    is_gentle = phase == Phase.LIFTOFF
-    observer, disturbance = disturbance_observer.step(
-        memory.observer, usable.velocity_enu_m_s, memory.sent_enu_m_s2, params.observer, dt_s, is_gentle
-    )
-    lift, hover_frac = hover_thrust.step(
-        memory.hover_thrust,
-        memory.thrust_frac,
-        memory.cos_tilt,
-        usable.acceleration_enu_m_s2.z,
-        usable.position_enu_m.z,
-        params.hover_thrust,
-        dt_s,
-        phase == Phase.FLYING,
-    )
+    observer, lift = _observed(memory, usable, phase, params, dt_s)
     predicted = oist.predict(memory.law, usable, params.law)
     rate = clock_rate(memory, predicted.position_enu_m, goal, params, dt_s)
     leg, setpoint = trajectory.step(memory.trajectory, goal, params.trajectory, dt_s, rate)
     share = oist.speed_share(memory.law, params.law)
-    thrust = backstepping.step(
-        predicted.position_enu_m,
-        predicted.velocity_enu_m_s,
-        _slowed(setpoint, share),
-        _pursuit(setpoint, share, is_gentle, params),
-    )
+    thrust = _tracking(predicted, setpoint, share, phase == Phase.LIFTOFF, params)
     # line O: what drag and the observed disturbance take is added after the law, so that the law commands net motion
-    compensation = _compensation(predicted.velocity_enu_m_s, disturbance, params)
+    compensation = _compensation(predicted.velocity_enu_m_s, observer.disturbance_enu_m_s2, params)
     intended = intent(predicted.position_enu_m, goal, params.trajectory.max_speed_m_s)
+    baseline = oist.Baseline(thrust, compensation, intended)
     # the law must know, level out, and publish no state that is not known
     motion = predicted if is_usable else Motion(_NOWHERE, _NOWHERE)
-    law_memory, law = oist.step(
-        memory.law,
-        oist.Baseline(thrust, compensation, intended),
-        motion,
-        state,
-        neighbours,
-        obstacles,
-        params.law,
-        dt_s,
-    )
-    compensated = Thrust(add(law.thrust.thrust_enu_m_s2, compensation))
-    sent = allocation.limit(compensated, hover_frac, params.allocation)
-    attitude = allocation.allocate(sent, params.yaw_rad, hover_frac, params.allocation)
+    law_memory, law = oist.step(memory.law, baseline, motion, state, neighbours, obstacles, params.law, dt_s)
+    net = Thrust(add(law.thrust.thrust_enu_m_s2, compensation))
+    sent = allocation.limit(net, lift.hover_thrust_frac, params.allocation)
+    attitude = allocation.allocate(sent, params.yaw_rad, lift.hover_thrust_frac, params.allocation)
     force = sent.thrust_enu_m_s2
     is_active = 1.0 if law.intervention_m_s2 > _ACTIVE_M_S2 else 0.0
     memory = PipelineMemory(
@@ -217,7 +192,45 @@ def step(
         force.z / max(length(force), 1e-9),
     )
     is_sound = is_usable and is_finite(thrust.thrust_enu_m_s2)
-    return memory, Tick(state, setpoint, thrust, law, attitude, hover_frac, is_sound)
+    return memory, Tick(state, setpoint, thrust, law, attitude, lift.hover_thrust_frac, is_sound)
+
+
+def _observed(
+    memory: PipelineMemory, state: State, phase: int, params: PipelineParams, dt_s: float
+) -> tuple[disturbance_observer.ObserverMemory, hover_thrust.HoverThrustMemory]:
+    """Return what the state teaches about the disturbance and the hover thrust."""
+    observer, _ = disturbance_observer.step(
+        memory.observer,
+        state.velocity_enu_m_s,
+        memory.sent_enu_m_s2,
+        params.observer,
+        dt_s,
+        phase == Phase.LIFTOFF,
+    )
+    lift, _ = hover_thrust.step(
+        memory.hover_thrust,
+        memory.thrust_frac,
+        memory.cos_tilt,
+        state.acceleration_enu_m_s2.z,
+        state.position_enu_m.z,
+        params.hover_thrust,
+        dt_s,
+        phase == Phase.FLYING,
+    )
+    return observer, lift
+
+
+def _tracking(
+    predicted: Motion, setpoint: TrajectorySetpoint, share: float, is_gentle: bool, params: PipelineParams
+) -> Thrust:
+    """Return the baseline thrust; in a jam the setpoint's motion and the pursuit are scaled by ``share`` (line G)."""
+    slowed = TrajectorySetpoint(
+        setpoint.position_enu_m,
+        scaled(share, setpoint.velocity_enu_m_s),
+        scaled(share, setpoint.acceleration_enu_m_s2),
+    )
+    gains = _pursuit(setpoint, share, is_gentle, params)
+    return backstepping.step(predicted.position_enu_m, predicted.velocity_enu_m_s, slowed, gains)
 
 
 def _at_rest(state: State, memory: PipelineMemory) -> State:
@@ -233,9 +246,7 @@ def _at_rest(state: State, memory: PipelineMemory) -> State:
     )
 
 
-def clock_rate(
-    memory: PipelineMemory, position_enu_m: Vec3, goal: Goal, params: PipelineParams, dt_s: float
-) -> float:
+def clock_rate(memory: PipelineMemory, position_enu_m: Vec3, goal: Goal, params: PipelineParams, dt_s: float) -> float:
     """Return the rate of the trajectory's clock: 1, or less while the law is active and the vehicle lags behind.
 
     The lag is counted along the path to the goal only: a vehicle pushed aside or ahead waits for nothing.
@@ -269,15 +280,6 @@ def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float) -> Vec3:
     x, y = goal.position_enu_m.x - position_enu_m.x, goal.position_enu_m.y - position_enu_m.y
     share = _INTENT_1_S * max_speed_m_s / max(_INTENT_1_S * math.sqrt(x * x + y * y), max_speed_m_s)
     return Vec3(share * x, share * y, 0.0)
-
-
-def _slowed(setpoint: TrajectorySetpoint, share: float) -> TrajectorySetpoint:
-    """Return the setpoint with its motion scaled down in a jam (line G)."""
-    return TrajectorySetpoint(
-        setpoint.position_enu_m,
-        scaled(share, setpoint.velocity_enu_m_s),
-        scaled(share, setpoint.acceleration_enu_m_s2),
-    )
 
 
 def _pursuit(

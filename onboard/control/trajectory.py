@@ -22,8 +22,8 @@ _NO_SEQUENCE = -(1 << 53)
 _SPEED_FACTOR = 15.0 / 8.0
 _ACCELERATION_FACTOR = 10.0 / math.sqrt(3.0)
 # durations that are tried, as factors of a first guess; geometric
-_BRAKE_FACTORS = tuple(0.35 * (8.0 / 0.35) ** (k / 31.0) for k in range(32))
-_DIRECT_FACTORS = tuple(0.5 * 8.0 ** (k / 31.0) for k in range(32))
+_BRAKE_FACTORS: tuple[float, ...] = tuple(0.35 * (8.0 / 0.35) ** (k / 31.0) for k in range(32))
+_DIRECT_FACTORS: tuple[float, ...] = tuple(0.5 * 8.0 ** (k / 31.0) for k in range(32))
 _SAMPLES = 40  # intervals of a quintic at whose ends the bounds are tested
 _FITS = 1.0 + 1e-9
 
@@ -202,7 +202,7 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
     now = setpoint(memory)
     p, v, a = now.position_enu_m, now.velocity_enu_m_s, now.acceleration_enu_m_s2
     target = goal.position_enu_m
-    asked_s = max(goal.duration_s - params.lead_s, 0.0) if goal.duration_s > 0.0 else 0.0
+    ordered_s = max(goal.duration_s - params.lead_s, 0.0) if goal.duration_s > 0.0 else 0.0
     top, push = params.max_speed_m_s, params.max_acceleration_m_s2
     via, first_s = p, 0.0
     is_at_rest = length(v) <= 1e-9 * top and length(a) <= 1e-9 * push
@@ -213,11 +213,11 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
         via = _stop(p, v, a, first_s)
     second_s = 0.0
     if via != target:
-        second_s = max(shortest_duration_s(length(subtract(target, via)), params), asked_s - first_s, 0.0)
+        second_s = max(shortest_duration_s(length(subtract(target, via)), params), ordered_s - first_s, 0.0)
     if not is_at_rest:
         guess_s = max(shortest_duration_s(length(subtract(target, p)), params), scale_s)
-        longest_s = max(first_s + second_s, asked_s)
-        direct_s = _direct_duration_s(_Quintic(p, v, a, target, guess_s), asked_s, longest_s, params)
+        longest_s = max(first_s + second_s, ordered_s)
+        direct_s = _direct_duration_s(_Quintic(p, v, a, target, guess_s), ordered_s, longest_s, params)
         if direct_s > 0.0:
             via, first_s, second_s = target, direct_s, 0.0
     return TrajectoryMemory(p, v, a, via, target, first_s, second_s, 0.0, memory.clock_rate, goal.sequence)
@@ -243,10 +243,10 @@ def _brake_duration_s(p: Vec3, v: Vec3, a: Vec3, scale_s: float, params: Traject
     return best
 
 
-def _direct_duration_s(guess: _Quintic, asked_s: float, longest_s: float, params: TrajectoryParams) -> float:
+def _direct_duration_s(guess: _Quintic, ordered_s: float, longest_s: float, params: TrajectoryParams) -> float:
     """Return the shortest duration of one quintic straight to the goal within the bounds; 0 when it is too long."""
     for factor in _DIRECT_FACTORS:
-        t = max(factor * guess.duration_s, asked_s)
+        t = max(factor * guess.duration_s, ordered_s)
         if t > longest_s:
             return 0.0
         leg = _Quintic(guess.begin_m, guess.velocity_m_s, guess.acceleration_m_s2, guess.end_m, t)

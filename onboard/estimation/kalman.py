@@ -109,9 +109,9 @@ def drive(
         is_on_ground: whether the vehicle stands.
     """
     thrust = memory.thrust_m_s2
-    asked = thrust_frac / hover_thrust_frac * GRAVITY_M_S2
-    if math.isfinite(asked):
-        thrust += (1.0 - math.exp(-dt_s / max(params.motor_lag_s, 1e-6))) * (asked - thrust)
+    commanded = thrust_frac / hover_thrust_frac * GRAVITY_M_S2
+    if math.isfinite(commanded):
+        thrust += (1.0 - math.exp(-dt_s / max(params.motor_lag_s, 1e-6))) * (commanded - thrust)
     up = body_up(quaternion_wxyz)
     driven = Vec3(thrust * up.x, thrust * up.y, thrust * up.z - GRAVITY_M_S2)
     if is_on_ground:
@@ -119,9 +119,7 @@ def drive(
     return _moved(memory, driven, thrust, params, dt_s)
 
 
-def predict(
-    memory: KalmanMemory, acceleration_enu_m_s2: Vec3, params: KalmanParams, dt_s: float
-) -> KalmanMemory:
+def predict(memory: KalmanMemory, acceleration_enu_m_s2: Vec3, params: KalmanParams, dt_s: float) -> KalmanMemory:
     """Return the memory after ``dt_s`` under a given acceleration.
 
     Args:
@@ -241,9 +239,7 @@ def _rejected(memory: KalmanMemory) -> KalmanMemory:
 
 
 def _bounded(vector: Vec3, bound: float) -> Vec3:
-    return Vec3(
-        min(max(vector.x, -bound), bound), min(max(vector.y, -bound), bound), min(max(vector.z, -bound), bound)
-    )
+    return Vec3(min(max(vector.x, -bound), bound), min(max(vector.y, -bound), bound), min(max(vector.z, -bound), bound))
 
 
 def remembers(memory: KalmanMemory, age_s: float) -> bool:
@@ -274,9 +270,7 @@ def position_at(memory: KalmanMemory, age_s: float) -> Vec3:
     return position
 
 
-def state(
-    memory: KalmanMemory, yaw_rad: float, least_position_std_m: float, least_velocity_std_m_s: float
-) -> State:
+def state(memory: KalmanMemory, yaw_rad: float, least_position_std_m: float, least_velocity_std_m_s: float) -> State:
     """Return the estimate as the pipeline takes it: propagated to now (age 0), with its accuracy per axis.
 
     Args:
