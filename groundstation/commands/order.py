@@ -14,7 +14,7 @@ from groundstation.missions.verdict import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSW
 from groundstation.orders.grammar import Intent, OrderError, parse
 from groundstation.orders.result import VehicleResult
 from onboard.bus.authority import EMERGENCY
-from onboard.bus.session import BusError
+from onboard.bus.protocol import BusError
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 CONNECT_S = 3.0

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from groundstation.client.client import FleetClient
 from groundstation.client.preflight_page import VehiclePage, as_mapping, as_text, ask, exit_status
-from onboard.bus.session import BusError
+from onboard.bus.protocol import BusError
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 

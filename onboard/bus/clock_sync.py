@@ -13,8 +13,8 @@ from msgspec.structs import replace
 
 from onboard.bus.clock_offsets import Clocks
 from onboard.bus.codec import Malformed
+from onboard.bus.protocol import Bus
 from onboard.bus.schema import ClockMessage, Message, MocapPose, Order, StateMessage
-from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 
 BEAT_S = 0.5
@@ -36,7 +36,7 @@ def host_id() -> int:
 class ClockNode:
     """Keeps ``clocks`` fed; :meth:`beat` twice a second, from any thread. Callbacks come on a bus thread."""
 
-    def __init__(self, bus: BusSession) -> None:
+    def __init__(self, bus: Bus) -> None:
         self._bus = bus
         self.clocks = Clocks(bus.node, host_id())
         self._waiting_ns: dict[str, int] = {}
