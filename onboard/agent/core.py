@@ -15,7 +15,7 @@ from onboard.agent import messages
 from onboard.agent.telemetry import Report
 from onboard.autopilot import Landed, Snapshot, Vec3
 from onboard.bus.authority import Roles
-from onboard.bus.schema import Order, OrderReply, StateMessage
+from onboard.bus.schema import LOCATE, Order, OrderReply, StateMessage
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from onboard.control import pipeline
@@ -229,11 +229,11 @@ class AgentCore:
 
     def _begin(self, order: Order, view: FlightView) -> None:
         flight = self.flight
-        if order.kind != "identify":
+        if order.kind not in LOCATE:
             self.guard.ordered()
         match order.kind:
-            case "identify":
-                flight.identify(view, order)
+            case "locate" | "identify":
+                flight.locate(view, order)
             case "arm":
                 flight.begin_start(view, order, None)
             case "takeoff":

@@ -16,7 +16,9 @@ Vec3 = tuple[float, float, float]
 Vec4 = tuple[float, float, float, float]
 
 AgentState = Literal["waiting", "ready", "armed", "taking off", "flying", "holding", "landing", "landed", "failed"]
-OrderKind = Literal["arm", "disarm", "takeoff", "move", "land", "hold", "kill", "identify"]
+# "identify" is the former name of "locate": records and older grounds have it
+LOCATE = ("locate", "identify")
+OrderKind = Literal["arm", "disarm", "takeoff", "move", "land", "hold", "kill", "locate", "identify"]
 OrderOutcome = Literal["accepted", "done", "refused", "superseded", "failed", "timed out"]
 Severity = Literal["debug", "info", "warning", "critical"]
 

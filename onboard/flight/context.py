@@ -230,7 +230,7 @@ class FlightContext(Telling):
         self._enter(Step.IDLE, view)
         self._ask(view, Kill(), now=True)
 
-    def identify(self, view: FlightView, order: Order) -> None:
+    def locate(self, view: FlightView, order: Order) -> None:
         """Show which vehicle this is; whatever it does goes on."""
         self.out.append(PlayTune())
         # PX4 acknowledges no tune, so nobody can say that it was heard.

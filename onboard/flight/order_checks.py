@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from onboard.autopilot import Snapshot, Vec3
 from onboard.bus.codec import is_finite
-from onboard.bus.schema import Order, Telemetry
+from onboard.bus.schema import LOCATE, Order, Telemetry
 from onboard.config.fleet import FleetConfig
 from onboard.flight.context import FlightContext
 from onboard.flight.types import Step
@@ -36,7 +36,7 @@ def refusal(
         return late
     if not order.order_id:
         return "An order needs an id of its own, by which its end is told: give it one."
-    if order.kind == "identify":
+    if order.kind in LOCATE:
         return None
     if order.kind in ("arm", "takeoff"):
         return _start(order, flight, position_enu_m, not_ready, others, fleet)
