@@ -158,7 +158,7 @@ class Agent:
 
         self._clock.start()
         self._on_state = neighbour
-        self._bus.collect(Topic.BRIEF, "*", neighbour)
+        self._bus.collect(Topic.SLOW_TELEMETRY, "*", neighbour)
         if self.vehicle.mocap_required and self.vehicle.body:
             self._on_poses = pose, malformed
             body = "*" if self._mocap_table.direct else self.vehicle.body

@@ -129,5 +129,5 @@ class Report:
             )
             told: list[Command] = [Publish(Topic.TELEMETRY, telemetry)]
             if self._brief.is_due(telemetry):
-                told.append(Publish(Topic.BRIEF, telemetry))
+                told.append(Publish(Topic.SLOW_TELEMETRY, telemetry))
             out[:0] = told

@@ -287,7 +287,7 @@ class Node:
     def publish(self, topic: Topic, name: str, message: Message) -> None:
         """Send to all who subscribed."""
         delivery = TOPICS[topic].delivery
-        if topic is Topic.STATE or topic is Topic.BRIEF:
+        if topic is Topic.STATE or topic is Topic.SLOW_TELEMETRY:
             self.bus.post(self.name, (topic, name, message))
         for key in ((topic, "*"), (topic, name)):
             receivers = self.bus.subscribers.get(key)
