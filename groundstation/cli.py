@@ -24,7 +24,7 @@ _PASSED_ON = {
     "sitl": ("emulated PX4s for a fleet file", "sitl.server"),
     "agent": ("one vehicle's agent", "onboard.agent.main"),
     "mocap": ("the relay from a motion capture to the fleet's bus", "onboard.mocap.__main__"),
-    "preflight": ("go or no-go of every vehicle, check by check", "groundstation.client.preflight_page"),
+    "preflight": ("go or no-go of every vehicle, check by check", "groundstation.commands.preflight"),
     "px4": ("PX4's parameters: what this fleet needs and why, read and set", "groundstation.commands.px4"),
     "check": ("whether fleet or mission files are right and can be flown", "groundstation.commands.check"),
     "simulate": ("the law over many perturbed flights, seeded", "sitl.monte_carlo.command"),
@@ -36,7 +36,7 @@ _PASSED_ON = {
     ),
     "order": ("one order to a flying fleet, from a shell or a script", "groundstation.commands.order"),
     "plot": ("figures of a recorded flight", "groundstation.commands.plot"),
-    "replay": ("a recorded flight in the console", "groundstation.recording.replay"),
+    "replay": ("a recorded flight in the console", "groundstation.commands.replay"),
     "web": ("the console in a browser of this machine", "groundstation.commands.web"),
 }
 _BENCHES = {

@@ -20,8 +20,9 @@ from collections.abc import Callable, Sequence
 
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
+from onboard.bus.protocol import BusError
 from onboard.bus.schema import FaultOrder, MocapPose, OrderReply, Truth
-from onboard.bus.session import BusError, BusSession
+from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle, load_fleet
 from sitl.emulator.emulator import Emulator, Environment, VehicleSpec

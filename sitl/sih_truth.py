@@ -19,8 +19,9 @@ from typing import Any, cast
 
 import numpy as np
 
+from onboard.bus.protocol import BusError
 from onboard.bus.schema import MocapPose, Truth
-from onboard.bus.session import BusError, BusSession
+from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, Origin, Vehicle, load_fleet
 from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder

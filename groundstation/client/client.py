@@ -17,7 +17,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 from groundstation.client.direct_mavlink import DirectKind, DirectResult, send_direct
 from groundstation.fleet import state as fleet_state
-from groundstation.fleet.bus import Bus
 from groundstation.fleet.control_authority import Control
 from groundstation.fleet.state import DIRECT_DISARMED, FleetState
 from groundstation.fleet.tick_stream import BusTicks
@@ -26,6 +25,7 @@ from groundstation.orders.grammar import Intent, Plan
 from groundstation.orders.result import OrderHandle, Phase, VehicleResult
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
+from onboard.bus.protocol import Bus
 from onboard.bus.schema import Event, FaultOrder, Message, Order, OrderReply, Telemetry, Truth
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
@@ -140,7 +140,7 @@ class FleetClient:
             return
         self._loop = asyncio.get_running_loop()
         await asyncio.to_thread(self._open)
-        if isinstance(self._bus, BusSession):  # agents on other hosts need our clock to judge an order's deadline
+        if not self._bus.is_simulated:  # agents on other hosts need our clock to judge an order's deadline
             self._tasks.add(self._loop.create_task(ClockNode(self._bus).keep()))
             self._take_delivery(self._bus, self._loop)
 
@@ -289,7 +289,7 @@ class FleetClient:
     def _open(self) -> None:
         self._bus.start()
         for topic in (*self._topics, *self._extra):
-            if isinstance(self._bus, BusSession) and topic in _IN_BATCHES:
+            if topic in _IN_BATCHES:
                 self._bus.collect(topic, "*", self._receive, most=MAX_QUEUED)
             else:
                 self._bus.subscribe(topic, "*", self._receive)
@@ -327,13 +327,12 @@ class FleetClient:
 
     # -- event loop ----------------------------------------------------------------------------------------------
 
-    def _take_delivery(self, bus: BusSession, loop: asyncio.AbstractEventLoop) -> None:
+    def _take_delivery(self, bus: Bus, loop: asyncio.AbstractEventLoop) -> None:
         self._delivery = loop.call_later(DELIVERY_PERIOD_S, self._take_delivery, bus, loop)
         bus.deliver()
 
     def _drain(self) -> None:
-        if isinstance(self._bus, BusSession):
-            self._bus.deliver()  # whoever hears of an order's end finds the state that it led to already there
+        self._bus.deliver()  # whoever hears of an order's end finds the state that it led to already there
         self._is_woken = False
         state = self._state
         events: list[Event] = []

@@ -14,12 +14,12 @@ from groundstation.missions.verdict import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSW
 from groundstation.orders.grammar import Intent, OrderError, parse
 from groundstation.orders.result import VehicleResult
 from onboard.bus.authority import EMERGENCY
-from onboard.bus.session import BusError
+from onboard.bus.protocol import BusError
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 CONNECT_S = 3.0
 _EPILOG = (
-    "Orders as in the console: takeoff all 1.0, move mav1 0 1 1.2, formation triangle 1.6, land all, identify mav1. "
+    "Orders as in the console: takeoff all 1.0, move mav1 0 1 1.2, formation triangle 1.6, land all, locate mav1. "
     "Nothing is shown ahead: `covey check` and the console do that. Land, hold and kill go at once, whoever operates; "
     "other orders need control, which is taken when nobody has it and given back at the end. Exit status: 0 every "
     "vehicle did it; 1 none did; 2 wrong input, nothing sent; 10 nobody answered; 50 some did; 130 interrupted."

@@ -85,7 +85,7 @@ class OrderingApp(DressedApp):
         Binding("f3", "order_chosen('takeoff')", "take off"),
         Binding("f4", "write_order('move')", "move the chosen"),
         Binding("f5", "write_order('formation')", "formation"),
-        Binding("w", "order_chosen('identify')", "identify"),
+        Binding("w", "order_chosen('locate')", "locate"),
         Binding("f12", "kill('f12')", "KILL", priority=True),
         Binding("ctrl+backslash", "kill('ctrl+backslash')", "KILL", priority=True),
         Binding("ctrl+y", "give_control", "give control", priority=True),

@@ -69,7 +69,7 @@ class Control:
             return "you operate"
         if self.is_waiting and self.holder is not None:
             return f"asking {self.holder.author} for control"
-        return f"{self.holder.who} operates" if self.holder is not None else "nobody operates"
+        return f"{self.holder.label} operates" if self.holder is not None else "nobody operates"
 
     def refusal(self, kind: str) -> str | None:
         """Why an order of this kind may not be given from here; None when it may. Emergencies always may."""
@@ -78,7 +78,7 @@ class Control:
         if self.holder is None:
             return "This ground only watches, and nobody operates. To order, write: take control."
         return (
-            f"{self.holder.who} operates this fleet; here only land, hold and kill are open. "
+            f"{self.holder.label} operates this fleet; here only land, hold and kill are open. "
             "Ask for control with: take control."
         )
 
@@ -127,7 +127,7 @@ class Control:
             if not self.is_waiting:
                 self._hold(Token("asks", holder.term, self._bus.node, self._author))
                 self._since_ns = self._clock_ns()
-            return f"Asking {holder.who} for control."
+            return f"Asking {holder.label} for control."
         waited_s = (self._clock_ns() - self._since_ns) * 1e-9
         if not self.is_waiting:
             return f"Ask {holder.author} first, with: take control."
@@ -148,7 +148,7 @@ class Control:
         self._drop("operator")
         self._wants = False
         self.holder = None
-        return f"Control goes to {self.asker.who}." if self.asker is not None else "You gave up control."
+        return f"Control goes to {self.asker.label}." if self.asker is not None else "You gave up control."
 
     def keep(self) -> str:
         """Answer no to who asks."""
@@ -180,11 +180,11 @@ class Control:
             return
         before, self._seen = self._seen, holder
         if holder is None and before is not None:
-            self._say("warning", f"{before.who} does not operate any more: nobody does.")
+            self._say("warning", f"{before.label} does not operate any more: nobody does.")
         elif holder is not None and holder == self._own.get("operator"):
             self._say("info", "You operate this fleet.")
         elif holder is not None:
-            self._say("warning" if before is not None else "info", f"{holder.who} operates this fleet.")
+            self._say("warning" if before is not None else "info", f"{holder.label} operates this fleet.")
 
     def _claim(self, term: int) -> None:
         self._wants = True

@@ -105,9 +105,11 @@ class Fleet:
         """Arm on the ground."""
         return await self.order(Intent("arm", self._select(vehicles)), timeout_s)
 
-    async def identify(self, vehicles: Who, *, timeout_s: float = 5.0) -> Results:
-        """Let vehicles show themselves by a tune."""
-        return await self.order(Intent("identify", self._select(vehicles)), timeout_s)
+    async def locate(self, vehicles: Who, *, timeout_s: float = 5.0) -> Results:
+        """Let vehicles play a tune, so that an operator sees which ones they are."""
+        return await self.order(Intent("locate", self._select(vehicles)), timeout_s)
+
+    identify = locate  # the former name, which missions may still use
 
     async def takeoff(
         self, height_m: float = DEFAULT_HEIGHT_M, vehicles: Who = "all", *, timeout_s: float = 40.0

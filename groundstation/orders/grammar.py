@@ -2,7 +2,7 @@
 
 Grammar (``WHO`` is ``all``, names or places: ``mav0,mav2``, ``0-1``; left out it means all)::
 
-    arm [WHO]   disarm [WHO]   hold [WHO]   land [WHO]   kill WHO   identify WHO
+    arm [WHO]   disarm [WHO]   hold [WHO]   land [WHO]   kill WHO   locate WHO
     takeoff [WHO] [HEIGHT]                 takeoff all 1.0
     move WHO X Y Z [in SECONDS]            move all 2 0 1.2
     formation NAME [WHO] [SPACING] [X Y Z] [in SECONDS]
@@ -25,7 +25,7 @@ from groundstation.fleet.state import FleetState
 from onboard.bus.schema import Order, OrderKind, Vec3
 from onboard.config.fleet import ConfigError, FleetConfig, parking_distance_m
 
-Verb = Literal["arm", "disarm", "takeoff", "move", "formation", "land", "hold", "kill", "identify"]
+Verb = Literal["arm", "disarm", "takeoff", "move", "formation", "land", "hold", "kill", "locate"]
 VERBS: tuple[Verb, ...] = get_args(Verb)
 DEFAULT_HEIGHT_M = 1.0
 ORDER_LIFE_S = 2.0
@@ -38,7 +38,7 @@ USAGE: dict[Verb, str] = {
     "land": "land [WHO]",
     "hold": "hold [WHO]",
     "kill": "kill WHO, for instance: kill mav1",
-    "identify": "identify WHO, for instance: identify mav1",
+    "locate": "locate WHO, for instance: locate mav1",
 }
 
 
@@ -88,6 +88,8 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
     words = text.split()
     if not words:
         raise OrderError(f"Nothing was ordered. Orders are: {', '.join(VERBS)}.")
+    if words[0].lower() == "identify":
+        raise OrderError(f"The order 'identify' is now called 'locate': say: {' '.join(['locate', *words[1:]])}")
     verb = next((known for known in VERBS if known == words[0].lower()), None)
     if verb is None:
         raise OrderError(f"'{words[0][:40]}' is no order. Orders are: {', '.join(VERBS)}.")
@@ -103,7 +105,7 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
     names, numbers = _take_vehicles(rest, verb, counts, fleet)
     if verb == "kill" and not names:
         raise OrderError("Kill stops the motors in the air, so it names its vehicles: write kill mav1, or kill all.")
-    if verb in ("move", "identify") and not names:
+    if verb in ("move", "locate") and not names:
         raise OrderError(f"{verb.capitalize()} whom? Write: {USAGE[verb]}")
     if not names:
         names = fleet.enabled_names

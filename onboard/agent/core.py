@@ -15,7 +15,7 @@ from onboard.agent import messages
 from onboard.agent.telemetry import Report
 from onboard.autopilot import Landed, Snapshot, Vec3
 from onboard.bus.authority import Roles
-from onboard.bus.schema import Order, OrderReply, StateMessage
+from onboard.bus.schema import LOCATE, Order, OrderReply, StateMessage
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from onboard.control import pipeline
@@ -42,8 +42,8 @@ from onboard.events import (
     WatchBodies,
 )
 from onboard.flight import order_checks, takeover
-from onboard.flight.state_machine import Flight
-from onboard.flight.types import Step, View
+from onboard.flight.context import FlightContext
+from onboard.flight.types import FlightView, Step
 from onboard.localization.odometry_forwarding import OdometryFeed
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.subscription import CHOOSE_TICKS
@@ -95,13 +95,13 @@ class AgentCore:
         self.params = pipeline.pipeline_params(fleet, vehicle_name, law=law)
         self.own = OwnState(self.vehicle, fleet.fleet.global_origin)
         self.neighbours = NeighbourTable(fleet, vehicle_name)
-        self.flight = Flight(fleet, self.vehicle)
+        self.flight = FlightContext(fleet, self.vehicle)
         self.guard = Guard(fleet, self.vehicle, self.own, self.neighbours, self.flight)
         self.is_stopping = False
         self.last_tick: Tick | None = None
         self._memory = pipeline.initial(self.params, np.asarray(self.vehicle.start_enu_m, dtype=np.float64))
         self._snapshot = Snapshot()
-        self._view = View(0, _ZERO, _ZERO, False, self._snapshot)
+        self._view = FlightView(0, _ZERO, _ZERO, False, self._snapshot)
         self._loop = LoopTimed(0.0, 0.0, 0.0, 0)
         self._nodes: set[str] = set()
         self.roles = Roles()
@@ -210,7 +210,7 @@ class AgentCore:
             self._begin(order, view)
         return [Reply(reply), *self._drain()]
 
-    def _refusal(self, order: Order, view: View) -> str | None:
+    def _refusal(self, order: Order, view: FlightView) -> str | None:
         late = order_checks.late_sentence(order, view.now_ns)
         if late is None and order.kind == "hold" and self.flight.state == "failed":
             not_ready = self.readiness.reasons_in_air(view, self._hover_frac)
@@ -227,13 +227,13 @@ class AgentCore:
         )
         return self.guard.move_refusal() if refusal is None and order.kind == "move" else refusal
 
-    def _begin(self, order: Order, view: View) -> None:
+    def _begin(self, order: Order, view: FlightView) -> None:
         flight = self.flight
-        if order.kind != "identify":
+        if order.kind not in LOCATE:
             self.guard.ordered()
         match order.kind:
-            case "identify":
-                flight.identify(view, order)
+            case "locate" | "identify":
+                flight.locate(view, order)
             case "arm":
                 flight.begin_start(view, order, None)
             case "takeoff":
@@ -337,11 +337,11 @@ class AgentCore:
         if is_new or is_first:
             self.flight.out.append(Follow(self.neighbours.followed))
 
-    def _look(self, now_ns: int, state: State | None) -> View:
+    def _look(self, now_ns: int, state: State | None) -> FlightView:
         if state is None:
-            return View(now_ns, self._view.position_enu_m, _ZERO, False, self._snapshot)
+            return FlightView(now_ns, self._view.position_enu_m, _ZERO, False, self._snapshot)
         own = self.own
-        return View(now_ns, own.position_enu_m, own.velocity_enu_m_s, own.age_s < POSITION_LOST_S, self._snapshot)
+        return FlightView(now_ns, own.position_enu_m, own.velocity_enu_m_s, own.age_s < POSITION_LOST_S, self._snapshot)
 
     def _watch_over(self, now_ns: int) -> None:
         heard_ns, flight = self.neighbours.last_heard_ns, self.flight

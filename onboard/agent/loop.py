@@ -25,8 +25,9 @@ from onboard.agent.ticker import Ticker
 from onboard.autopilot import LinkError
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
+from onboard.bus.protocol import BusError
 from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessage, Telemetry
-from onboard.bus.session import BusError, BusSession
+from onboard.bus.session import BusSession
 from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.config.fleet import FleetConfig, MocapConfig
 from onboard.mocap.factory import source_of
@@ -157,7 +158,7 @@ class Agent:
 
         self._clock.start()
         self._on_state = neighbour
-        self._bus.collect(Topic.BRIEF, "*", neighbour)
+        self._bus.collect(Topic.SLOW_TELEMETRY, "*", neighbour)
         if self.vehicle.mocap_required and self.vehicle.body:
             self._on_poses = pose, malformed
             body = "*" if self._mocap_table.direct else self.vehicle.body

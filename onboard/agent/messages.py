@@ -11,8 +11,8 @@ from onboard.bus.authority import Roles
 from onboard.bus.schema import StateMessage, Telemetry, TickSample, Vec3, Vec4
 from onboard.config.fleet import Vehicle
 from onboard.events import LoopTimed
-from onboard.flight.state_machine import Flight
-from onboard.flight.types import View
+from onboard.flight.context import FlightContext
+from onboard.flight.types import FlightView
 from onboard.localization.px4_position_check import STD_M, STD_M_S
 from onboard.types import Array, LawStatus, Tick
 
@@ -141,8 +141,8 @@ def telemetry(
     vehicle: Vehicle,
     boot_id: int,
     sequence: int,
-    flight: Flight,
-    view: View,
+    flight: FlightContext,
+    view: FlightView,
     not_ready: tuple[str, ...],
     is_airborne: bool,
     distances_m: Mapping[str, float],

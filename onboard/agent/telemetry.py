@@ -9,8 +9,8 @@ from onboard.bus.schema import TickBatch, TickSample
 from onboard.bus.topics import Topic
 from onboard.config.fleet import Vehicle
 from onboard.events import Command, LoopTimed, Publish
-from onboard.flight.state_machine import Flight
-from onboard.flight.types import View
+from onboard.flight.context import FlightContext
+from onboard.flight.types import FlightView
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.duplicate_agents import Lives
 from onboard.neighbours.subscription import is_slow
@@ -35,7 +35,7 @@ class Report:
         *,
         own: OwnState,
         neighbours: NeighbourTable,
-        flight: Flight,
+        flight: FlightContext,
         guard: Guard,
         roles: Roles,
         lives: Lives,
@@ -52,7 +52,7 @@ class Report:
         self,
         out: list[Command],
         tick: Tick,
-        view: View,
+        view: FlightView,
         *,
         period_s: float,
         is_airborne: bool,
@@ -129,5 +129,5 @@ class Report:
             )
             told: list[Command] = [Publish(Topic.TELEMETRY, telemetry)]
             if self._brief.is_due(telemetry):
-                told.append(Publish(Topic.BRIEF, telemetry))
+                told.append(Publish(Topic.SLOW_TELEMETRY, telemetry))
             out[:0] = told

@@ -1,8 +1,9 @@
-"""Who may give orders: roles as liveliness tokens, and the rules that agents and grounds share. Pure.
+"""The operator of a fleet: roles as liveliness tokens, and the rules that agents and grounds share. Pure.
 
-A ground that operates holds ``operator.TERM.NODE.AUTHOR``, one that wants to ``asks...``, an operator who answers no
-``keeps...`` with the asking node. A token vanishes with its process, so nobody operates from the grave. Grounds do not
-see each other, only agents; so every agent tells in its telemetry which tokens it sees.
+A ground that operates declares the token ``operator.TERM.NODE.AUTHOR``, one that requests control ``asks...``, and an
+operator who refuses it ``keeps...`` with the node of the request. A token vanishes with its process, so a ground that
+has ended cannot stay the operator. Grounds are connected to agents only, not to each other; therefore every agent
+publishes in its telemetry the tokens that it sees.
 """
 
 from __future__ import annotations
@@ -15,35 +16,47 @@ from onboard.bus.schema import Order, OrderKind
 
 Role = Literal["operator", "asks", "keeps"]
 ROLES: tuple[Role, ...] = get_args(Role)
-EMERGENCY: tuple[OrderKind, ...] = ("land", "hold", "kill")
+EMERGENCY: tuple[OrderKind, ...] = ("land", "hold", "kill")  # orders that anybody may send
 MAX_TERM = 10**6
 _MAX_TOKENS = 64
 
 
 @dataclass(frozen=True, slots=True)
 class Token:
-    """One role of one ground; ``term`` grows when control is taken by force. For "keeps" ``node`` is who asked."""
+    """One role of one ground."""
 
     role: Role
-    term: int
-    node: str
-    author: str
+    term: int  # grows each time that control is taken by force
+    node: str  # of the ground; for "keeps" the node that requested control
+    author: str  # name of the user
 
     def __str__(self) -> str:
-        return f"{self.role}.{self.term}.{_word(self.node)}.{_word(self.author)}"
+        return f"{self.role}.{self.term}.{_token_part(self.node)}.{_token_part(self.author)}"
 
     @property
-    def who(self) -> str:
-        """Its author and node: two grounds of one user are told apart by the latter."""
+    def label(self) -> str:
+        """Author and node; the node distinguishes two grounds of one user."""
         return f"{self.author} ({self.node})"
 
     def beats(self, other: Token) -> bool:
-        """Whether this one operates where two claimed at once: the later term, then the lower name."""
+        """Whether this token wins where two grounds claimed to operate at once: the later term, then the lower node.
+
+        Args:
+            other: token of the other ground.
+        Returns:
+            True if this token wins.
+        """
         return (-self.term, self.node) < (-other.term, other.node)
 
 
 def parse_token(name: str) -> Token | None:
-    """The token of this name; None for any other node."""
+    """Parse a name on the bus as a role token.
+
+    Args:
+        name: of a liveliness token.
+    Returns:
+        the token; None for the name of any other node.
+    """
     role, *rest = name.split(".")
     known = next((known for known in ROLES if known == role), None)
     if known is None or len(rest) != 3 or not re.fullmatch(r"\d{1,7}", rest[0]) or not rest[1]:
@@ -52,17 +65,23 @@ def parse_token(name: str) -> Token | None:
 
 
 class Roles:
-    """The role tokens that one agent sees, and who operates by them.
+    """The role tokens that one agent sees, and the operator that follows from them.
 
-    Who operates goes on operating while its token lives, whoever claims later, unless somebody claims a later term.
+    The operator stays the operator while its token lives, whoever claims later, unless the later claim has a later
+    term.
     """
 
     def __init__(self) -> None:
-        self.holder: Token | None = None
+        self.holder: Token | None = None  # token of the operator
         self._tokens: dict[str, Token] = {}
 
     def see(self, name: str, is_alive: bool) -> None:
-        """A token of the bus came or went; other nodes' tokens change nothing."""
+        """Take note of a liveliness token; tokens of other nodes change nothing.
+
+        Args:
+            name: of the token.
+            is_alive: whether it appeared; False when it vanished.
+        """
         token = parse_token(name)
         if token is None:
             return
@@ -78,7 +97,7 @@ class Roles:
 
     @property
     def operator(self) -> str:
-        """The holder's token for telemetry; empty when nobody operates."""
+        """The operator's token for telemetry; empty when nobody operates."""
         return "" if self.holder is None else str(self.holder)
 
     @property
@@ -87,16 +106,22 @@ class Roles:
         return tuple(sorted(name for name, token in self._tokens.items() if token != self.holder))
 
     def refusal(self, order: Order) -> str | None:
-        """Why this order is not for its sender to give; None when it is. Who makes things safer need not operate."""
+        """Judge whether the sender of an order may give it. Orders that make a flight safer are open to everybody.
+
+        Args:
+            order: as received.
+        Returns:
+            the sentence that refuses it; None when it is allowed.
+        """
         holder = self.holder
         if holder is None or order.kind in EMERGENCY or order.node == holder.node:
             return None
         return (
-            f"{holder.author} operates this fleet (from {holder.node}): land, hold and kill are everybody's, other "
-            "orders the operator's. Ask for control in the console: take control."
+            f"{holder.author} operates this fleet (from {holder.node}). Everybody may order land, hold and kill; all "
+            "other orders are the operator's. To ask for control, type in the console: take control."
         )
 
 
-def _word(text: str) -> str:
-    """Text as one part of a token's name; what a key expression may not hold becomes an underscore."""
+def _token_part(text: str) -> str:
+    """Return a text as one part of a token's name: characters that a key may not hold become underscores."""
     return re.sub(r"[^\w-]", "_", text)[:60] or "_"

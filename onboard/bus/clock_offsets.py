@@ -1,11 +1,11 @@
-"""How far the monotonic clocks of other hosts are from ours, measured over the bus. Pure: times are passed in.
+"""Offsets of other hosts' monotonic clocks from ours, measured over the bus. Pure: times are passed in.
 
-Every node tells its clock twice a second, and when it heard the clocks of the others. A message that was sent at t1 by
-their clock and arrived at t2 by ours says that their clock is ahead by at least t1 - t2, since nothing arrives before
-it is sent; what they tell of ours says that it is ahead by at most so much. Both are true whatever the delays are,
-however different on the way there and back; the quickest messages of each way make the bounds narrow. A bound gets
-wider while it ages, for clocks drift apart. Nothing is averaged, and no wall clock is asked: one that jumps changes
-nothing.
+Twice a second every node publishes its clock, and the arrival times of the others' clock messages. A message sent at t1
+by their clock that arrives at t2 by ours shows that their clock is ahead by at least t1 - t2, since nothing arrives
+before it is sent. The arrival times that they publish of our messages bound it from above in the same way. Both bounds
+are true whatever the delays are, however different in the two directions; the quickest messages of each direction make
+them narrow. A bound widens as it ages, because clocks drift apart. Nothing is averaged and no wall clock is read, so a
+wall clock that jumps changes nothing.
 
 Nodes that share a clock (one kernel, one boot, one time namespace) know that from each other's host id.
 """
@@ -21,46 +21,85 @@ DRIFT = 1e-3
 _UNKNOWN_DELAY_NS = 20_000_000  # assumed while nothing is measured
 _SAME_CLOCK_NS = 500_000_000
 _FORGET_NS = 60_000_000_000
-_MOST_NODES = 64
+_MAX_NODES = 64
 
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """One other node: their clock minus ours lies between ``low_ns`` and ``high_ns``, each true at its own time.
-
-    sent_ns, received_ns: of its newest message, by its clock and by ours.
-    """
+    """One other node: their clock minus ours lies between ``low_ns`` and ``high_ns``, each true at its own time."""
 
     host: int
-    sent_ns: int
-    received_ns: int
+    sent_ns: int  # of its newest message, by its clock
+    received_ns: int  # of its newest message, by ours
     low_ns: int
     low_at_ns: int
-    high_ns: int | None = None
+    high_ns: int | None = None  # None while they have not published an arrival time of ours
     high_at_ns: int = 0
 
     def bounds_ns(self, now_ns: int) -> tuple[int, int | None]:
-        """Both bounds now, wider for their age."""
+        """Return both bounds, widened for their age.
+
+        Args:
+            now_ns: our clock.
+        Returns:
+            lower and upper bound [ns] of their clock minus ours; the upper one is None while it is not measured.
+        """
         low = self.low_ns - _drift_ns(now_ns - self.low_at_ns)
         return low, None if self.high_ns is None else self.high_ns + _drift_ns(now_ns - self.high_at_ns)
+
+    def raised_low(self, low_ns: int, now_ns: int) -> Peer:
+        """Return the peer with a new lower bound, where that is the narrower one.
+
+        Args:
+            low_ns: what a message that arrives now shows.
+            now_ns: our clock.
+        Returns:
+            the same peer or a changed copy.
+        """
+        return replace(self, low_ns=low_ns, low_at_ns=now_ns) if low_ns >= self.bounds_ns(now_ns)[0] else self
+
+    def lowered_high(self, high_ns: int, at_ns: int) -> Peer:
+        """Return the peer with a new upper bound, where that is the narrower one.
+
+        Args:
+            high_ns: what their arrival time of our message shows.
+            at_ns: when we sent that message, by our clock.
+        Returns:
+            the same peer or a changed copy.
+        """
+        known = self.bounds_ns(at_ns)[1]
+        return self if known is not None and high_ns > known else replace(self, high_ns=high_ns, high_at_ns=at_ns)
+
+    def is_contradictory(self, now_ns: int) -> bool:
+        """Whether both bounds exclude each other: a clock stood still (a suspended host), or a message is false.
+
+        Args:
+            now_ns: our clock.
+        Returns:
+            True if no offset fulfils both.
+        """
+        low, high = self.bounds_ns(now_ns)
+        return high is not None and low > high
 
 
 @dataclass(slots=True)
 class Clocks:
-    """The clocks of all nodes that were heard.
+    """The clocks of all nodes that were heard."""
 
-    Args:
-        node: our own name on the bus. host: our own host id.
-    """
-
-    node: str
-    host: int
-    restarts: int = 0
+    node: str  # our own name on the bus
+    host: int  # our own host id
+    restarts: int = 0  # measurements begun anew after a contradiction
     _peers: dict[str, Peer] = field(default_factory=dict)
     _sequence: int = 0
 
     def message(self, now_ns: int) -> ClockMessage:
-        """What to tell the others now."""
+        """Make the next clock message of this node.
+
+        Args:
+            now_ns: our clock.
+        Returns:
+            the message to publish at once.
+        """
         self._sequence += 1
         heard = tuple(
             HeardClock(name, peer.host, peer.sent_ns, peer.received_ns)
@@ -70,34 +109,34 @@ class Clocks:
         return ClockMessage(node=self.node, host=self.host, sequence=self._sequence, sent_ns=now_ns, heard=heard)
 
     def hear(self, message: ClockMessage, received_ns: int) -> None:
-        """Take a message of another node."""
+        """Take a clock message of another node.
+
+        Args:
+            message: as received; our own is ignored.
+            received_ns: its arrival, by our clock.
+        """
         if message.node == self.node or (message.node not in self._peers and not self._has_room(received_ns)):
             return
-        low = message.sent_ns - received_ns
+        low_ns = message.sent_ns - received_ns
+        new = Peer(message.host, message.sent_ns, received_ns, low_ns, received_ns)
         peer = self._peers.get(message.node)
         if peer is None or peer.host != message.host or message.host == self.host:
-            # another boot is another clock, and of our own there is nothing to measure
-            peer = Peer(message.host, message.sent_ns, received_ns, low, received_ns)
-        elif low >= peer.bounds_ns(received_ns)[0]:
-            peer = replace(peer, low_ns=low, low_at_ns=received_ns)
+            peer = new  # another boot is another clock, and of our own there is nothing to measure
+        else:
+            peer = peer.raised_low(low_ns, received_ns)
         if message.sent_ns > peer.sent_ns:
             peer = replace(peer, sent_ns=message.sent_ns, received_ns=received_ns)
         for heard in message.heard:
             if heard.node == self.node and heard.host == self.host and heard.sent_ns <= received_ns:
-                high = heard.received_ns - heard.sent_ns
-                known = peer.bounds_ns(heard.sent_ns)[1]
-                if known is None or high <= known:
-                    peer = replace(peer, high_ns=high, high_at_ns=heard.sent_ns)
-        low_now, high_now = peer.bounds_ns(received_ns)
-        if high_now is not None and low_now > high_now:
-            # No two true bounds exclude each other: a clock stood still (a suspended host) or somebody lies. Anew.
+                peer = peer.lowered_high(heard.received_ns - heard.sent_ns, heard.sent_ns)
+        if peer.is_contradictory(received_ns):
             self.restarts += 1
-            peer = Peer(message.host, message.sent_ns, received_ns, low, received_ns)
+            peer = new
         self._peers[message.node] = peer
 
     def _has_room(self, now_ns: int) -> bool:
-        """Whether one more node can be remembered; who has been silent for a minute makes room."""
-        if len(self._peers) >= _MOST_NODES:
+        """Whether one more node can be remembered; one that was silent for a minute makes room."""
+        if len(self._peers) >= _MAX_NODES:
             oldest, peer = min(tuple(self._peers.items()), key=lambda item: item[1].received_ns)
             if now_ns - peer.received_ns < _FORGET_NS:
                 return False
@@ -105,10 +144,17 @@ class Clocks:
         return True
 
     def own_ns(self, node: str, stamp_ns: int, received_ns: int) -> int:
-        """A stamp of ``node`` on our clock: the earliest moment that it can mean, and never after its arrival.
+        """Convert a stamp of another node to our clock.
 
-        While nothing is known of the node, a stamp shortly before its arrival counts as one of our own clock, and of
-        any other the arrival counts, less a usual delay.
+        While nothing is known of the node, a stamp shortly before its arrival counts as one of our own clock; any other
+        is replaced by its arrival, less a usual delay.
+
+        Args:
+            node: whose clock made the stamp.
+            stamp_ns: by that clock.
+            received_ns: arrival of the message, by our clock.
+        Returns:
+            the earliest time [ns] by our clock that the stamp can mean, and never after its arrival.
         """
         peer = self._peers.get(node)
         if peer is None:
@@ -121,12 +167,25 @@ class Clocks:
         return min(stamp_ns - peer.high_ns - _drift_ns(received_ns - peer.high_at_ns), received_ns)
 
     def is_measured(self, node: str) -> bool:
-        """Whether stamps of ``node`` can be told on our clock."""
+        """Whether stamps of a node can be converted to our clock.
+
+        Args:
+            node: its name on the bus.
+        Returns:
+            True if it shares our clock or its offset is bounded on both sides.
+        """
         peer = self._peers.get(node)
         return peer is not None and (peer.host == self.host or peer.high_ns is not None)
 
     def offset_s(self, node: str, now_ns: int) -> tuple[float, float] | None:
-        """How far their clock is ahead of ours, and how wrong that may be; None while it is not measured."""
+        """Return the offset of a node's clock.
+
+        Args:
+            node: its name on the bus.
+            now_ns: our clock.
+        Returns:
+            by how much [s] their clock is ahead of ours, and the largest error [s] of that; None while not measured.
+        """
         peer = self._peers.get(node)
         if peer is None:
             return None
@@ -136,16 +195,28 @@ class Clocks:
         return None if high is None else ((low + high) * 0.5e-9, (high - low) * 0.5e-9)
 
     def bounds_s(self, now_ns: int) -> dict[str, float]:
-        """How wrong each other host's clock may be known: half the gap of its bounds, infinite while not measured."""
-        found = {}
+        """Return the largest error of each other host's offset.
+
+        Args:
+            now_ns: our clock.
+        Returns:
+            node -> half the distance [s] of its bounds; infinite while not measured.
+        """
+        errors = {}
         for name, peer in tuple(self._peers.items()):
             if peer.host != self.host and now_ns - peer.received_ns < _FORGET_NS:
                 offset = self.offset_s(name, now_ns)
-                found[name] = float("inf") if offset is None else offset[1]
-        return found
+                errors[name] = float("inf") if offset is None else offset[1]
+        return errors
 
     def shares(self, node: str) -> bool:
-        """Whether ``node`` is known to run on our clock."""
+        """Whether a node is known to run on our clock.
+
+        Args:
+            node: its name on the bus.
+        Returns:
+            True if its host id is ours.
+        """
         peer = self._peers.get(node)
         return peer is not None and peer.host == self.host
 

@@ -1,4 +1,4 @@
-"""Bytes <-> message. What comes from outside never raises: it decodes, or it is :class:`Malformed`."""
+"""Bytes <-> message. Input from outside never raises: it decodes, or it is :class:`Malformed`."""
 
 from __future__ import annotations
 
@@ -20,21 +20,31 @@ _decoders: dict[type[Message], msgspec.msgpack.Decoder[Message]] = {}
 
 @dataclass(frozen=True, slots=True)
 class Malformed:
-    """Bytes that are no message of the wanted kind: counted by the receiver, otherwise ignored."""
+    """Bytes that are no message of the expected type: counted by the receiver, otherwise ignored."""
 
     reason: str
-    size: int
+    size: int  # bytes
 
 
 def encode(message: Message) -> bytes:
-    """MessagePack bytes of a message."""
+    """Encode a message.
+
+    Args:
+        message: any message of the schema.
+    Returns:
+        its MessagePack bytes.
+    """
     return _encoder.encode(message)
 
 
 def decode(data: bytes, kind: type[MessageT]) -> MessageT | Malformed:
-    """The message in ``data``, or why there is none; whether its numbers are finite is for :func:`is_finite` to say.
+    """Decode a message. Whether its numbers are finite is for :func:`is_finite` to say.
 
-    Never raises on input: garbage, truncation, another type and another schema version all become Malformed.
+    Args:
+        data: as received.
+        kind: type of the message.
+    Returns:
+        the message; Malformed, with the reason, for garbage, truncation, another type or another schema version.
     """
     if len(data) > MAX_BYTES:
         return Malformed("too large", len(data))
@@ -52,5 +62,11 @@ def decode(data: bytes, kind: type[MessageT]) -> MessageT | Malformed:
 
 
 def is_finite(*vectors: tuple[float, ...]) -> bool:
-    """Whether every number of every vector is finite, and their sum too; for receivers that act on a message."""
-    return math.isfinite(sum(map(sum, vectors)))  # whatever is not finite makes the sum so
+    """Whether every number of every vector is finite, for receivers that calculate with a message.
+
+    Args:
+        vectors: any number of tuples of floats.
+    Returns:
+        True if all numbers and their sum are finite.
+    """
+    return math.isfinite(sum(map(sum, vectors)))  # any number that is not finite makes the sum so

@@ -1,7 +1,8 @@
 """Messages on the bus: frozen, with a schema version, units and frames in every field name.
 
-``stamp_ns`` is the sender's monotonic clock; ``boot_id`` changes when the sender restarts, so that stamps of two lives
-are never compared. All positions are fleet ENU. Only data: no numpy, so that any process can read the bus cheaply.
+``stamp_ns`` is the sender's monotonic clock; ``boot_id`` changes when the sender restarts, so that stamps before and
+after a restart are never compared. All positions are fleet ENU. Only data, without numpy, so that any process can read
+the bus cheaply.
 """
 
 from __future__ import annotations
@@ -16,19 +17,21 @@ Vec3 = tuple[float, float, float]
 Vec4 = tuple[float, float, float, float]
 
 AgentState = Literal["waiting", "ready", "armed", "taking off", "flying", "holding", "landing", "landed", "failed"]
-OrderKind = Literal["arm", "disarm", "takeoff", "move", "land", "hold", "kill", "identify"]
+# "identify" is the former name of "locate": records and older grounds have it
+LOCATE = ("locate", "identify")
+OrderKind = Literal["arm", "disarm", "takeoff", "move", "land", "hold", "kill", "locate", "identify"]
 OrderOutcome = Literal["accepted", "done", "refused", "superseded", "failed", "timed out"]
 Severity = Literal["debug", "info", "warning", "critical"]
 
 
 class Message(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
-    """Base: ``schema`` first, so that a receiver can refuse a version before it reads the rest."""
+    """Base of all messages."""
 
-    schema: int = SCHEMA_VERSION
+    schema: int = SCHEMA_VERSION  # first, so that a receiver can refuse a version before it reads the rest
 
 
 class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
-    """What neighbours need at 50 Hz: the plain estimate, and the state predicted over the sender's own lag."""
+    """State for the neighbours at 50 Hz: the plain estimate, and the state predicted over the sender's own lag."""
 
     vehicle: str
     boot_id: int
@@ -43,21 +46,15 @@ class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
     predicted_position_enu_m: Vec3
     predicted_velocity_enu_m_s: Vec3
     commanded_acceleration_enu_m_s2: Vec3
-    lead_time_s: float
+    lead_time_s: float  # from ``stamp_ns`` to the time of the prediction
     position_std_m: float
     velocity_std_m_s: float
-    crowd_count: float
+    crowd_count: float  # neighbours nearer than twice the design distance
     intent_enu_m_s: Vec3 = (0.0, 0.0, 0.0)
 
 
 class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
-    """Everything that a person looks at, 5-10 Hz.
-
-    conditions: what is wrong now, in the words of the failsafe table; action: what is done about it, in words.
-    doubles: vehicles that two agents speak for, as this one hears it.
-    operator: the token of who may give orders, as this vehicle sees it; roles: the other such tokens (see operator.py).
-    avoids: the neighbour for whose sake the law holds back most now; "" when it does not.
-    """
+    """State of one vehicle for people, 5-10 Hz."""
 
     vehicle: str
     boot_id: int
@@ -96,28 +93,26 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     hover_thrust_frac: float
     config_hash: str
     system_id: int
-    conditions: tuple[str, ...] = ()
-    action: str = ""
-    operator: str = ""
-    roles: tuple[str, ...] = ()
+    conditions: tuple[str, ...] = ()  # of the failsafe table that hold now, in words
+    action: str = ""  # of the failsafe table, in words
+    operator: str = ""  # token of the operator, as this vehicle sees it: see authority.py
+    roles: tuple[str, ...] = ()  # the other role tokens
     loop_lateness_p99_ms: float = 0.0
     missed_ticks: int = 0
-    avoids: str = ""
-    doubles: tuple[str, ...] = ()
+    avoids: str = ""  # the neighbour that the law's intervention is mostly for; "" without intervention
+    doubles: tuple[str, ...] = ()  # vehicles for which this one hears two agents
     mocap_delay_s: float = 0.0  # mean time from a pose's measurement to its arrival
 
 
 class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
-    """Go or no-go of one vehicle, 1 Hz while it stands on the ground.
-
-    checks: (name, is_ok, sentence, remedy) in the order in which a person looks for the fault. Not ok refuses take-off;
-    ok with a remedy is advice; ok without one needs no action.
-    """
+    """Go or no-go of one vehicle, 1 Hz while it stands on the ground."""
 
     vehicle: str
     boot_id: int
     sequence: int
     stamp_ns: int
+    # (name, is_ok, sentence, remedy) in the order in which a person looks for the fault. Not ok refuses take-off; ok
+    # with a remedy is advice; ok without one needs no action.
     checks: tuple[tuple[str, bool, str, str], ...]
 
     @property
@@ -127,7 +122,7 @@ class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class TickSample(Message, frozen=True, array_like=True, kw_only=True):
-    """One pass of the pipeline, every intermediate value."""
+    """One run of the pipeline with every intermediate value."""
 
     stamp_ns: int
     period_s: float
@@ -167,7 +162,7 @@ class TickBatch(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class Event(Message, frozen=True, array_like=True, kw_only=True):
-    """Something happened: a sentence for people, a code for programs. Ends of orders are events too."""
+    """An event: a sentence for people, a code for programs. Ends of orders are events too."""
 
     vehicle: str
     stamp_ns: int
@@ -179,30 +174,21 @@ class Event(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class Order(Message, frozen=True, array_like=True, kw_only=True):
-    """Ground to one vehicle; answered at once by an :class:`OrderReply`, ended by an event.
-
-    position_enu_m: move only, the vehicle's own goal (the ground has added the slot's offset).
-    height_m: takeoff only, above the fleet's origin. duration_s: 0 = as fast as the limits allow.
-    deadline_ns: on the sender's monotonic clock, after which the order must not begin.
-    node: the sender on the bus, by which the operator is known.
-    """
+    """Ground to one vehicle; answered at once by an :class:`OrderReply`, ended by an event."""
 
     order_id: str
     author: str
     kind: OrderKind
     stamp_ns: int
-    deadline_ns: int
-    position_enu_m: Vec3 | None = None
-    height_m: float | None = None
-    duration_s: float = 0.0
-    node: str = ""
+    deadline_ns: int  # after which the order must not begin, on the sender's monotonic clock
+    position_enu_m: Vec3 | None = None  # move only: the vehicle's own goal, its slot's offset added by the ground
+    height_m: float | None = None  # takeoff only: above the fleet's origin
+    duration_s: float = 0.0  # 0: as fast as the limits allow
+    node: str = ""  # the sender on the bus, by which the operator is known
 
 
 class FaultOrder(Message, frozen=True, array_like=True, kw_only=True):
-    """Ground to the emulator, in simulated flights only: let something go wrong. Answered by an :class:`OrderReply`.
-
-    after_s: simulated time from now. duration_s: 0 = until the end. is_rehearsal: only say whether it could be done.
-    """
+    """Ground to the emulator, in simulated flights only: inject a fault. Answered by an :class:`OrderReply`."""
 
     order_id: str
     author: str
@@ -210,9 +196,9 @@ class FaultOrder(Message, frozen=True, array_like=True, kw_only=True):
     vehicle: str
     fault: str
     parameters: dict[str, float | str]
-    after_s: float = 0.0
-    duration_s: float = 0.0
-    is_rehearsal: bool = False
+    after_s: float = 0.0  # simulated time from now
+    duration_s: float = 0.0  # 0: until the end
+    is_rehearsal: bool = False  # only say whether it could be done
 
 
 class OrderReply(Message, frozen=True, array_like=True, kw_only=True):
@@ -225,10 +211,7 @@ class OrderReply(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class MocapPose(Message, frozen=True, array_like=True, kw_only=True):
-    """Pose of one body, measured at ``stamp_ns``; the quaternion rotates body FLU to fleet ENU.
-
-    source: the node whose clock stamps it; empty when that is the receiver's own.
-    """
+    """Pose of one body, measured at ``stamp_ns``; the quaternion rotates body FLU to fleet ENU."""
 
     body: str
     boot_id: int
@@ -237,33 +220,30 @@ class MocapPose(Message, frozen=True, array_like=True, kw_only=True):
     is_tracked: bool
     position_enu_m: Vec3
     quaternion_enu_flu_wxyz: Vec4
-    source: str = ""
+    source: str = ""  # the node whose clock stamps it; empty for the receiver's own clock
 
 
 class HeardClock(msgspec.Struct, frozen=True, array_like=True):
-    """A node's clock message of ``sent_ns``, by its own clock, arrived at ``received_ns`` by the teller's."""
+    """Arrival of another node's clock message."""
 
-    node: str
+    node: str  # the sender of that message
     host: int
-    sent_ns: int
-    received_ns: int
+    sent_ns: int  # by its own clock
+    received_ns: int  # by the clock of the node that publishes this
 
 
 class ClockMessage(Message, frozen=True, array_like=True, kw_only=True):
-    """A node's monotonic clock, and what it heard of the others': twice a second, ``onboard/bus/clock_offsets.py``.
-
-    host: what shares one clock has the same; another boot is another host.
-    """
+    """A node's monotonic clock, and arrivals of the others': twice a second, see ``onboard/bus/clock_offsets.py``."""
 
     node: str
-    host: int
+    host: int  # equal for all that share one clock; another boot is another host
     sequence: int
     sent_ns: int
     heard: tuple[HeardClock, ...] = ()
 
 
 class Truth(Message, frozen=True, array_like=True, kw_only=True):
-    """Ground truth, simulation only: for records and judges; no agent listens."""
+    """Ground truth, simulation only: for records and expectations; no agent listens."""
 
     vehicle: str
     stamp_ns: int

@@ -1,8 +1,8 @@
-"""The bus itself; the only file of the project that imports zenoh.
+"""The bus over Zenoh; the only file of the project that imports zenoh.
 
-Explicit endpoints, no multicast and no gossip scouting: who is not named in the fleet file is not met. Callbacks run on
-zenoh's threads and must only hand over (:meth:`asyncio.AbstractEventLoop.call_soon_threadsafe`); calling a session's
-method from inside a callback can deadlock.
+Endpoints are explicit, without multicast or gossip scouting: a node connects only to endpoints of the fleet file.
+Callbacks run on zenoh's threads and must only hand over (:meth:`asyncio.AbstractEventLoop.call_soon_threadsafe`);
+calling a session's method from inside a callback can deadlock.
 """
 
 from __future__ import annotations
@@ -15,37 +15,39 @@ from typing import Any
 import zenoh
 
 from onboard.bus.codec import Malformed, decode, encode
+from onboard.bus.protocol import (
+    LEASE_MS,
+    MAX_COLLECTED,
+    BusError,
+    OnAlive,
+    OnEnd,
+    OnFault,
+    OnMessage,
+    OnOrder,
+    OnReply,
+)
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
 from onboard.bus.topics import TOPICS, Delivery, Topic, key, topic_and_name
 from onboard.native_threads import keep_thread_state
 
-LEASE_MS = 1000
-# One thread for all of the network: by itself zenoh has one that is told of what has arrived and wakes up another that
-# reads it, five in all, and to be woken costs more than to read. Read by zenoh when the first session opens.
+# One thread for all of the network. By default zenoh has five, and one of them wakes up another for every message; the
+# wake-up costs more than the reading. Zenoh reads this when the first session opens.
 _RUNTIMES = [f"{name}: (handover: net)" for name in ("rx", "tx", "acc", "app")] + ["net: (worker_threads: 1)"]
 os.environ.setdefault("ZENOH_RUNTIME", f"({', '.join(_RUNTIMES)})")
 RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
 
-OnMessage = Callable[[Topic, str, Message | Malformed], None]
-OnOrder = Callable[[Order | Malformed, Callable[[OrderReply], None]], None]
-OnFault = Callable[[FaultOrder | Malformed, Callable[[OrderReply], None]], None]
-OnAlive = Callable[[str, bool], None]
-_Ring = tuple[Any, Callable[[Any], None]]  # a subscriber that keeps the newest samples, and who takes them
+_Collector = tuple[Any, Callable[[Any], None]]  # a subscriber that keeps the newest samples, and the function for each
 _MAX_NAMES = 1000
-_MOST_FOLLOWED, _MOST_COLLECTED = 16, 1000  # samples that wait: of one name, of all
-# What may block has a queue of its own: who waits in a queue for a peer that hangs holds up everybody else who puts
-# into it, and the control loop puts what may be dropped.
-_PATIENT = zenoh.Priority.INTERACTIVE_HIGH
-_PATIENCE_US = 1_000_000  # then the connection to a peer that takes nothing is closed
-FAULT = "fault"  # the one thing that an emulator is asked for
-
-
-class BusError(RuntimeError):
-    """The bus could not be opened: a sentence that says where and what to do."""
+_MAX_FOLLOWED = 16  # samples of one followed name that wait for delivery
+# Messages whose sender may block have a queue of their own: in a shared one, a peer that hangs would hold up the
+# control loop's messages too.
+_BLOCKING_PRIORITY = zenoh.Priority.INTERACTIVE_HIGH
+_CLOSE_AFTER_US = 1_000_000  # then the connection to a peer that takes nothing is closed
+_FAULT_NAME = "fault"
 
 
 class BusSession:
-    """One node on the fleet's bus.
+    """One node on the fleet's bus, as :class:`onboard.bus.protocol.Bus` describes.
 
     Args:
         namespace: key prefix, ``covey/<fleet name>``.
@@ -54,6 +56,8 @@ class BusSession:
         connect: endpoints of the others; retried for ever, so that the order of starting does not matter.
     """
 
+    is_simulated = False
+
     def __init__(self, *, namespace: str, node: str, listen: Sequence[str] = (), connect: Sequence[str] = ()) -> None:
         self.namespace = namespace
         self.node = node
@@ -61,11 +65,11 @@ class BusSession:
         self._connect = [endpoint for endpoint in connect if endpoint not in self._listen]
         self._session: zenoh.Session | None = None
         self._publishers: dict[tuple[Topic, str], zenoh.Publisher] = {}
-        self._followed: dict[tuple[Topic, str], _Ring] = {}
-        self._collected: list[_Ring] = []
-        self._rings: tuple[_Ring, ...] = ()
+        self._followed: dict[tuple[Topic, str], _Collector] = {}
+        self._collected: list[_Collector] = []
+        self._collectors: tuple[_Collector, ...] = ()  # all of both
         self._claims: dict[str, Any] = {}
-        self._kept: list[Any] = []  # subscribers, queryables and tokens live as long as somebody holds them
+        self._declared: list[Any] = []  # subscribers, queryables and tokens live as long as they are referred to
 
     def start(self) -> None:
         """Open the bus and declare the liveliness token; a second call does nothing.
@@ -73,8 +77,12 @@ class BusSession:
         Raises:
             BusError: an endpoint to listen at is taken or not valid.
         """
-        if self._session is not None:
-            return
+        if self._session is None:
+            self._session = self._open_session()
+            token = self._session.liveliness().declare_token(key(self.namespace, Topic.ALIVE, self.node))
+            self._declared.append(token)
+
+    def _open_session(self) -> zenoh.Session:
         config = zenoh.Config()
         for path, value in (
             ("mode", "peer"),
@@ -89,21 +97,20 @@ class BusSession:
             ("scouting/gossip/enabled", False),
             ("transport/link/tx/lease", LEASE_MS),
             ("transport/shared_memory/enabled", False),  # messages are small, and its threads and memory are not free
-            # a peer that hangs fills its queue: who publishes drops at once instead of waiting in the control loop
+            # a peer that hangs fills its queue: the publisher drops at once instead of waiting in the control loop
             ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", 0),
             ("transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments", 0),
-            ("transport/link/tx/queue/congestion_control/block/wait_before_close", _PATIENCE_US),
+            ("transport/link/tx/queue/congestion_control/block/wait_before_close", _CLOSE_AFTER_US),
         ):
             config.insert_json5(path, json.dumps(value))
         try:
-            self._session = zenoh.open(config)
+            return zenoh.open(config)
         except zenoh.ZError as error:
             raise BusError(
                 f"The bus cannot listen at {', '.join(self._listen) or 'no endpoint'} ({_reason(error)}). "
-                "Is another agent or emulator of this fleet running? Stop it, or change the endpoint in the fleet file."
+                "Another agent or emulator of this fleet may be running: stop it, or change the endpoint in the "
+                "fleet file."
             ) from None
-        token = self._session.liveliness().declare_token(key(self.namespace, Topic.ALIVE, self.node))
-        self._kept.append(token)
 
     def stop(self) -> None:
         """Leave the bus; a second call does nothing."""
@@ -112,9 +119,9 @@ class BusSession:
             self._publishers.clear()
             self._followed.clear()
             self._collected.clear()
-            self._rings = ()
+            self._collectors = ()
             session.close()  # type: ignore[no-untyped-call]
-            self._kept.clear()
+            self._declared.clear()
             self._claims.clear()
 
     @property
@@ -132,51 +139,43 @@ class BusSession:
             publisher = self._publishers[topic, name] = self._open.declare_publisher(
                 key(self.namespace, topic, name),
                 congestion_control=zenoh.CongestionControl.DROP if latest else zenoh.CongestionControl.BLOCK,
-                priority=zenoh.Priority.REAL_TIME if urgent else zenoh.Priority.DATA if latest else _PATIENT,
-                allowed_destination=zenoh.Locality.REMOTE,  # who subscribes to all vehicles pays nothing for itself
+                priority=zenoh.Priority.REAL_TIME if urgent else zenoh.Priority.DATA if latest else _BLOCKING_PRIORITY,
+                allowed_destination=zenoh.Locality.REMOTE,  # a subscriber to all need not take its own messages
             )
         publisher.put(encode(message))
 
     def subscribe(self, topic: Topic, name: str, on_message: OnMessage) -> None:
         """Call ``on_message(topic, name, message)`` on a bus thread for each sample; ``name`` may be ``*``."""
         receive = self._receiver(topic, on_message, "" if name == "*" else name)
-        self._kept.append(self._open.declare_subscriber(key(self.namespace, topic, name), _callback(receive)))
+        self._declared.append(self._open.declare_subscriber(key(self.namespace, topic, name), _callback(receive)))
 
-    def collect(self, topic: Topic, name: str, on_message: OnMessage, *, most: int = _MOST_COLLECTED) -> None:
-        """Like :meth:`subscribe`, but what comes waits for :meth:`deliver`; of too much the newest is kept.
-
-        Who looks at a regular time saves half of what a message costs: no thread has to wake up for it and to wait for
-        Python's lock.
-        """
-        self._collected.append(self._ring(topic, name, on_message, most))
-        self._rings = (*self._collected, *self._followed.values())
+    def collect(self, topic: Topic, name: str, on_message: OnMessage, *, most: int = MAX_COLLECTED) -> None:
+        """Keep messages until :meth:`deliver`; of more than ``most`` the newest."""
+        self._collected.append(self._collector(topic, name, on_message, most))
+        self._collectors = (*self._collected, *self._followed.values())
 
     def follow(self, topic: Topic, names: Iterable[str], on_message: OnMessage) -> None:
-        """Collect ``topic`` of exactly these names: who is new is declared, who is no longer wanted is let go.
-
-        What nobody follows is not sent at all: the publisher's own node knows who listens. Not for the control loop: to
-        declare takes a message to every peer. Only one thread may call this.
-        """
-        wanted = {(topic, name) for name in names}
-        gone = [self._followed.pop(pair) for pair in list(self._followed) if pair[0] is topic and pair not in wanted]
-        for new in sorted(wanted - self._followed.keys()):
-            self._followed[new] = self._ring(topic, new[1], on_message, _MOST_FOLLOWED)
-        self._rings = (*self._collected, *self._followed.values())
+        """Collect ``topic`` of exactly these names; the publisher's own node knows who listens."""
+        pairs = {(topic, name) for name in names}
+        gone = [self._followed.pop(pair) for pair in list(self._followed) if pair[0] is topic and pair not in pairs]
+        for new in sorted(pairs - self._followed.keys()):
+            self._followed[new] = self._collector(topic, new[1], on_message, _MAX_FOLLOWED)
+        self._collectors = (*self._collected, *self._followed.values())
         for subscriber, _ in gone:
             subscriber.undeclare()
 
     def deliver(self) -> None:
-        """Hand over what :meth:`collect` and :meth:`follow` hold, on the caller's thread; never blocks."""
-        for subscriber, receive in self._rings:
+        """Call back for everything collected or followed, on the caller's thread; never blocks."""
+        for subscriber, receive in self._collectors:
             try:
                 while (sample := subscriber.try_recv()) is not None:
                     receive(sample)
             except zenoh.ZError:
-                continue  # let go by another thread at this very moment
+                continue  # another thread undeclares it at this moment
 
-    def _ring(self, topic: Topic, name: str, on_message: OnMessage, most: int) -> _Ring:
-        where = key(self.namespace, topic, name)
-        subscriber = self._open.declare_subscriber(where, zenoh.handlers.RingChannel(most))
+    def _collector(self, topic: Topic, name: str, on_message: OnMessage, most: int) -> _Collector:
+        key_expression = key(self.namespace, topic, name)
+        subscriber = self._open.declare_subscriber(key_expression, zenoh.handlers.RingChannel(most))
         return subscriber, self._receiver(topic, on_message, "" if name == "*" else name)
 
     def _receiver(self, topic: Topic, on_message: OnMessage, name: str = "") -> Callable[[zenoh.Sample], None]:
@@ -184,29 +183,29 @@ class BusSession:
         assert kind is not None, f"{topic} carries no message"
         if name:
             return lambda sample: on_message(topic, name, decode(sample.payload.to_bytes(), kind))
-        names: dict[str, str] = {}  # to take keys apart costs more than to decode what they carry
+        names: dict[str, str] = {}  # key expression -> name: parsing a key costs more than decoding its message
 
         def receive(sample: zenoh.Sample) -> None:
             text = str(sample.key_expr)
-            found = names.get(text)
-            if found is None:
+            sender = names.get(text)
+            if sender is None:
                 parts = topic_and_name(self.namespace, text)
                 if parts is None:
                     return
-                found = parts[1]
+                sender = parts[1]
                 if len(names) < _MAX_NAMES:
-                    names[text] = found
-            on_message(topic, found, decode(sample.payload.to_bytes(), kind))
+                    names[text] = sender
+            on_message(topic, sender, decode(sample.payload.to_bytes(), kind))
 
         return receive
 
     def serve_orders(self, vehicle: str, on_order: OnOrder) -> None:
-        """Answer orders for ``vehicle``: ``on_order(order, reply)`` runs on a bus thread, reply once from any other."""
+        """Answer orders for ``vehicle``: ``on_order(order, reply)`` runs on a bus thread; reply from another one."""
         self._serve(key(self.namespace, Topic.ORDER, vehicle), Order, on_order)
 
     def serve_faults(self, on_fault: OnFault) -> None:
-        """Answer what is asked of the emulator, in the same way."""
-        self._serve(key(self.namespace, Topic.SIM, FAULT), FaultOrder, on_fault)
+        """Answer fault orders for the emulator, in the same way."""
+        self._serve(key(self.namespace, Topic.SIM, _FAULT_NAME), FaultOrder, on_fault)
 
     def _serve(self, own_key: str, kind: type[Any], on_query: Callable[..., None]) -> None:
         def receive(query: zenoh.Query) -> None:
@@ -218,39 +217,17 @@ class BusSession:
 
             on_query(decode(payload, kind), reply)
 
-        self._kept.append(self._open.declare_queryable(own_key, _callback(receive), complete=True))
+        self._declared.append(self._open.declare_queryable(own_key, _callback(receive), complete=True))
 
-    def order(
-        self,
-        vehicle: str,
-        order: Order,
-        *,
-        timeout_s: float,
-        on_reply: Callable[[OrderReply | Malformed], None],
-        on_end: Callable[[], None],
-    ) -> None:
-        """Ask one vehicle: ``on_reply`` with its answer, then ``on_end``; only ``on_end`` when nobody answered."""
-        self._ask(key(self.namespace, Topic.ORDER, vehicle), order, timeout_s, on_reply, on_end)
+    def order(self, vehicle: str, order: Order, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
+        """Send an order to one vehicle: ``on_reply`` with its reply, then ``on_end``; only ``on_end`` without one."""
+        self._query(key(self.namespace, Topic.ORDER, vehicle), order, timeout_s, on_reply, on_end)
 
-    def fault(
-        self,
-        order: FaultOrder,
-        *,
-        timeout_s: float,
-        on_reply: Callable[[OrderReply | Malformed], None],
-        on_end: Callable[[], None],
-    ) -> None:
-        """Ask the emulator, in the same way; where there is none, nobody answers."""
-        self._ask(key(self.namespace, Topic.SIM, FAULT), order, timeout_s, on_reply, on_end)
+    def fault(self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
+        """Send a fault order to the emulator, in the same way; where there is none, nobody answers."""
+        self._query(key(self.namespace, Topic.SIM, _FAULT_NAME), order, timeout_s, on_reply, on_end)
 
-    def _ask(
-        self,
-        their_key: str,
-        message: Message,
-        timeout_s: float,
-        on_reply: Callable[[OrderReply | Malformed], None],
-        on_end: Callable[[], None],
-    ) -> None:
+    def _query(self, their_key: str, message: Message, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
         def receive(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 on_reply(decode(reply.ok.payload.to_bytes(), OrderReply))
@@ -263,29 +240,29 @@ class BusSession:
             payload=encode(message),
             timeout=timeout_s,
             consolidation=zenoh.ConsolidationMode.NONE,
-            priority=_PATIENT,
+            priority=_BLOCKING_PRIORITY,
         )
 
     def claim(self, token: str) -> None:
-        """Be seen under another name too, as long as this node lives: a role, see :mod:`onboard.bus.authority`."""
+        """Declare another liveliness token, for a role of this node; a second claim of it does nothing."""
         if token not in self._claims:
             self._claims[token] = self._open.liveliness().declare_token(key(self.namespace, Topic.ALIVE, token))
 
     def release(self, token: str) -> None:
-        """Give up such a name."""
+        """Take back a token of :meth:`claim`."""
         claim = self._claims.pop(token, None)
         if claim is not None:
             claim.undeclare()
 
     def watch_alive(self, on_alive: OnAlive) -> None:
-        """Call ``on_alive(node, is_alive)`` for every node of the fleet, those already there included."""
+        """Call ``on_alive(token, is_alive)`` for every token of the fleet, those already there included."""
 
         def receive(sample: zenoh.Sample) -> None:
-            found = topic_and_name(self.namespace, str(sample.key_expr))
-            if found is not None:
-                on_alive(found[1], sample.kind == zenoh.SampleKind.PUT)
+            parts = topic_and_name(self.namespace, str(sample.key_expr))
+            if parts is not None:
+                on_alive(parts[1], sample.kind == zenoh.SampleKind.PUT)
 
-        self._kept.append(
+        self._declared.append(
             self._open.liveliness().declare_subscriber(
                 key(self.namespace, Topic.ALIVE, "*"), _callback(receive), history=True
             )
@@ -298,7 +275,7 @@ def _reason(error: zenoh.ZError) -> str:
 
 
 def _callback(function: Callable[[Any], None], on_end: Callable[[], None] | None = None) -> Any:
-    """A handler on zenoh's own network thread, without a Python thread for each subscriber and each question."""
+    """Return a handler on zenoh's own network thread, without a Python thread for each subscriber and each query."""
 
     def call(value: Any) -> None:
         keep_thread_state()

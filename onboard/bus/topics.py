@@ -1,7 +1,7 @@
 """The whole bus in one table: topic -> message, rate, stale-after, delivery and direction.
 
-A key is ``covey/<fleet>/<topic>/<name>``; ``name`` is a vehicle, a mocap body or a node. Liveness follows from this
-table: a sample older than ``stale_after_s`` is not a fresh one, for anybody.
+A key is ``covey/<fleet>/<topic>/<name>``; ``name`` is a vehicle, a mocap body or a node. A sample older than
+``stale_after_s`` is stale, for every receiver.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from onboard.bus import schema
 
 
 class Topic(str, Enum):
-    """Second last part of a key."""
+    """Second last part of a key; the values are part of the format of the bus."""
 
     STATE = "state"
     FAR = "far"
     TELEMETRY = "telemetry"
-    BRIEF = "brief"
+    SLOW_TELEMETRY = "brief"
     TICK = "tick"
     EVENT = "event"
     PREFLIGHT = "preflight"
@@ -31,20 +31,20 @@ class Topic(str, Enum):
 
 
 class Delivery(Enum):
-    """How a message travels: the newest matters, every one matters, or it is asked and answered."""
+    """Transport of a message."""
 
-    LATEST = "latest"  # dropped under congestion, real-time priority
-    RELIABLE = "reliable"  # blocks rather than drops
+    LATEST = "latest"  # only the newest matters: dropped under congestion, real-time priority
+    RELIABLE = "reliable"  # every one matters: the sender blocks rather than drops
     QUERY = "query"  # order and reply
     TOKEN = "token"  # liveliness
 
 
 @dataclass(frozen=True, slots=True)
 class TopicSpec:
-    """One row of the table; ``rate_hz`` 0 means on event."""
+    """One row of the table."""
 
-    message: type[schema.Message] | None
-    rate_hz: float
+    message: type[schema.Message] | None  # None for a liveliness token
+    rate_hz: float  # 0: on event
     stale_after_s: float
     delivery: Delivery
     from_to: str
@@ -54,7 +54,7 @@ TOPICS: dict[Topic, TopicSpec] = {
     Topic.STATE: TopicSpec(schema.StateMessage, 50.0, 0.3, Delivery.LATEST, "agent -> agents in range"),
     Topic.FAR: TopicSpec(schema.StateMessage, 5.0, 0.75, Delivery.LATEST, "agent -> agents out of reach"),
     Topic.TELEMETRY: TopicSpec(schema.Telemetry, 10.0, 1.0, Delivery.LATEST, "agent -> ground"),
-    Topic.BRIEF: TopicSpec(schema.Telemetry, 2.0, 1.5, Delivery.LATEST, "agent -> agents: telemetry, news at once"),
+    Topic.SLOW_TELEMETRY: TopicSpec(schema.Telemetry, 2.0, 1.5, Delivery.LATEST, "agent -> agents, changes at once"),
     Topic.TICK: TopicSpec(schema.TickBatch, 5.0, 1.0, Delivery.LATEST, "agent -> recorder"),
     Topic.EVENT: TopicSpec(schema.Event, 0.0, float("inf"), Delivery.RELIABLE, "agent -> ground, recorder"),
     Topic.PREFLIGHT: TopicSpec(schema.PreflightReport, 1.0, 3.0, Delivery.LATEST, "agent on the ground -> ground"),
@@ -68,12 +68,27 @@ TOPICS: dict[Topic, TopicSpec] = {
 
 
 def key(namespace: str, topic: Topic, name: str) -> str:
-    """Full key expression; ``name`` may be ``*`` to subscribe to all."""
+    """Make a full key expression.
+
+    Args:
+        namespace: ``covey/<fleet name>``.
+        topic: row of the table.
+        name: vehicle, mocap body or node; ``*`` to subscribe to all.
+    Returns:
+        the key expression.
+    """
     return f"{namespace}/{topic.value}/{name}"
 
 
 def topic_and_name(namespace: str, key_expression: str) -> tuple[Topic, str] | None:
-    """Inverse of :func:`key`; None for a key that is not in the table."""
+    """Take a key apart; the inverse of :func:`key`.
+
+    Args:
+        namespace: ``covey/<fleet name>``.
+        key_expression: of a sample.
+    Returns:
+        topic and name; None for a key that is not in the table.
+    """
     prefix = namespace + "/"
     if not key_expression.startswith(prefix):
         return None

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from onboard.config.fleet import FleetConfig, Vec3, Vehicle
-from onboard.flight.types import View
+from onboard.flight.types import FlightView
 
 _ARRIVED_M, _ARRIVED_M_S = 0.12, 0.10
 # PX4's own estimate in hover: .08-.18 m and .12-.19 m/s std per axis measured: stillness shows no better
@@ -16,20 +16,20 @@ _REST_SHARE = 1.5
 _INSIDE_M = 0.05
 
 
-def is_there(view: View, goal_enu_m: Vec3, vehicle: Vehicle) -> bool:
+def is_there(view: FlightView, goal_enu_m: Vec3, vehicle: Vehicle) -> bool:
     """Whether it is at its goal and slow, as well as its source of positions can tell."""
     has_mocap = vehicle.mocap_required
     near_m, slow_m_s = (_ARRIVED_M, _ARRIVED_M_S) if has_mocap else (_ARRIVED_PX4_M, _ARRIVED_PX4_M_S)
     return math.dist(goal_enu_m, view.position_enu_m) < near_m and math.hypot(*view.velocity_enu_m_s) < slow_m_s
 
 
-def is_at_rest(view: View, vehicle: Vehicle) -> bool:
+def is_at_rest(view: FlightView, vehicle: Vehicle) -> bool:
     """Whether it is as slow as a vehicle that holds."""
     slow_m_s = _ARRIVED_M_S if vehicle.mocap_required else _ARRIVED_PX4_M_S
     return math.hypot(*view.velocity_enu_m_s) < _REST_SHARE * slow_m_s
 
 
-def stop_point(view: View, vehicle: Vehicle, fleet: FleetConfig) -> Vec3:
+def stop_point(view: FlightView, vehicle: Vehicle, fleet: FleetConfig) -> Vec3:
     """Where it comes to rest as soon as its lag and its acceleration allow, inside the fence."""
     p, v = np.asarray(view.position_enu_m), np.asarray(view.velocity_enu_m_s)
     way = p + v * (vehicle.lag_s + float(np.linalg.norm(v)) / vehicle.max_acceleration_m_s2)
@@ -39,7 +39,7 @@ def stop_point(view: View, vehicle: Vehicle, fleet: FleetConfig) -> Vec3:
     return x, y, z
 
 
-def place(view: View) -> str:
+def place(view: FlightView) -> str:
     """Where it is, in words."""
     x, y, z = view.position_enu_m
     return f"({x:.2f}, {y:.2f}, {z:.2f}) m"

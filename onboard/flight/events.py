@@ -8,7 +8,7 @@ from onboard.bus.schema import Event, Order, OrderOutcome, Severity
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.events import Command, Publish
-from onboard.flight.types import View
+from onboard.flight.types import FlightView
 
 
 @dataclass(slots=True)
@@ -20,7 +20,7 @@ class Telling:
     order: Order | None = None
     out: list[Command] = field(default_factory=list)
 
-    def finish(self, view: View, outcome: OrderOutcome, sentence: str) -> None:
+    def finish(self, view: FlightView, outcome: OrderOutcome, sentence: str) -> None:
         """End the order in progress, if there is one."""
         order, self.order = self.order, None
         if order is not None:
@@ -29,7 +29,7 @@ class Telling:
 
     def say(
         self,
-        view: View,
+        view: FlightView,
         severity: Severity,
         code: str,
         sentence: str,

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 
 from onboard.autopilot import Snapshot, Vec3
 from onboard.bus.codec import is_finite
-from onboard.bus.schema import Order, Telemetry
+from onboard.bus.schema import LOCATE, Order, Telemetry
 from onboard.config.fleet import FleetConfig
-from onboard.flight.state_machine import Flight
+from onboard.flight.context import FlightContext
 from onboard.flight.types import Step
 
 _LOWEST_GOAL_M = 0.2
@@ -21,7 +21,7 @@ def refusal(
     order: Order,
     now_ns: int,
     *,
-    flight: Flight,
+    flight: FlightContext,
     snapshot: Snapshot,
     position_enu_m: Vec3,
     not_ready: tuple[str, ...],
@@ -36,7 +36,7 @@ def refusal(
         return late
     if not order.order_id:
         return "An order needs an id of its own, by which its end is told: give it one."
-    if order.kind == "identify":
+    if order.kind in LOCATE:
         return None
     if order.kind in ("arm", "takeoff"):
         return _start(order, flight, position_enu_m, not_ready, others, fleet)
@@ -65,7 +65,7 @@ def late_sentence(order: Order, now_ns: int) -> str | None:
 
 def _start(
     order: Order,
-    flight: Flight,
+    flight: FlightContext,
     position_enu_m: Vec3,
     not_ready: tuple[str, ...],
     others: Mapping[str, Telemetry],
@@ -124,5 +124,5 @@ def goal_conflict(goal: Vec3, others: Mapping[str, Telemetry], distance_m: float
     return None
 
 
-def _is_climbing(flight: Flight) -> bool:
+def _is_climbing(flight: FlightContext) -> bool:
     return flight.state == "taking off" and flight.step is Step.CLIMB

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from onboard.autopilot import Landed
 from onboard.config.fleet import FleetConfig
-from onboard.flight.types import View
+from onboard.flight.types import FlightView
 
 HOLD = "HOLD"
 # rules of the preflight page that hold in the air as well; the others are about standing on the ground
@@ -31,7 +31,9 @@ RULES = (
 MOVING_M_S = 0.5
 
 
-def refusal(view: View, not_ready: tuple[str, ...], distances_m: Mapping[str, float], fleet: FleetConfig) -> str | None:
+def refusal(
+    view: FlightView, not_ready: tuple[str, ...], distances_m: Mapping[str, float], fleet: FleetConfig
+) -> str | None:
     """Why the vehicle cannot be taken over now, in words, or None.
 
     Args:

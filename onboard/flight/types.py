@@ -57,7 +57,7 @@ def phase_of(state: AgentState, step: Step) -> Phase:
     return Phase.FLYING if situation_of(state, step) is Situation.FLYING else Phase.GROUND
 
 
-class View(Struct, frozen=True):
+class FlightView(Struct, frozen=True):
     """What the flight needs to know at one tick; position and velocity in fleet ENU."""
 
     now_ns: int

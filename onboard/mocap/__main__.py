@@ -9,7 +9,7 @@ import threading
 from collections.abc import Sequence
 from typing import get_args
 
-from onboard.bus.session import BusError
+from onboard.bus.protocol import BusError
 from onboard.config.fleet import ConfigError, load_fleet
 from onboard.config.mocap import SystemType, problems
 from onboard.mocap.relay.check import Check

@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 
 from onboard.bus.codec import Malformed
+from onboard.bus.protocol import Bus
 from onboard.bus.schema import Message, MocapPose
-from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.mocap.source import OnMalformed, OnPose
 
@@ -22,7 +22,7 @@ class BusMocap:
 
     problem = ""
 
-    def __init__(self, bus: BusSession, body: str, on_pose: OnPose, on_malformed: OnMalformed) -> None:
+    def __init__(self, bus: Bus, body: str, on_pose: OnPose, on_malformed: OnMalformed) -> None:
         self._bus, self._body = bus, body
         self._on_pose, self._on_malformed = on_pose, on_malformed
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from onboard.autopilot import Vec4
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control.allocation import AllocationParams
-from onboard.flight.state_machine import Flight
-from onboard.flight.types import Step, View
+from onboard.flight.context import FlightContext
+from onboard.flight.types import FlightView, Step
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.table import NeighbourTable
 from onboard.safety.autopilot_monitor import AutopilotWatch
@@ -74,7 +74,7 @@ class Watch:
     fleet: FleetConfig
     vehicle: Vehicle
     own: OwnState
-    flight: Flight
+    flight: FlightContext
     neighbours: NeighbourTable
     autopilot: AutopilotWatch = field(default_factory=AutopilotWatch)
     answer: AnswerWatch = field(init=False)
@@ -109,7 +109,7 @@ class Watch:
         ticks = self._ticks[condition] = self._ticks.get(condition, 0) + 1
         return ticks, (now_ns - since) * 1e-9
 
-    def conditions(self, view: View, doing: Doing) -> set[Condition]:
+    def conditions(self, view: FlightView, doing: Doing) -> set[Condition]:
         """All conditions that hold at this tick."""
         found: set[Condition] = set()
         self._own_motion(found, view)
@@ -130,7 +130,7 @@ class Watch:
             self._slow = self._look_slowly(view, doing)
         return found | self._slow if self._slow else found
 
-    def _own_motion(self, found: set[Condition], view: View) -> None:
+    def _own_motion(self, found: set[Condition], view: FlightView) -> None:
         c, now_ns, own = Condition, view.now_ns, self.own
         stale, stale_s = self.lasting(c.POSITION_STALE, own.age_s > POSITION_STALE_S, now_ns)
         if stale:
@@ -152,7 +152,7 @@ class Watch:
         if own.watch.is_late:
             found.add(c.MOCAP_LATE)
 
-    def _autopilot(self, found: set[Condition], view: View) -> None:
+    def _autopilot(self, found: set[Condition], view: FlightView) -> None:
         c, now_ns, snapshot, flight = Condition, view.now_ns, view.snapshot, self.flight
         px4 = self.autopilot
         px4.look(
@@ -189,7 +189,7 @@ class Watch:
                 which = c.PX4_FAILSAFE if snapshot.is_failsafe else c.LEFT_OFFBOARD
                 self._tell(found, which, f"now {snapshot.mode}")
 
-    def _process(self, found: set[Condition], view: View, doing: Doing) -> None:
+    def _process(self, found: set[Condition], view: FlightView, doing: Doing) -> None:
         c, now_ns, period_s = Condition, view.now_ns, doing.period_s
         if period_s > PERIOD_S + LATE_S:
             found.add(c.LOOP_LATE)
@@ -219,7 +219,7 @@ class Watch:
         if overdue is not None:
             self._tell(found, c.ORDER_OVERDUE, overdue or self.others.held_up_by(self.flight.goal_position_enu_m, view))
 
-    def _space(self, found: set[Condition], view: View) -> None:
+    def _space(self, found: set[Condition], view: FlightView) -> None:
         c = Condition
         is_near = is_over = is_above = False
         if view.has_position:
@@ -237,7 +237,7 @@ class Watch:
         if self.lasting(c.FALLEN, is_down, view.now_ns)[1] > _DOWN_LONG_S:
             found.add(c.FALLEN)
 
-    def _answers(self, found: set[Condition], view: View, doing: Doing) -> None:
+    def _answers(self, found: set[Condition], view: FlightView, doing: Doing) -> None:
         c, answer, flight = Condition, self.answer, self.flight
         height_m = view.position_enu_m[2] - flight.ground_z_m
         if not flight.is_under_law or flight.step is Step.LIFTOFF or height_m < _ANSWERS_ABOVE_M:
@@ -258,7 +258,7 @@ class Watch:
         if answer.is_sinking:
             found.add(c.NOT_CLIMBING)
 
-    def _look_slowly(self, view: View, doing: Doing) -> set[Condition]:
+    def _look_slowly(self, view: FlightView, doing: Doing) -> set[Condition]:
         c, snapshot, limits = Condition, view.snapshot, self.fleet.fleet
         found = self.others.look_slowly(view)
         battery_pct = 100.0 * snapshot.battery_frac

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from onboard.bus.schema import OrderOutcome, Severity
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.flight.state_machine import Flight
-from onboard.flight.types import View
+from onboard.flight.context import FlightContext
+from onboard.flight.types import FlightView
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.table import NeighbourTable
 from onboard.safety.failsafe_table import (
@@ -54,7 +54,7 @@ class Guard:
     """
 
     def __init__(
-        self, fleet: FleetConfig, vehicle: Vehicle, own: OwnState, neighbours: NeighbourTable, flight: Flight
+        self, fleet: FleetConfig, vehicle: Vehicle, own: OwnState, neighbours: NeighbourTable, flight: FlightContext
     ) -> None:
         self._flight = flight
         self.watch = Watch(fleet, vehicle, own, flight, neighbours)
@@ -63,7 +63,7 @@ class Guard:
         self.must_be_level = False
         self._told: dict[Condition, _Told] = {}
 
-    def tick(self, view: View, doing: Doing) -> None:
+    def tick(self, view: FlightView, doing: Doing) -> None:
         """Find what holds now, decide, and let the flight do it."""
         flight = self._flight
         self.conditions = self.watch.conditions(view, doing)
@@ -101,7 +101,7 @@ class Guard:
         """Conditions and action in words, for telemetry."""
         return tuple(condition.value for condition in in_order(self.conditions)), WORDS[self.action]
 
-    def _say_what_is_new(self, view: View, situation: Situation) -> None:
+    def _say_what_is_new(self, view: FlightView, situation: Situation) -> None:
         """Each condition once while it lasts, with pauses; again when it asks for more or concerns somebody else."""
         told, details = self._told, self.watch.details
         spoken = self.conditions - _QUIET if self.conditions else self.conditions
@@ -120,7 +120,7 @@ class Guard:
             if view.now_ns - told[condition].held_ns > _PAUSE_NS:
                 del told[condition]
 
-    def _obey(self, view: View, action: Action, condition: Condition) -> None:
+    def _obey(self, view: FlightView, action: Action, condition: Condition) -> None:
         flight, sentence = self._flight, self._sentence(condition, action)
         outcome: OrderOutcome = "timed out" if condition is Condition.ORDER_OVERDUE else "failed"
         if action is Action.SLOW:

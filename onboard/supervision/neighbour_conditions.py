@@ -7,8 +7,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from onboard.config.fleet import FleetConfig, Vec3, Vehicle
-from onboard.flight.state_machine import Flight
-from onboard.flight.types import Step, View
+from onboard.flight.context import FlightContext
+from onboard.flight.types import FlightView, Step
 from onboard.neighbours.table import COLUMNS, COLUMNS_1, SILENT_S, NeighbourTable
 from onboard.safety.failsafe_table import Condition
 from onboard.safety.separation import PromiseWatch, smallest_distance_m
@@ -35,7 +35,7 @@ class NeighbourWatch:
     fleet: FleetConfig
     vehicle: Vehicle
     table: NeighbourTable
-    flight: Flight
+    flight: FlightContext
     details: dict[Condition, str]
     _silent: tuple[str, ...] = ()
     _silent_ticks: int = 0
@@ -58,7 +58,7 @@ class NeighbourWatch:
         self._braking_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(tilt_rad)
         self._own_hash = self.fleet.config_hash
 
-    def look(self, found: set[Condition], view: View, nearest_m: float, is_airborne: bool, active: int) -> None:
+    def look(self, found: set[Condition], view: FlightView, nearest_m: float, is_airborne: bool, active: int) -> None:
         """What counts at every tick."""
         c, table, now_ns, limits = Condition, self.table, view.now_ns, self.fleet.fleet
         silent = table.silent(now_ns)
@@ -99,7 +99,7 @@ class NeighbourWatch:
             if active >= 0:
                 self._held_up[active] += 1
 
-    def look_slowly(self, view: View) -> set[Condition]:
+    def look_slowly(self, view: FlightView) -> set[Condition]:
         """What counts ten times a second."""
         c, table, now_ns = Condition, self.table, view.now_ns
         found: set[Condition] = set()
@@ -127,14 +127,14 @@ class NeighbourWatch:
                     best, name = apart_m, row.name
         return name
 
-    def held_up_by(self, goal_enu_m: Vec3, view: View) -> str:
+    def held_up_by(self, goal_enu_m: Vec3, view: FlightView) -> str:
         """How far it still is from its goal, and whom the law kept it from on the way, in words."""
         left = f"still {math.dist(goal_enu_m, view.position_enu_m):.2f} m to go"
         often = [place for place, count in self._held_up.most_common(2) if count > _HELD_SHARE * self._looks]
         names = [self.table.names[place] for place in often if place < len(self.table.names)]
         return f"{left}, kept off by {' and '.join(names)}" if names else left
 
-    def _look_at_motion(self, found: set[Condition], view: View) -> None:
+    def _look_at_motion(self, found: set[Condition], view: FlightView) -> None:
         table, flight = self.table, self.flight
         broken, endangered = [], []
         (x, y, _), (vx, vy, _) = view.position_enu_m, view.velocity_enu_m_s

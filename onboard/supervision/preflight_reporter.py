@@ -25,8 +25,8 @@ from onboard.feasibility.bounds import ACCURACIES
 from onboard.feasibility.finding import Finding
 from onboard.feasibility.fleet_checks import error_class, fleet_findings, start_finding
 from onboard.flight import takeover
-from onboard.flight.state_machine import Flight
-from onboard.flight.types import View
+from onboard.flight.context import FlightContext
+from onboard.flight.types import FlightView
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.duplicate_agents import Lives
 from onboard.neighbours.table import NeighbourTable
@@ -62,7 +62,7 @@ class Readiness:
         law: str,
         own: OwnState,
         neighbours: NeighbourTable,
-        flight: Flight,
+        flight: FlightContext,
     ) -> None:
         self._fleet, self._vehicle, self._boot_id, self._law = fleet, vehicle, boot_id, law
         self._own, self._neighbours, self._flight = own, neighbours, flight
@@ -115,7 +115,7 @@ class Readiness:
 
     def look(
         self,
-        view: View,
+        view: FlightView,
         dt_s: float,
         *,
         is_airborne: bool,
@@ -136,7 +136,7 @@ class Readiness:
         self.not_ready = preflight_rules.reasons(self._facts, self._fleet, self._vehicle)
         return self.not_ready
 
-    def reasons_in_air(self, view: View, hover_frac: float) -> tuple[str, ...]:
+    def reasons_in_air(self, view: FlightView, hover_frac: float) -> tuple[str, ...]:
         """What refuses to take over a flying vehicle."""
         facts = self._gather(view, True, hover_frac)
         return preflight_rules.reasons(facts, self._fleet, self._vehicle, takeover.RULES)
@@ -162,7 +162,7 @@ class Readiness:
         """Whether another process has spoken for this vehicle just now."""
         return self._twin_ns is not None and now_ns - self._twin_ns < _TWIN_FOR_NS
 
-    def _gather(self, view: View, is_airborne: bool, hover_frac: float) -> Facts:
+    def _gather(self, view: FlightView, is_airborne: bool, hover_frac: float) -> Facts:
         now_ns, snapshot, own = view.now_ns, view.snapshot, self._own
         sample, north, east, down = self._sample, *snapshot.position_local_ned_m
         return Facts(

@@ -170,7 +170,7 @@ class AgentShell:
         inbox, name, boot_id = self._inbox, self.name, self.core.boot_id
 
         def neighbour(topic: Topic, other: str, message: Message | Malformed) -> None:
-            if topic is not Topic.BRIEF and (topic is Topic.STATE) != (other in self._followed):
+            if topic is not Topic.SLOW_TELEMETRY and (topic is Topic.STATE) != (other in self._followed):
                 return  # the others are heard slowly
             if isinstance(message, (StateMessage, Telemetry)) and (other != name or message.boot_id != boot_id):
                 inbox.append(ev.NeighbourHeard(message, now_ns()))
@@ -185,7 +185,7 @@ class AgentShell:
         else:
             node.subscribe(Topic.STATE, "*", neighbour)
             node.subscribe(Topic.FAR, "*", neighbour)
-            node.subscribe(Topic.BRIEF, "*", neighbour)
+            node.subscribe(Topic.SLOW_TELEMETRY, "*", neighbour)
         if vehicle.mocap_required and vehicle.body:
             node.subscribe(Topic.MOCAP, vehicle.body, pose)
         node.serve_orders(name, self._ordered)
@@ -209,7 +209,7 @@ class AgentShell:
                 if is_slow(state.sequence):
                     self._on_neighbour(Topic.FAR, state.vehicle, state)
             for telemetry in one.telemetries.values():
-                self._on_neighbour(Topic.BRIEF, telemetry.vehicle, telemetry)
+                self._on_neighbour(Topic.SLOW_TELEMETRY, telemetry.vehicle, telemetry)
 
     # -- a tick ------------------------------------------------------------------------------------------------------
 

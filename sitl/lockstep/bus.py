@@ -17,9 +17,8 @@ from typing import cast
 
 import numpy as np
 
-from onboard.bus.codec import Malformed
+from onboard.bus.protocol import LEASE_MS, MAX_COLLECTED, OnAlive, OnEnd, OnFault, OnMessage, OnOrder, OnReply
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
-from onboard.bus.session import LEASE_MS, OnAlive, OnFault, OnMessage, OnOrder
 from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.config.fleet import ConfigError
 
@@ -248,7 +247,9 @@ class SimBus:
 
 
 class Node:
-    """One node, with the methods of :class:`onboard.bus.session.BusSession`."""
+    """One node, as :class:`onboard.bus.protocol.Bus` describes."""
+
+    is_simulated = True
 
     def __init__(self, bus: SimBus, name: str) -> None:
         self.bus, self.name = bus, name
@@ -286,7 +287,7 @@ class Node:
     def publish(self, topic: Topic, name: str, message: Message) -> None:
         """Send to all who subscribed."""
         delivery = TOPICS[topic].delivery
-        if topic is Topic.STATE or topic is Topic.BRIEF:
+        if topic is Topic.STATE or topic is Topic.SLOW_TELEMETRY:
             self.bus.post(self.name, (topic, name, message))
         for key in ((topic, "*"), (topic, name)):
             receivers = self.bus.subscribers.get(key)
@@ -301,6 +302,13 @@ class Node:
         """Hear ``topic/name``; ``name`` may be ``*``."""
         self.bus.subscribers[topic, name].append((self, on_message))
 
+    def collect(self, topic: Topic, name: str, on_message: OnMessage, *, most: int = MAX_COLLECTED) -> None:
+        """As :meth:`subscribe`: here nothing waits."""
+        self.subscribe(topic, name, on_message)
+
+    def deliver(self) -> None:
+        """Nothing to do: the simulation delivers."""
+
     def follow(self, topic: Topic, names: Iterable[str], on_message: OnMessage) -> None:
         """Hear ``topic`` of exactly these names, of each once."""
         for (other, _), listeners in self.bus.subscribers.items():
@@ -313,15 +321,7 @@ class Node:
         """Answer orders for this node's vehicle."""
         self.order_server = on_order
 
-    def order(
-        self,
-        vehicle: str,
-        order: Order,
-        *,
-        timeout_s: float,
-        on_reply: Callable[[OrderReply | Malformed], None],
-        on_end: Callable[[], None],
-    ) -> None:
+    def order(self, vehicle: str, order: Order, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
         """Ask one vehicle; answers after the timeout are not heard."""
         deadline_ns = self.bus.now_ns() + round(timeout_s * 1e9)
 
@@ -342,14 +342,7 @@ class Node:
         """Answer what is asked of the emulator."""
         self.fault_server = on_fault
 
-    def fault(
-        self,
-        order: FaultOrder,
-        *,
-        timeout_s: float,
-        on_reply: Callable[[OrderReply | Malformed], None],
-        on_end: Callable[[], None],
-    ) -> None:
+    def fault(self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
         """Ask the emulator, whichever node it is; no connection of the fleet's is disturbed for it."""
         server = next((node.fault_server for node in self.bus.nodes.values() if node.fault_server is not None), None)
         if server is not None:

@@ -10,12 +10,10 @@ from groundstation.alarms import table
 from onboard.px4 import required_params
 from onboard.safety import preflight_rules
 from onboard.safety.failsafe_table import table_text
-from tests.architecture.import_graph import mermaid
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
-    "imports": ("architecture.md", mermaid),
     "failsafe": ("failsafe.md", table_text),
     "alarms": ("alarms.md", table.table_text),
     "preflight": ("preflight.md", preflight_rules.page),

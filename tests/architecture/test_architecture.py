@@ -13,7 +13,7 @@ from onboard import types
 from onboard.bus import schema
 from onboard.bus.topics import TOPICS
 from onboard.config.fleet import FleetSection, LawConfig, SitlProfile, Vehicle
-from tests.architecture import documents, import_graph
+from tests.architecture import documents, form
 
 ROOT = Path(__file__).parents[2]
 
@@ -37,13 +37,13 @@ def public_fields() -> list[tuple[str, str, str]]:
     return found
 
 
-@pytest.mark.parametrize(("owner", "name", "kind"), public_fields())
-def test_a_number_names_its_unit_and_a_vector_its_frame(owner: str, name: str, kind: str) -> None:
-    if not any(re.search(rf"\b{number}\b", kind) for number in NUMBERS) or name in WITHOUT_UNIT:
-        return
-    assert name.endswith(UNITS), f"{owner}.{name} does not say its unit"
-    is_vector = "Vec3" in kind and "inertia" not in name
-    assert not is_vector or "_enu_" in name, f"{owner}.{name} does not say its frame"
+def test_a_number_names_its_unit_and_a_vector_its_frame() -> None:
+    for owner, name, kind in public_fields():
+        if not any(re.search(rf"\b{number}\b", kind) for number in NUMBERS) or name in WITHOUT_UNIT:
+            continue
+        assert name.endswith(UNITS), f"{owner}.{name} does not say its unit"
+        is_vector = "Vec3" in kind and "inertia" not in name
+        assert not is_vector or "_enu_" in name, f"{owner}.{name} does not say its frame"
 
 
 @pytest.mark.parametrize("name", documents.PRINTED)
@@ -59,11 +59,23 @@ def test_no_agent_code_knows_the_ground_truth() -> None:
             assert "TRUTH" not in path.read_text(encoding="utf-8"), f"{path} reads the ground truth"
 
 
-def test_a_module_stays_below_its_size() -> None:
-    for package in import_graph.PACKAGES:
-        for path in (ROOT / package).rglob("*.py"):
-            lines = len(path.read_text(encoding="utf-8").splitlines())
-            assert lines <= 460, f"{path.relative_to(ROOT)} has {lines} lines: two ideas in one file?"
+def test_the_drawing_of_the_rooms_has_few_arrows_and_each_is_an_import() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    arrows = re.findall(r"^  (\w+) --> (\w+)$", page, re.MULTILINE)
+    assert 0 < len(arrows) <= 25
+    by_name = {module.name: module for module in form.modules()}
+    drawn = {
+        (module.room.rpartition("/")[2], by_name[target].room.rpartition("/")[2])
+        for module in form.modules()
+        for target in form.imports(module, set(by_name), with_late=True)
+    }
+    assert set(arrows) - drawn == set(), "drawn in docs/architecture.md, but nothing imports so"
+
+
+def test_every_room_stands_in_the_table_of_the_rooms() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    for room in {module.room for module in form.modules()} - set(form.PACKAGES):
+        assert f"`{room.rpartition('/')[2]}`" in page, f"docs/architecture.md does not name {room}"
 
 
 def imported_libraries(package: str) -> set[str]:
@@ -76,7 +88,7 @@ def imported_libraries(package: str) -> set[str]:
             elif isinstance(node, ast.ImportFrom) and node.level == 0:
                 found.add(str(node.module).split(".")[0])
     return (
-        found - set(sys.stdlib_module_names) - {*import_graph.PACKAGES, "tests", "pytest"}
+        found - set(sys.stdlib_module_names) - {*form.PACKAGES, "tests", "pytest"}
     )  # pytest: sitl.lockstep.testing is a plugin
 
 
@@ -89,8 +101,6 @@ def test_what_is_imported_is_installed_by_the_readme_s_one_command() -> None:
     ]
     declared = {re.split(r"[<>=\[; ]", line)[0].replace("-", "_") for line in wanted}
     imported = {
-        {"zenoh": "eclipse_zenoh"}.get(name, name)
-        for room in import_graph.PACKAGES
-        for name in imported_libraries(room)
+        {"zenoh": "eclipse_zenoh"}.get(name, name) for room in form.PACKAGES for name in imported_libraries(room)
     }
     assert imported - declared == set(), "imported, but no extra of pyproject.toml installs it"

@@ -71,6 +71,8 @@ class FakeBus:
     misbehave: vehicle -> "silent" (no answer), "refuse", "fail" (accepts, then fails), "stuck" (accepts, never ends).
     """
 
+    is_simulated = True
+
     def __init__(self, fleet: FleetConfig, *, has_truth: bool = False) -> None:
         self.fleet = fleet
         self.has_truth = has_truth
@@ -95,6 +97,12 @@ class FakeBus:
 
     def subscribe(self, topic: Topic, name: str, on_message: Callable[..., None]) -> None:
         self.on_message[topic] = on_message
+
+    def collect(self, topic: Topic, name: str, on_message: Callable[..., None], *, most: int) -> None:
+        self.subscribe(topic, name, on_message)
+
+    def deliver(self) -> None:
+        return
 
     def claim(self, token: str) -> None:
         self.roles.see(token, True)

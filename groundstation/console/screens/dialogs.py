@@ -17,7 +17,7 @@ HELP = """[b]At once, from every screen[/b]
   [b]F12 F12[/b]     KILL the one at the cursor: the same key twice
               within 1 s (or ctrl+\\ twice). It falls.
 [b]Asked about first[/b], with paths and distances; enter sends
-  [b]F2[/b] arm  [b]F3[/b] take off  [b]F4[/b] move  [b]F5[/b] formation   [b]w[/b] identify
+  [b]F2[/b] arm  [b]F3[/b] take off  [b]F4[/b] move  [b]F5[/b] formation   [b]w[/b] locate
   [b]:[/b] an order   WHO is all, mav1, mav0,mav2 or places 0-1
     takeoff all 1.0       formation triangle 0 1.2 1.0
     move all 0 0 1.2      move mav1 1 0 1 in 8

@@ -22,7 +22,7 @@ def notices(killed: tuple[str, ...], control: Control | None) -> list[Notice]:
     if control is None:
         return found
     if control.asker is not None and control.is_operator:
-        found.append((f"▲ {control.asker.who} asks for control: ctrl+y gives it, ctrl+n keeps it", WARN))
+        found.append((f"▲ {control.asker.label} asks for control: ctrl+y gives it, ctrl+n keeps it", WARN))
     if control.is_waiting and control.holder is not None:
         found.append(
             (
@@ -32,7 +32,7 @@ def notices(killed: tuple[str, ...], control: Control | None) -> list[Notice]:
             )
         )
     elif not control.is_operator and control.refusal("move") is not None:
-        who = f"{control.holder.who} operates" if control.holder is not None else "nobody operates"
+        who = f"{control.holder.label} operates" if control.holder is not None else "nobody operates"
         found.append((f"· You watch; to order, write: take control. {who}. Land, hold and kill work", CALM))
     return found
 

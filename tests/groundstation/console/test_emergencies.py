@@ -48,7 +48,7 @@ async def test_keys_mean_the_marked_vehicles_else_the_one_under_the_cursor(rig: 
         await pilot.press("down", "f7")
         rig.app._fleet_table.mark(("mav0", "mav2"))
         await pilot.press("f6", "w")
-        assert rig.client.ordered == ["land mav1", "hold mav0,mav2", "identify mav0,mav2"]
+        assert rig.client.ordered == ["land mav1", "hold mav0,mav2", "locate mav0,mav2"]
         await pilot.press("f4")
         assert rig.app._order_line.value == "move mav0,mav2 "
         await pilot.press("1")
@@ -59,7 +59,7 @@ async def test_the_row_of_a_vehicle_that_shows_itself_blinks_when_it_says_so(rig
     async with rig.app.run_test(size=(120, 30)) as pilot:
         rig.stand()
         await pilot.press("w")
-        assert rig.client.ordered == ["identify mav0"]
+        assert rig.client.ordered == ["locate mav0"]
 
         def is_lit(step: int) -> bool:
             rig.client.skew_ns += int(0.3e9)

@@ -48,7 +48,7 @@ def test_who_operates_goes_on_until_it_leaves_or_somebody_claims_a_later_term() 
     assert roles.operator == ""
 
 
-@pytest.mark.parametrize("kind", ["arm", "takeoff", "move", "disarm", "identify"])
+@pytest.mark.parametrize("kind", ["arm", "takeoff", "move", "disarm", "locate"])
 def test_an_agent_takes_orders_of_the_operator_only_while_there_is_one(kind: str) -> None:
     roles = Roles()
     assert roles.refusal(order(kind, "ground-2")) is None

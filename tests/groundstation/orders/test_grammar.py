@@ -175,18 +175,23 @@ def test_a_formation_without_position_stays_where_the_vehicles_are(fleet: FleetC
         ),
         ("formation triangle 0-1 2.0", Intent("formation", ("mav0", "mav1"), formation="triangle", spacing_m=2.0)),
         ("formation triangle 1", Intent("formation", ("mav1",), formation="triangle")),
-        ("identify mav2", Intent("identify", ("mav2",))),
+        ("locate mav2", Intent("locate", ("mav2",))),
     ],
 )
-def test_a_formation_may_be_stretched_and_vehicles_identified(fleet: FleetConfig, text: str, intent: Intent) -> None:
+def test_a_formation_may_be_stretched_and_vehicles_located(fleet: FleetConfig, text: str, intent: Intent) -> None:
     assert parse(text, fleet) == intent
     assert parse(str(intent), fleet) == intent
 
 
-@pytest.mark.parametrize("text", ["identify", "formation triangle nan", "formation triangle 1.6 0"])
+@pytest.mark.parametrize("text", ["locate", "formation triangle nan", "formation triangle 1.6 0"])
 def test_nobody_and_no_number_are_no_orders(fleet: FleetConfig, text: str) -> None:
     with pytest.raises(OrderError, match=r"Write|finite|not a vehicle"):
         parse(text, fleet)
+
+
+def test_the_former_name_of_locate_is_answered_with_the_new_one(fleet: FleetConfig) -> None:
+    with pytest.raises(OrderError, match="say: locate mav1"):
+        parse("identify mav1", fleet)
 
 
 @pytest.mark.parametrize("text", ["formation triangle -1.6 0 0 1", "formation triangle 0.0 0 0 1"])

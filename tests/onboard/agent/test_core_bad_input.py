@@ -178,7 +178,7 @@ def test_a_replayed_order_is_answered_as_before_and_one_without_an_id_or_with_a_
     rig = moving()
     first = rig.order("move", order_id="a", position_enu_m=(1.0, 0.0, 1.0))
     for count in range(300):
-        rig.order("identify", order_id=f"i{count}")
+        rig.order("locate", order_id=f"i{count}")
     late = rig.order("move", order_id="a", position_enu_m=(1.0, 0.0, 1.0), deadline_ns=rig.now_ns - 1)
     assert first.is_accepted
     assert late == first or not late.is_accepted

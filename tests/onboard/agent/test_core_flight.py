@@ -187,15 +187,15 @@ def test_the_state_message_says_cooperative_only_while_the_law_flies() -> None:
     assert rig.state.is_valid
 
 
-@pytest.mark.parametrize("in_air", [False, True])
-def test_identify_plays_a_tune_and_changes_nothing_else(in_air: bool) -> None:
+@pytest.mark.parametrize(("in_air", "kind"), [(False, "locate"), (True, "locate"), (True, "identify")])
+def test_locate_plays_a_tune_and_changes_nothing_else_also_by_its_former_name(in_air: bool, kind: str) -> None:
     rig = Rig()
     rig.until("ready")
     if in_air:
         rig.order("takeoff", height_m=1.0)
         rig.until("flying")
     before = (rig.core.flight.state, rig.core.flight.step, rig.core.flight.order)
-    reply = rig.order("identify")
+    reply = rig.order(kind)
     assert reply.is_accepted
     assert rig.count(ev.PlayTune) == 1
     assert rig.outcomes()[reply.order_id] == "done"

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from onboard import events as ev
-from onboard.flight.state_machine import Flight
+from onboard.flight.context import FlightContext
 from onboard.flight.types import Step
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
 from onboard.supervision.conditions import Watch
@@ -21,7 +21,7 @@ from tests.onboard.agent.rig import Rig
 GIVEN_UP = 8
 
 
-def course(flight: Flight) -> int:
+def course(flight: FlightContext) -> int:
     """What the vehicle does, on the scale of the actions."""
     if flight.state == "failed":
         return GIVEN_UP

@@ -25,7 +25,7 @@ class _World:
     def __init__(self, offset_ns: int, drift: float, there_s, back_s, *, loss: float = 0.0, seed: int = 0) -> None:
         self.a, self.b = Clocks("a", _A), Clocks("b", _B)
         self.offset_ns, self.drift = offset_ns, drift
-        self._there_s, self._back_s, self._loss = there_s, back_s, loss
+        self._there_s, self._back_s, self.loss = there_s, back_s, loss
         self._random = random.Random(seed)
         self.now_ns = 1000 * _S
         self._on_the_way: list[tuple[int, Clocks, ClockMessage]] = []
@@ -48,7 +48,7 @@ class _World:
                 check(self)
 
     def _send(self, message: ClockMessage, whom: Clocks, delay_s: float) -> None:
-        if self._random.random() >= self._loss:
+        if self._random.random() >= self.loss:
             self._on_the_way.append((self.now_ns + int(delay_s * 1e9), whom, message))
 
     @property
@@ -111,7 +111,7 @@ def test_the_bound_grows_while_nothing_is_heard_and_stays_true() -> None:
     world = _World(-7 * _S, 0.5 * DRIFT, _delays(1, 0.001, 0.001), _delays(2, 0.001, 0.001))
     world.run(5.0)
     _, before_s = world.a.offset_s("b", world.now_ns)
-    world._loss = 1.0
+    world.loss = 1.0
     world.run(20.0)
     offset_s, bound_s = world.a.offset_s("b", world.now_ns)
     assert bound_s == pytest.approx(before_s + 20.0 * DRIFT, rel=0.1)

@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 
 from onboard.bus.codec import Malformed
+from onboard.bus.protocol import BusError
 from onboard.bus.schema import Event, FaultOrder, Order, OrderReply
-from onboard.bus.session import BusError, BusSession
+from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 
 EVENT = Event(vehicle="mav0", stamp_ns=5, severity="info", code="armed", sentence="Armed.")

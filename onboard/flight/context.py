@@ -1,6 +1,6 @@
 """The flight of one vehicle as a state machine: what it does now, towards which goal, for which order.
 
-``begin_*`` start something, :meth:`Flight.advance` moves on by what the telemetry confirms. Nothing counts as armed, in
+``begin_*`` start something, ``advance`` moves on by what the telemetry confirms. Nothing counts as armed, in
 OFFBOARD, landed or disarmed before PX4 says so. Commands and events collect in ``out``.
 """
 
@@ -18,7 +18,7 @@ from onboard.control.pipeline import Phase
 from onboard.events import Arm, Command, Disarm, Kill, PlayTune, Px4Land, SetOffboard
 from onboard.flight.arrival import is_at_rest, is_there, place, stop_point
 from onboard.flight.events import Telling
-from onboard.flight.types import Step, View, phase_of, situation_of
+from onboard.flight.types import FlightView, Step, phase_of, situation_of
 from onboard.safety.failsafe_table import Situation
 from onboard.types import Goal
 
@@ -44,7 +44,7 @@ _REST_S = 0.3
 
 
 @dataclass(slots=True)
-class Flight(Telling):
+class FlightContext(Telling):
     """State of one vehicle's flight."""
 
     state: AgentState = "waiting"
@@ -85,7 +85,7 @@ class Flight(Telling):
         """Whether what is flown is the pipeline's output."""
         return self.is_streaming and self.phase is not Phase.GROUND
 
-    def gives_way(self, view: View) -> bool:
+    def gives_way(self, view: FlightView) -> bool:
         """Whether the others may count on it to go aside; who is about to touch down, or has not lifted off, cannot."""
         is_low = view.position_enu_m[2] - self.ground_z_m < _GIVES_WAY_ABOVE_M
         return self.is_under_law and not (is_low and self.step in (Step.LIFTOFF, Step.DESCENT))
@@ -100,7 +100,7 @@ class Flight(Telling):
         """Whether a heartbeat without the armed flag means that somebody stopped the motors in the air."""
         return self.step in (Step.LIFTOFF, Step.CLIMB, Step.LEG, Step.ARRIVED)
 
-    def overdue(self, view: View) -> str | None:
+    def overdue(self, view: FlightView) -> str | None:
         """What shows that a move or a landing does not get on, or "" when only the time does; None while it does."""
         risen_m = view.position_enu_m[2] - self._lowest_m
         if self.step in (Step.DESCENT, Step.CONTACT) and view.has_position and risen_m > _RISEN_M:
@@ -125,7 +125,7 @@ class Flight(Telling):
 
     # -- orders and failsafes begin something ------------------------------------------------------------------------
 
-    def begin_start(self, view: View, order: Order | None, takeoff_height_m: float | None) -> None:
+    def begin_start(self, view: FlightView, order: Order | None, takeoff_height_m: float | None) -> None:
         """Stream, enter OFFBOARD, arm; with a height also take off."""
         self._replace_order(view, order)
         self._takeoff_height_m = takeoff_height_m
@@ -139,7 +139,7 @@ class Flight(Telling):
         self.state = "taking off" if takeoff_height_m is not None else "ready"
         self._enter(Step.OFFBOARD, view)
 
-    def begin_move(self, view: View, order: Order, position_enu_m: Vec3, duration_s: float) -> None:
+    def begin_move(self, view: FlightView, order: Order, position_enu_m: Vec3, duration_s: float) -> None:
         """Fly to a point."""
         self._replace_order(view, order)
         self.state, self.reason = "flying", ""
@@ -149,7 +149,7 @@ class Flight(Telling):
         way_m = float(np.linalg.norm(np.subtract(position_enu_m, view.position_enu_m)))
         self._limit(view, _LEG_LIMIT_S, max(duration_s, 1.9 * way_m / self.vehicle.max_speed_m_s))
 
-    def slow_down(self, view: View, reason: str) -> None:
+    def slow_down(self, view: FlightView, reason: str) -> None:
         """Fly the rest of the way at reduced speed, once for each order; whoever stands, sinks or climbs is slow."""
         if self.step is not Step.LEG or self.is_slow:
             return
@@ -159,7 +159,7 @@ class Flight(Telling):
         self._set_goal(self.goal_position_enu_m, duration_s)
         self._limit_s += _PATIENCE * duration_s
 
-    def begin_hold(self, view: View, order: Order | None, reason: str, outcome: OrderOutcome = "failed") -> None:
+    def begin_hold(self, view: FlightView, order: Order | None, reason: str, outcome: OrderOutcome = "failed") -> None:
         """Stop as soon as the acceleration allows, and stay there, inside the fence.
 
         Without an order it is a failsafe's, and the order in progress ends with ``outcome`` for ``reason``.
@@ -169,7 +169,7 @@ class Flight(Telling):
         self._set_goal(stop_point(view, self.vehicle, self.fleet), 0.0)
         self._enter(Step.ARRIVED, view)
 
-    def begin_takeover(self, view: View, order: Order) -> None:
+    def begin_takeover(self, view: FlightView, order: Order) -> None:
         """Fly on from PX4's hold: stream setpoints for this place until PX4 says that it follows them."""
         self._replace_order(view, order)
         self.state, self.reason, self.is_streaming = "holding", Step.TAKEOVER.value, True
@@ -177,7 +177,7 @@ class Flight(Telling):
         self._set_goal(stop_point(view, self.vehicle, self.fleet), 0.0)
         self._enter(Step.TAKEOVER, view)
 
-    def begin_land(self, view: View, order: Order | None, reason: str) -> None:
+    def begin_land(self, view: FlightView, order: Order | None, reason: str) -> None:
         """Descend where it is, under the law; what PX4 is landing already, it lands."""
         self._replace_order(view, order, reason)
         if self.step is Step.PX4:
@@ -192,7 +192,7 @@ class Flight(Telling):
         self._limit(view, _LANDING_LIMIT_S, self._goal_duration_s)
 
     def begin_px4_land(
-        self, view: View, reason: str, order: Order | None = None, outcome: OrderOutcome = "failed"
+        self, view: FlightView, reason: str, order: Order | None = None, outcome: OrderOutcome = "failed"
     ) -> None:
         """Leave the landing to PX4 and be silent."""
         self._replace_order(view, order, reason, outcome)
@@ -200,21 +200,21 @@ class Flight(Telling):
         self._enter(Step.PX4, view)
         self._ask(view, Px4Land(), now=True)
 
-    def stop(self, view: View, reason: str) -> None:
+    def stop(self, view: FlightView, reason: str) -> None:
         """Give up: silence on the wire."""
         self.is_streaming = False
         self.finish(view, "failed", reason)
         self.state, self.reason = "failed", reason
         self._enter(Step.IDLE, view)
 
-    def disarm(self, view: View, reason: str) -> None:
+    def disarm(self, view: FlightView, reason: str) -> None:
         """Give up on the ground; PX4 is asked until it says that it is disarmed."""
         self.finish(view, "failed", reason)
         self._to_ground(view, "waiting", reason)
         self._is_disarming = True
         self._ask(view, Disarm(), now=True)
 
-    def begin_disarm(self, view: View, order: Order) -> None:
+    def begin_disarm(self, view: FlightView, order: Order) -> None:
         """The order to disarm, on the ground."""
         self._replace_order(view, order)
         if self.state != "failed":
@@ -222,7 +222,7 @@ class Flight(Telling):
         self._enter(Step.IDLE, view)
         self._ask(view, Disarm(), now=True)
 
-    def kill(self, view: View, order: Order) -> None:
+    def kill(self, view: FlightView, order: Order) -> None:
         """Motors off, wherever it is."""
         self._replace_order(view, order)
         self.is_streaming = False
@@ -230,7 +230,7 @@ class Flight(Telling):
         self._enter(Step.IDLE, view)
         self._ask(view, Kill(), now=True)
 
-    def identify(self, view: View, order: Order) -> None:
+    def locate(self, view: FlightView, order: Order) -> None:
         """Show which vehicle this is; whatever it does goes on."""
         self.out.append(PlayTune())
         # PX4 acknowledges no tune, so nobody can say that it was heard.
@@ -239,11 +239,11 @@ class Flight(Telling):
 
     # -- every tick --------------------------------------------------------------------------------------------------
 
-    def advance(self, view: View) -> None:
+    def advance(self, view: FlightView) -> None:
         """Move on by what telemetry and estimate say now."""
         _HANDLERS[self.step](self, view)
 
-    def _idle(self, view: View) -> None:
+    def _idle(self, view: FlightView) -> None:
         armed = view.snapshot.is_armed
         if self.order is not None and self.order.kind in ("kill", "disarm"):
             self._await_disarmed(view, self.order)
@@ -261,7 +261,7 @@ class Flight(Telling):
         elif self.state in ("waiting", "ready", "landed") and armed and not view.is_on_ground and self.order is None:
             self.stop(view, "PX4 flies without this agent: order land or kill, or hold when PX4 holds its place.")
 
-    def _await_disarmed(self, view: View, order: Order) -> None:
+    def _await_disarmed(self, view: FlightView, order: Order) -> None:
         if not view.snapshot.is_armed and self._told(view):
             self.finish(view, "done", "PX4 is disarmed.")
             if self.state == "armed":
@@ -275,7 +275,7 @@ class Flight(Telling):
         elif view.snapshot.is_armed:
             self._ask(view, Kill() if order.kind == "kill" else Disarm())
 
-    def _come_to_rest(self, view: View) -> None:
+    def _come_to_rest(self, view: FlightView) -> None:
         if self.order is None:
             return
         if not is_at_rest(view, self.vehicle):
@@ -285,7 +285,7 @@ class Flight(Telling):
         elif self._seconds(view) > _HOLD_LIMIT_S:
             self.finish(view, "timed out", f"Not at rest after {_HOLD_LIMIT_S:.0f} s; still trying to hold.")
 
-    def _await_offboard(self, view: View) -> None:
+    def _await_offboard(self, view: FlightView) -> None:
         if view.snapshot.is_offboard and view.snapshot.heartbeat_ns > self._step_ns and self._seconds(view) > 0.1:
             self._enter(Step.ARMING, view)
         elif self._seconds(view) > CONFIRM_TIMEOUT_S:
@@ -293,7 +293,7 @@ class Flight(Telling):
         elif self._seconds(view) > _STREAM_BEFORE_OFFBOARD_S:
             self._ask(view, SetOffboard())
 
-    def _await_arming(self, view: View) -> None:
+    def _await_arming(self, view: FlightView) -> None:
         if view.snapshot.is_armed and view.snapshot.heartbeat_ns > self._step_ns:
             if self._takeoff_height_m is not None:
                 self._lift(view)
@@ -307,7 +307,7 @@ class Flight(Telling):
         else:
             self._ask(view, Arm())
 
-    def _take_over(self, view: View) -> None:
+    def _take_over(self, view: FlightView) -> None:
         if view.snapshot.is_offboard and self._told(view):
             self._enter(Step.ARRIVED, view)
             self.reason = "ordered"
@@ -319,10 +319,10 @@ class Flight(Telling):
         elif self._seconds(view) > _STREAM_BEFORE_OFFBOARD_S:
             self._ask(view, SetOffboard())
 
-    def _give_up_start(self, view: View, sentence: str) -> None:
+    def _give_up_start(self, view: FlightView, sentence: str) -> None:
         self.disarm(view, sentence)
 
-    def _lift(self, view: View) -> None:
+    def _lift(self, view: FlightView) -> None:
         self.state = "taking off"
         x, y, z = view.position_enu_m
         self.ground_z_m = z
@@ -331,7 +331,7 @@ class Flight(Telling):
         self._set_goal((x, y, top), max(1.5, (top - z) / _CLIMB_SPEED_M_S))
         self._enter(Step.LIFTOFF, view)
 
-    def _lift_off(self, view: View) -> None:
+    def _lift_off(self, view: FlightView) -> None:
         if view.position_enu_m[2] > self.ground_z_m + _LIFTED_M:
             self._enter(Step.CLIMB, view)
         elif self._seconds(view) > _LIFTOFF_TIMEOUT_S:
@@ -341,7 +341,7 @@ class Flight(Telling):
             self.state, self.reason, self._lowest_m = "landing", sentence, math.inf
             self._enter(Step.CONTACT, view)
 
-    def _climb(self, view: View) -> None:
+    def _climb(self, view: FlightView) -> None:
         if self._is_steady(view):
             self.state = "flying"
             self._enter(Step.ARRIVED, view)
@@ -350,12 +350,12 @@ class Flight(Telling):
             self.finish(view, "timed out", f"Not at its height after {_CLIMB_TIMEOUT_S:.0f} s; holding.")
             self.begin_hold(view, None, "the climb took too long")
 
-    def _fly_leg(self, view: View) -> None:
+    def _fly_leg(self, view: FlightView) -> None:
         if self._is_steady(view):
             self._enter(Step.ARRIVED, view)
             self.finish(view, "done", f"At {place(view)}.")
 
-    def _descend(self, view: View) -> None:
+    def _descend(self, view: FlightView) -> None:
         height, sink = view.position_enu_m[2] - self.ground_z_m, abs(view.velocity_enu_m_s[2])
         self._lowest_m = min(self._lowest_m, view.position_enu_m[2])
         low = height < _CONTACT_HEIGHT_M and sink < _CONTACT_M_S
@@ -372,7 +372,7 @@ class Flight(Telling):
             self._set_goal((x, y, min(z, view.position_enu_m[2]) - 0.3), 1.0)
             self._step_ns = view.now_ns
 
-    def _await_landed(self, view: View) -> None:
+    def _await_landed(self, view: FlightView) -> None:
         if not view.snapshot.is_armed and self._told(view) and view.is_on_ground:
             self._landed(view)
             return
@@ -380,7 +380,7 @@ class Flight(Telling):
         if self._seconds(view) > _DISARM_AFTER_S:
             self._ask(view, Disarm())
 
-    def _await_px4_landing(self, view: View) -> None:
+    def _await_px4_landing(self, view: FlightView) -> None:
         snapshot = view.snapshot
         if not snapshot.is_armed and view.is_on_ground and self._told(view):
             self._landed(view)
@@ -391,7 +391,7 @@ class Flight(Telling):
         elif self._seconds(view) > _PX4_LIMIT_S:
             self.finish(view, "timed out", f"PX4 has not landed after {_PX4_LIMIT_S:.0f} s: take it by radio control.")
 
-    def _landed(self, view: View) -> None:
+    def _landed(self, view: FlightView) -> None:
         reason = self.reason
         if self.order is not None and self.order.kind == "land":
             self.finish(view, "done", "Landed and disarmed.")
@@ -403,7 +403,7 @@ class Flight(Telling):
     # -- helpers -----------------------------------------------------------------------------------------------------
 
     def _replace_order(
-        self, view: View, order: Order | None, reason: str = "", outcome: OrderOutcome = "failed"
+        self, view: FlightView, order: Order | None, reason: str = "", outcome: OrderOutcome = "failed"
     ) -> None:
         if order is not None:
             self.finish(view, "superseded", f"Ended by order {order.kind} of {order.author}.")
@@ -412,26 +412,26 @@ class Flight(Telling):
         self._is_disarming = False
         self.order, self.is_slow = order, False
 
-    def _limit(self, view: View, least_s: float, alone_s: float) -> None:
+    def _limit(self, view: FlightView, least_s: float, alone_s: float) -> None:
         self._since_ns, self._limit_s = view.now_ns, least_s + _PATIENCE * alone_s
 
-    def _enter(self, step: Step, view: View) -> None:
+    def _enter(self, step: Step, view: FlightView) -> None:
         self.step, self._step_ns, self._steady_ns, self._last_ask_ns = step, view.now_ns, view.now_ns, 0
 
-    def _to_ground(self, view: View, state: AgentState, reason: str) -> None:
+    def _to_ground(self, view: FlightView, state: AgentState, reason: str) -> None:
         self.is_streaming = False
         self.state, self.reason = state, reason
         self._enter(Step.IDLE, view)
 
-    def _ask(self, view: View, command: Command, *, now: bool = False) -> None:
+    def _ask(self, view: FlightView, command: Command, *, now: bool = False) -> None:
         if now or (view.now_ns - self._last_ask_ns) * 1e-9 > _RETRY_S:
             self._last_ask_ns = view.now_ns
             self.out.append(command)
 
-    def _seconds(self, view: View) -> float:
+    def _seconds(self, view: FlightView) -> float:
         return (view.now_ns - self._step_ns) * 1e-9
 
-    def _told(self, view: View) -> bool:
+    def _told(self, view: FlightView) -> bool:
         """Whether a heartbeat has come since this step began; the one before it may be a second old."""
         return view.snapshot.heartbeat_ns > self._step_ns
 
@@ -439,22 +439,22 @@ class Flight(Telling):
         self.goal_position_enu_m, self._goal_duration_s = position_enu_m, duration_s
         self._goal_sequence += 1
 
-    def _is_steady(self, view: View) -> bool:
+    def _is_steady(self, view: FlightView) -> bool:
         if not is_there(view, self.goal_position_enu_m, self.vehicle):
             self._steady_ns = view.now_ns
         return (view.now_ns - self._steady_ns) * 1e-9 > _ARRIVED_S
 
 
-_HANDLERS: dict[Step, Callable[[Flight, View], None]] = {
-    Step.IDLE: Flight._idle,
-    Step.OFFBOARD: Flight._await_offboard,
-    Step.ARMING: Flight._await_arming,
-    Step.LIFTOFF: Flight._lift_off,
-    Step.CLIMB: Flight._climb,
-    Step.LEG: Flight._fly_leg,
-    Step.ARRIVED: Flight._come_to_rest,
-    Step.DESCENT: Flight._descend,
-    Step.CONTACT: Flight._await_landed,
-    Step.PX4: Flight._await_px4_landing,
-    Step.TAKEOVER: Flight._take_over,
+_HANDLERS: dict[Step, Callable[[FlightContext, FlightView], None]] = {
+    Step.IDLE: FlightContext._idle,
+    Step.OFFBOARD: FlightContext._await_offboard,
+    Step.ARMING: FlightContext._await_arming,
+    Step.LIFTOFF: FlightContext._lift_off,
+    Step.CLIMB: FlightContext._climb,
+    Step.LEG: FlightContext._fly_leg,
+    Step.ARRIVED: FlightContext._come_to_rest,
+    Step.DESCENT: FlightContext._descend,
+    Step.CONTACT: FlightContext._await_landed,
+    Step.PX4: FlightContext._await_px4_landing,
+    Step.TAKEOVER: FlightContext._take_over,
 }

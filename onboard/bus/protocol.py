@@ -1,0 +1,153 @@
+"""The bus as everybody uses it: the protocol that the Zenoh session and the simulated bus fulfil."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Protocol
+
+from onboard.bus.codec import Malformed
+from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
+from onboard.bus.topics import Topic
+
+LEASE_MS = 1000  # a node whose connection is silent for so long is gone
+MAX_COLLECTED = 1000  # messages of one collected topic that wait for delivery, by default
+
+OnMessage = Callable[[Topic, str, Message | Malformed], None]
+OnOrder = Callable[[Order | Malformed, Callable[[OrderReply], None]], None]
+OnFault = Callable[[FaultOrder | Malformed, Callable[[OrderReply], None]], None]
+OnReply = Callable[[OrderReply | Malformed], None]
+OnEnd = Callable[[], None]
+OnAlive = Callable[[str, bool], None]
+
+
+class BusError(RuntimeError):
+    """The bus could not be opened: a sentence that says what failed, where, and what to do."""
+
+
+class Bus(Protocol):
+    """One node on the fleet's bus.
+
+    Callbacks may run on a thread of the bus: they must only hand over, and must not call the bus. The exception is
+    :meth:`deliver`, which runs callbacks on the caller's thread.
+    """
+
+    @property
+    def node(self) -> str:
+        """Return this node's name; its liveliness token is ``alive/<node>``."""
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether time on this bus is simulated, so that there are no clocks of other computers to measure."""
+
+    def start(self) -> None:
+        """Open the bus and declare the liveliness token; a second call does nothing.
+
+        Raises:
+            BusError: an endpoint to listen at is taken or not valid.
+        """
+
+    def stop(self) -> None:
+        """Leave the bus; a second call does nothing."""
+
+    def publish(self, topic: Topic, name: str, message: Message) -> None:
+        """Send a message on ``topic/name`` to the other nodes; never blocks for topics with LATEST delivery.
+
+        Args:
+            topic: row of the table of topics; it decides the delivery.
+            name: vehicle, mocap body or node that the message is about.
+            message: of the topic's type.
+        """
+
+    def subscribe(self, topic: Topic, name: str, on_message: OnMessage) -> None:
+        """Call back for each message, on a thread of the bus.
+
+        Args:
+            topic: row of the table of topics.
+            name: one name, or ``*`` for all.
+            on_message: called with topic, name and the message, or :class:`Malformed`.
+        """
+
+    def collect(self, topic: Topic, name: str, on_message: OnMessage, *, most: int = MAX_COLLECTED) -> None:
+        """Keep messages until :meth:`deliver` is called.
+
+        This costs half of :meth:`subscribe`: no thread wakes up for each message.
+
+        Args:
+            topic: row of the table of topics.
+            name: one name, or ``*`` for all.
+            on_message: called with topic, name and the message, or :class:`Malformed`.
+            most: number of messages kept; of more, the newest.
+        """
+
+    def follow(self, topic: Topic, names: Iterable[str], on_message: OnMessage) -> None:
+        """Collect a topic of exactly these names: new names are subscribed to, all others are dropped.
+
+        A message that nobody follows is not sent at all. Not for the control loop, since each change of the names is
+        told to every peer. Only one thread may call this.
+
+        Args:
+            topic: row of the table of topics.
+            names: all names to follow from now on.
+            on_message: called by :meth:`deliver` with topic, name and the message, or :class:`Malformed`.
+        """
+
+    def deliver(self) -> None:
+        """Call back, on the caller's thread, for everything collected or followed; never blocks."""
+
+    def serve_orders(self, vehicle: str, on_order: OnOrder) -> None:
+        """Answer the orders for a vehicle.
+
+        Args:
+            vehicle: name of the vehicle.
+            on_order: called on a thread of the bus with the order and a function that sends the reply. That function
+                must be called once, from any other thread.
+        """
+
+    def serve_faults(self, on_fault: OnFault) -> None:
+        """Answer the fault orders for the emulator.
+
+        Args:
+            on_fault: as ``on_order`` of :meth:`serve_orders`.
+        """
+
+    def order(self, vehicle: str, order: Order, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
+        """Send an order to one vehicle.
+
+        Args:
+            vehicle: name of the vehicle.
+            order: the order.
+            timeout_s: time [s] to wait for the reply.
+            on_reply: called with the reply; not called when nobody answers.
+            on_end: called last, in any case.
+        """
+
+    def fault(self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
+        """Send a fault order to the emulator; where there is none, nobody answers.
+
+        Args:
+            order: the fault order.
+            timeout_s: time [s] to wait for the reply.
+            on_reply: called with the reply; not called when nobody answers.
+            on_end: called last, in any case.
+        """
+
+    def claim(self, token: str) -> None:
+        """Declare another liveliness token, for a role of this node: see :mod:`onboard.bus.authority`.
+
+        Args:
+            token: name of the token; a second claim of the same one does nothing.
+        """
+
+    def release(self, token: str) -> None:
+        """Take back a token of :meth:`claim`.
+
+        Args:
+            token: name of the token; one that is not claimed is ignored.
+        """
+
+    def watch_alive(self, on_alive: OnAlive) -> None:
+        """Call back for every liveliness token of the fleet that appears or vanishes.
+
+        Args:
+            on_alive: called with the token and whether it is there; first for all that are there already.
+        """
