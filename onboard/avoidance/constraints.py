@@ -1,166 +1,200 @@
-"""Rows of the law: half-planes ``n.u >= b`` of the horizontal acceleration, normals of about unit length, b in m/s^2.
+"""Rows of the law: half-planes ``n . u >= b`` of the horizontal thrust, one for each constrained output.
 
-Distance rows are (17) for a pair or for something that stands still, rotation rows are (18), the fence is (17) for a
-straight wall, and the speed row keeps avoiding vehicles from racing. e and w are own minus other position and velocity
-(..., K, 2), both predicted to when the command acts. ``kernels.py`` has the same formulas for one vehicle at a time.
+The paper constrains two outputs of a pair: the squared distance d_o,2 of (5), and the orthoradial velocity phi_perp of
+(6). It derives each until the input appears, (10), and bounds the input such that the output decays to its limit no
+faster than the kappas say, (17) and (18). The bounds are :func:`h_1` and :func:`h_2`. With e and w for position and
+velocity relative to the other one, ``u_1 = 2 e . u`` and ``u_2 = e x u``, (15): so (17) and (18) are half-planes, with
+the normals e and e turned by 90 degrees. A row is divided by the distance to keep, so that its bound is in m/s^2.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from onboard.avoidance.half_planes import HalfPlane
+from onboard.avoidance.pairs import Pair, Surface
+from onboard.avoidance.params import (
+    DIRECTION_CROWD,
+    DIRECTION_FIXED,
+    RESPONSIBILITY_FULL,
+    RESPONSIBILITY_HALF,
+    Fence,
+    Gains,
+    LawParams,
+)
+from onboard.vectors import Vec2, cross_2, dot_2, length_2
 
-from onboard.avoidance.params import DIRECTION, LawNumbers
-from onboard.config.obstacles import Capsule
-from onboard.types import Array, BoolArray
-
-MAX_OBSTACLES = 6  # the nearest ones count
 SPEED_GAIN_1_S = 4.0
-LARGEST_MARGIN_M = 5.0
-COINCIDENT_M = 1e-6
-SETTLED_M_S = 0.1  # who wants to go no faster than this is no part of a crowd
 
 
-def design_distance(
-    own_std: tuple[Array, Array], their_std: tuple[Array, Array], is_cooperative: BoolArray, n: LawNumbers
-) -> Array:
-    """Distance d (..., K) [m] kept from each neighbour: fixed, or more where the estimates are worse than a mocap's.
+def h_1(e: Vec2, w: Vec2, d_m: float, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
+    """Return half of the bound (20) [m^2/s^2], without the acceleration of the other one, which belongs to D_1.
 
-    own_std, their_std: of position [m] and velocity [m/s] per axis, (...) and (..., K); what is not finite counts as 0.
+    ``e . (a_i - a_j) >= h_1`` keeps the squared distance, (5), above d^2, (7).
+
+    Args:
+        e, w: relative position and velocity [m, m/s].
+        d_m: distance to keep.
     """
-    margin = np.full(is_cooperative.shape, n.margin_m)
-    if n.sigma_position > 0.0:
-        variance = np.zeros(is_cooperative.shape)
-        for scale, own, theirs in zip((n.sigma_position, n.sigma_velocity_s), own_std, their_std, strict=True):
-            variance += scale * scale * (_known(own)[..., None] ** 2 + _known(theirs) ** 2)
-        margin = np.minimum(np.maximum(margin, n.margin_floor_m + np.sqrt(variance)), LARGEST_MARGIN_M)
-    return np.asarray(n.safety_distance_m + margin + np.where(is_cooperative, 0.0, n.uncooperative_margin_m))
+    closing = dot_2(e, w)  # half of the rate of d_o,2
+    outside = dot_2(e, e) - d_m * d_m
+    return -dot_2(w, w) - (kappa_1_1_s + kappa_2_1_s) * closing - 0.5 * kappa_1_1_s * kappa_2_1_s * outside
 
 
-def distance_rows(
-    e: Array, w: Array, d: Array, neighbour_command: Array, is_full: BoolArray, *, n: LawNumbers
-) -> tuple[Array, Array]:
-    """Normals (..., K, 2), bounds (..., K). (17) asks the pair for ``need``; responsibility says who gives how much.
+def h_2(e: Vec2, w: Vec2, v: Vec2, d_m: float, v_perp_m_s: float, sign: float, gains: Gains) -> float:
+    """Return the bound (21) [m^2/s^2] for turning about the other one.
 
-    full: all of it, and what the other's command takes away (the paper). half: half. shortfall: half, plus
-    ``shortfall_gain`` times what the other's command fails to deliver. DEVIATION D2.
+    ``sign (e x a) >= h_2`` keeps the orthoradial velocity, (6), above (8), or for the sign -1 below (9).
+
+    Args:
+        e, w: relative position and velocity [m, m/s].
+        v: velocity whose orthoradial part is constrained [m/s].
+        d_m: distance to keep.
+        v_perp_m_s: v_perp^#.
+        sign: +1 counter-clockwise, -1 clockwise.
     """
-    closing, speed_2, distance_2 = _dot(e, w), _dot(w, w), _dot(e, e)
-    k_1, k_2 = n.kappa_1_1_s, n.kappa_2_1_s
-    need = -speed_2 - (k_1 + k_2) * closing - 0.5 * k_1 * k_2 * (distance_2 - d * d)
-    pulled = _dot(e, neighbour_command)
-    shared = 0.5 * need + n.shortfall_gain * np.maximum(0.0, 0.5 * need + pulled)
-    return e / d[..., None], np.where(is_full, need + pulled, shared) / d
+    d_2 = sign * cross_2(w, v)  # (14)
+    phi_perp = sign * cross_2(e, v)  # (6)
+    d_o2_rate = 2.0 * dot_2(e, w)
+    outside = dot_2(e, e) - d_m * d_m
+    kappa_3, kappa_4 = gains.kappa_3_1_s, gains.kappa_4_1_s
+    return -d_2 - kappa_3 * d_o2_rate - kappa_4 * (phi_perp - d_m * v_perp_m_s + kappa_3 * outside)
 
 
-def turn_direction(e: Array, wish: Array, d: Array, is_crowded: BoolArray, *, n: LawNumbers) -> Array:
-    """+1 counter-clockwise or -1 (..., K), by policy.
+def distance_row(pair: Pair, params: LawParams) -> HalfPlane:
+    """Return the half-plane that keeps one neighbour outside the distance to keep (line D).
 
-    fixed: always +1. pair: as ``wish``, here the relative velocity, already turns the pair, which both see alike; +1 if
-    undecided. crowd: a crowded pair always +1, so that all of a crowd go round the same way. intent: the same with the
-    relative velocity that both would like, which does not keep a circling pair circling. DEVIATION D4.
+    Implements: (17), (20). DEVIATION D2: the policy says how much of the bound this vehicle takes on itself. full: all
+    of it, and the other's acceleration (the paper). half: half. shortfall: half, and ``shortfall_gain`` times the part
+    of the other half that the neighbour's command does not deliver. All of it for one that does not cooperate.
+
+    Args:
+        pair: this vehicle and the neighbour at t + L.
+    Returns:
+        normal [-] and bound [m/s^2].
+    Properties: rotation-equivariant; homogeneous.
     """
-    if n.direction == DIRECTION["fixed"]:
-        return np.ones(d.shape)
-    spin = e[..., 0] * wish[..., 1] - e[..., 1] * wish[..., 0]
-    is_left = spin < -0.25 * d * np.maximum(np.sqrt(_dot(wish, wish)), 0.1)
-    return np.where(is_left & ~(is_crowded & (n.direction >= DIRECTION["crowd"])), -1.0, 1.0)
+    e, d, gains = pair.e, pair.d_m, params.gains
+    needed = h_1(e, pair.w, d, gains.kappa_1_1_s, gains.kappa_2_1_s)
+    pulled = dot_2(e, pair.command_m_s2)
+    responsibility = params.policies.responsibility
+    if responsibility == RESPONSIBILITY_FULL or not pair.is_cooperative:
+        bound = needed + pulled
+    elif responsibility == RESPONSIBILITY_HALF:
+        bound = 0.5 * needed
+    else:
+        bound = 0.5 * needed + gains.shortfall_gain * max(0.0, 0.5 * needed + pulled)
+    return HalfPlane(Vec2(e.x / d, e.y / d), bound / d)
 
 
-def rotation_rows(
-    e: Array,
-    w: Array,
-    wish: Array,
-    own_velocity: Array,
-    d: Array,
-    is_crowded: BoolArray,
-    is_full: BoolArray,
-    *,
-    n: LawNumbers,
-) -> tuple[Array, Array]:
-    """Soft rows that turn the pair about each other: in relative form with half a share each. DEVIATION D4.
+def rotation_row(pair: Pair, own_velocity_m_s: Vec2, is_crowded: bool, params: LawParams) -> HalfPlane:
+    """Return the soft half-plane that turns the pair about each other (line R).
 
+    Implements: (18), (21). DEVIATION D4: in relative form with half a share for each, where both see the same numbers.
     A vehicle that has to do everything turns alone, relative to the other; under the paper's full responsibility by
-    its absolute velocity, as (8) and (18) have it.
+    its absolute velocity, as (6) has it.
+
+    Args:
+        pair: this vehicle and the neighbour at t + L.
+        own_velocity_m_s: absolute, horizontal, at t + L.
+        is_crowded: whether one of the two has ``crowd_count`` near neighbours.
+    Returns:
+        normal [-] and bound [m/s^2].
+    Properties: rotation-equivariant; homogeneous.
     """
-    sign = turn_direction(e, wish, d, is_crowded, n=n)
-    g = own_velocity if n.is_full else w
-    spin = sign * (e[..., 0] * g[..., 1] - e[..., 1] * g[..., 0])
-    drift = sign * (w[..., 0] * g[..., 1] - w[..., 1] * g[..., 0])
-    outside = _dot(e, e) - d * d
-    is_fast = is_crowded & (n.direction >= DIRECTION["crowd"])
-    v_perp = np.where(is_fast, n.v_perp_crowd_m_s, n.v_perp_m_s)
-    k_3, k_4 = n.kappa_3_1_s, n.kappa_4_1_s
-    braking = -2.0 * k_3 * _dot(e, w)
-    alone = braking - k_4 * (spin - d * v_perp + k_3 * outside) - drift
-    shared = 0.5 * (braking - k_4 * (spin - 2.0 * d * v_perp + k_3 * outside))
-    turned = np.stack([-e[..., 1], e[..., 0]], axis=-1) * (sign / d)[..., None]
-    return turned, np.where(is_full, alone, shared) / d
+    e, w, d, gains, policies = pair.e, pair.w, pair.d_m, params.gains, params.policies
+    sign = turn_sign(e, pair.intent_m_s, d, is_crowded, policies.direction)
+    is_fast = is_crowded and policies.direction >= DIRECTION_CROWD
+    v_perp = gains.v_perp_crowd_m_s if is_fast else gains.v_perp_m_s
+    if policies.responsibility == RESPONSIBILITY_FULL:
+        bound = h_2(e, w, own_velocity_m_s, d, v_perp, sign, gains)
+    elif not pair.is_cooperative:
+        bound = h_2(e, w, w, d, v_perp, sign, gains)
+    else:  # both turn with v_perp, so that the relative velocity is twice that
+        bound = 0.5 * h_2(e, w, w, d, 2.0 * v_perp, sign, gains)
+    return HalfPlane(Vec2(-e.y * sign / d, e.x * sign / d), bound / d)
 
 
-def obstacle_rows(
-    position: Array, velocity: Array, wish: Array, capsules: tuple[Capsule, ...], *, n: LawNumbers
-) -> tuple[Array, Array, Array, Array]:
-    """Distance and rotation rows (..., O, 2), (..., O) of what stands still, the nearest O <= 6 of the capsules.
+def turn_sign(e: Vec2, intent_m_s: Vec2, d_m: float, is_crowded: bool, direction: int) -> float:
+    """Return the side of a turn: +1 counter-clockwise, (8), or -1 clockwise, (9); by policy. DEVIATION D4, D14.
 
-    (17), (18) with the nearest point of the capsule's segment as the obstacle. Beside the segment that point moves
-    along with the vehicle, so that only the velocity towards the wall counts.
+    fixed: always +1. pair: as the relative velocity already turns the pair, which both see alike; +1 if undecided.
+    crowd: a crowded pair always +1, so that all of a crowd go round the same way. intent: as crowd, but by the relative
+    velocity that both intend, which does not keep a circling pair circling.
+
+    Args:
+        e: relative position [m].
+        intent_m_s: relative velocity that decides.
+        d_m: distance to keep.
     """
-    c = np.array(capsules, dtype=np.float64).reshape(-1, 5)
-    from_begin = position[..., None, :] - c[:, 0:2]
-    along = c[:, 2:4] - c[:, 0:2]
-    length_2 = _dot(along, along)
-    place = _dot(from_begin, along) / np.where(length_2 > 0.0, length_2, 1.0)
-    share = np.minimum(np.maximum(place, 0.0), 1.0)
-    e = from_begin - share[..., None] * along
-    size = np.sqrt(_dot(e, e))
-    nearest = np.argsort(size - c[:, 4], axis=-1, kind="stable")[..., :MAX_OBSTACLES]
-    is_beside = np.take_along_axis((place > 0.0) & (place < 1.0), nearest, -1)
-    e = np.take_along_axis(e, nearest[..., None], -2)
-    w = np.broadcast_to(velocity[..., None, :], e.shape)
-    e = np.where((_dot(e, e) < COINCIDENT_M**2)[..., None], way_out(w), e)
-    d = c[:, 4][nearest] + n.clearance_m
-    closing, speed_2, distance_2 = _dot(e, w), _dot(w, w), _dot(e, e)
-    k_1, k_2 = n.static_kappa_1_1_s, n.kappa_2_1_s
-    towards = np.where(is_beside, closing * closing / distance_2, speed_2)
-    need = -towards - (k_1 + k_2) * closing - 0.5 * k_1 * k_2 * (distance_2 - d * d)
-    sign = turn_direction(e, np.broadcast_to(wish[..., None, :], e.shape), d, np.zeros(d.shape, bool), n=n)
-    spin = sign * (e[..., 0] * w[..., 1] - e[..., 1] * w[..., 0])
-    drift = np.where(is_beside, closing * spin / distance_2, 0.0)
-    k_3, k_4 = n.kappa_3_1_s, n.kappa_4_1_s
-    turn = -2.0 * k_3 * closing - k_4 * (spin - d * n.v_perp_m_s + k_3 * (distance_2 - d * d)) - drift
-    turned = np.stack([-e[..., 1], e[..., 0]], axis=-1) * (sign / d)[..., None]
-    return e / d[..., None], need / d, turned, turn / d
+    if direction == DIRECTION_FIXED or (is_crowded and direction >= DIRECTION_CROWD):
+        return 1.0
+    return -1.0 if cross_2(e, intent_m_s) < -0.25 * d_m * max(length_2(intent_m_s), 0.1) else 1.0
 
 
-def fence_rows(position: Array, velocity: Array, *, n: LawNumbers) -> tuple[Array, Array]:
-    """Rows (..., 4, 2), (..., 4) of the walls: (17) for the distance from a line; an open side has a bound of -inf."""
-    k_1, k_2 = n.static_kappa_1_1_s, n.kappa_2_1_s
-    low = np.array([n.fence_low_x_m, n.fence_low_y_m])
-    high = np.array([n.fence_high_x_m, n.fence_high_y_m])
-    inward = np.concatenate([velocity, -velocity], axis=-1)
-    gap = np.concatenate([position - low, high - position], axis=-1)
-    normals = np.broadcast_to(np.concatenate([np.eye(2), -np.eye(2)]), (*gap.shape, 2))
-    return normals, -(k_1 + k_2) * inward - k_1 * k_2 * gap
+def obstacle_row(surface: Surface, gains: Gains) -> HalfPlane:
+    """Return the half-plane that keeps a static obstacle at its distance: (17) with all of the bound. DEVIATION D13."""
+    e, d = surface.e, surface.d_m
+    bound = h_1(e, surface.w, d, gains.static_kappa_1_1_s, gains.kappa_2_1_s)
+    return HalfPlane(Vec2(e.x / d, e.y / d), bound / d)
 
 
-def speed_row(velocity: Array, *, n: LawNumbers) -> tuple[Array, Array, BoolArray]:
-    """Row (..., 1, 2), (..., 1) that lets the speed approach its limit only slowly, and whether there is a speed."""
-    speed = np.sqrt(_dot(velocity, velocity))
-    is_moving = speed > 1e-6
-    normal = -velocity / np.where(is_moving, speed, 1.0)[..., None]
-    return normal[..., None, :], (-SPEED_GAIN_1_S * (n.top_speed_m_s - speed))[..., None], is_moving[..., None]
+def obstacle_rotation_row(surface: Surface, velocity_m_s: Vec2, intent_m_s: Vec2, params: LawParams) -> HalfPlane:
+    """Return the soft half-plane that turns the vehicle about a static obstacle: (18). DEVIATION D13.
+
+    Args:
+        surface: the obstacle's nearest point.
+        velocity_m_s, intent_m_s: own, horizontal, at t + L.
+    """
+    e, d, gains = surface.e, surface.d_m, params.gains
+    sign = turn_sign(e, intent_m_s, d, False, params.policies.direction)
+    bound = h_2(e, surface.w, velocity_m_s, d, gains.v_perp_m_s, sign, gains)
+    return HalfPlane(Vec2(-e.y * sign / d, e.x * sign / d), bound / d)
 
 
-def way_out(w: Array) -> Array:
-    """Direction (..., K, 2) of a tiny separation where there is none: onwards along the relative velocity."""
-    speed = np.sqrt(_dot(w, w))[..., None]
-    is_moving = speed > 1e-6
-    return COINCIDENT_M * np.where(is_moving, w / np.where(is_moving, speed, 1.0), np.array([1.0, 0.0]))
+def fence_rows(position_m: Vec2, velocity_m_s: Vec2, fence: Fence, gains: Gains) -> list[HalfPlane]:
+    """Return the half-planes of the four walls, with bound -inf for an open side: (17) for the distance from a line.
+
+    With the distance h and the inward normal n: ``n . u >= -(k_1 + k_2) n . v - k_1 k_2 h``. DEVIATION D13.
+
+    Args:
+        position_m, velocity_m_s: own, horizontal, at t + L.
+    """
+    rate, stiffness = gains.static_kappa_1_1_s + gains.kappa_2_1_s, gains.static_kappa_1_1_s * gains.kappa_2_1_s
+    p, v = position_m, velocity_m_s
+    return [
+        HalfPlane(Vec2(1.0, 0.0), -rate * v.x - stiffness * (p.x - fence.low_x_m)),
+        HalfPlane(Vec2(0.0, 1.0), -rate * v.y - stiffness * (p.y - fence.low_y_m)),
+        HalfPlane(Vec2(-1.0, 0.0), rate * v.x - stiffness * (fence.high_x_m - p.x)),
+        HalfPlane(Vec2(0.0, -1.0), rate * v.y - stiffness * (fence.high_y_m - p.y)),
+    ]
 
 
-def _dot(a: Array, b: Array) -> Array:
-    return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1])
+def speed_row(velocity_m_s: Vec2, top_speed_m_s: float) -> HalfPlane:
+    """Return the soft half-plane that lets the speed approach its limit only slowly. DEVIATION D13.
+
+    Args:
+        velocity_m_s: own, horizontal, not zero.
+    """
+    speed = length_2(velocity_m_s)
+    normal = Vec2(-velocity_m_s.x / speed, -velocity_m_s.y / speed)
+    return HalfPlane(normal, -SPEED_GAIN_1_S * (top_speed_m_s - speed))
 
 
-def _known(std: Array) -> Array:
-    return np.where(np.isfinite(std), np.minimum(np.abs(np.where(np.isfinite(std), std, 0.0)), 1e3), 0.0)
+def compensated(row: HalfPlane, compensation_m_s2: Vec2) -> HalfPlane:
+    """Return the row for the thrust with its compensation; rows constrain the net motion, which is without it."""
+    return HalfPlane(row.normal, row.bound_m_s2 + dot_2(row.normal, compensation_m_s2))
+
+
+def violation(row: HalfPlane, thrust_m_s2: Vec2) -> float:
+    """Return by how much a thrust misses the bound [m/s^2]; negative where the row holds."""
+    return row.bound_m_s2 - dot_2(row.normal, thrust_m_s2)
+
+
+def can_bind(row: HalfPlane, radius_m_s2: float) -> bool:
+    """Whether some thrust of the disc violates the row."""
+    return row.bound_m_s2 > -radius_m_s2 * length_2(row.normal)
+
+
+def faded(row: HalfPlane, thrust_m_s2: Vec2, strength: float) -> HalfPlane:
+    """Return the row between what the thrust gives already, for strength 0, and its own bound, for 1. DEVIATION D15."""
+    given = dot_2(row.normal, thrust_m_s2)
+    return HalfPlane(row.normal, given + strength * (row.bound_m_s2 - given))

@@ -1,74 +1,58 @@
 """The paper's law for one moving obstacle, equations (5) to (22), with the turn direction of (8) or (9).
 
-Everything is per unit of mass: ``F / m`` instead of F, so that M_o is twice a scaled rotation and m cancels. Planar:
-only x and y are used. Positions, velocities and accelerations are in fleet ENU; the orthoradial velocity of (6) is
-positive when the vehicle turns counter-clockwise about the obstacle as seen from above.
+Everything is per unit of mass: F / m instead of F, so that M_o of (11) is twice a scaled rotation and m cancels.
+Planar: only x and y are used. Positions, velocities and accelerations are in fleet ENU; the orthoradial velocity of (6)
+is positive when the vehicle turns counter-clockwise about the obstacle as seen from above.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from typing import NamedTuple
 
-import numpy as np
-
-from onboard.types import Array, BoolArray
-
-
-@dataclass(frozen=True, slots=True)
-class PaperLawParams:
-    """Tuning of the paper: kappa_1..4 [1/s], v_perp [m/s], d_inf [m]; turn_sign +1 for (8), -1 for (9)."""
-
-    kappa_1_1_s: float = 2.0
-    kappa_2_1_s: float = 2.0
-    kappa_3_1_s: float = 1.5
-    kappa_4_1_s: float = 1.5
-    v_perp_m_s: float = 0.1
-    d_inf_m: float = 0.8
-    turn_sign: float = 1.0
+from onboard.avoidance.params import PaperParams
+from onboard.vectors import Vec2, cross_2, dot_2
 
 
-@dataclass(frozen=True, slots=True)
-class PaperLawResult:
-    """thrust_xy (..., 2) [m/s^2]; is_changed (...) when a saturation acts; is_usable (...) unless M_o is singular."""
+class PlanarState(NamedTuple):
+    """Horizontal motion of one vehicle."""
 
-    thrust_xy_m_s2: Array
-    is_changed: BoolArray
-    is_usable: BoolArray
+    position_m: Vec2
+    velocity_m_s: Vec2
+    acceleration_m_s2: Vec2  # an input of the law for the obstacle only
 
 
-def saturate_thrust(
-    position_m: Array,
-    velocity_m_s: Array,
-    thrust_m_s2: Array,
-    obstacle_position_m: Array,
-    obstacle_velocity_m_s: Array,
-    obstacle_acceleration_m_s2: Array,
-    *,
-    params: PaperLawParams,
-) -> PaperLawResult:
-    """Saturated horizontal thrust (22).
+class PaperResult(NamedTuple):
+    """Result of :func:`saturate_thrust`."""
+
+    thrust_m_s2: Vec2  # F_d^sat / m
+    is_changed: bool  # whether one of the two saturations acts
+    is_usable: bool  # False: M_o has no inverse, and the thrust is unchanged
+
+
+def saturate_thrust(own: PlanarState, thrust_m_s2: Vec2, obstacle: PlanarState, params: PaperParams) -> PaperResult:
+    """Return the saturated horizontal thrust (22).
 
     Implements: (5)-(22). (9) is (8) for the mirrored orthoradial velocity ``-phi_perp``.
 
     Args:
-        position_m, velocity_m_s, thrust_m_s2: own horizontal state and F_d / m (..., 2).
-        obstacle_position_m, obstacle_velocity_m_s, obstacle_acceleration_m_s2: (..., 2).
+        own: absolute motion.
+        thrust_m_s2: F_d / m of the baseline, horizontal.
+        obstacle: motion of the vehicle to avoid.
+        params: the paper's tuning.
     Returns:
-        Thrust (..., 2). Where the vehicles coincide M_o has no inverse (11): the thrust is unchanged and
-        ``is_usable`` False.
+        Thrust. Where the vehicles coincide M_o has no inverse, (11), and the thrust is unchanged.
     Properties: rotation- and translation-equivariant; homogeneous; idempotent.
     """
-    p = params
-    e = position_m - obstacle_position_m
-    w = velocity_m_s - obstacle_velocity_m_s
-    d_o2 = np.einsum("...c,...c->...", e, e)  # (5)
-    d_o2_rate = 2.0 * np.einsum("...c,...c->...", e, w)
-    phi_perp = p.turn_sign * _cross(e, velocity_m_s)  # (6)
-    d_1 = 2.0 * np.einsum("...c,...c->...", w, w) - 2.0 * np.einsum(
-        "...c,...c->...", e, obstacle_acceleration_m_s2
-    )  # (13)
-    d_2 = p.turn_sign * _cross(w, velocity_m_s)  # (14)
-    outside = d_o2 - p.d_inf_m**2
+    p, v, a_o = params, own.velocity_m_s, obstacle.acceleration_m_s2
+    e = Vec2(own.position_m.x - obstacle.position_m.x, own.position_m.y - obstacle.position_m.y)
+    w = Vec2(v.x - obstacle.velocity_m_s.x, v.y - obstacle.velocity_m_s.y)
+    d_o2 = dot_2(e, e)  # (5)
+    d_o2_rate = 2.0 * dot_2(e, w)
+    phi_perp = p.turn_sign * cross_2(e, v)  # (6)
+    d_1 = 2.0 * dot_2(w, w) - 2.0 * dot_2(e, a_o)  # (13)
+    d_2 = p.turn_sign * cross_2(w, v)  # (14)
+    outside = d_o2 - p.d_inf_m * p.d_inf_m
     h_1 = -d_1 - (p.kappa_1_1_s + p.kappa_2_1_s) * d_o2_rate - p.kappa_1_1_s * p.kappa_2_1_s * outside  # (20)
     h_2 = (  # (21)
         -d_2
@@ -76,20 +60,12 @@ def saturate_thrust(
         - p.kappa_4_1_s * (phi_perp - p.d_inf_m * p.v_perp_m_s)
         - p.kappa_3_1_s * p.kappa_4_1_s * outside
     )
-    u_1 = 2.0 * np.einsum("...c,...c->...", e, thrust_m_s2)  # (15)
-    u_2 = p.turn_sign * _cross(e, thrust_m_s2)
-    more_1 = np.maximum(0.0, h_1 - u_1)
-    more_2 = np.maximum(0.0, h_2 - u_2)
-    is_usable = (d_o2 > 1e-12) & np.isfinite(h_1) & np.isfinite(h_2)
-    inverse = np.where(is_usable, 1.0, 0.0) / np.where(is_usable, d_o2, 1.0)
-    more_1 = np.where(is_usable, more_1, 0.0)
-    more_2 = np.where(is_usable, more_2, 0.0)
-    # M_o^-1 = M_o^T / (4 d_o2): only what the saturations add is transformed back, so that inactive rows change no bit
-    turned = np.stack([-e[..., 1], e[..., 0]], axis=-1)
-    added = (0.5 * more_1[..., None] * e + p.turn_sign * more_2[..., None] * turned) * inverse[..., None]
-    return PaperLawResult(thrust_m_s2 + added, (more_1 > 0.0) | (more_2 > 0.0), is_usable)
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """z component of the cross product of two horizontal vectors (..., 2)."""
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+    if not (d_o2 > 1e-12 and math.isfinite(h_1) and math.isfinite(h_2)):
+        return PaperResult(thrust_m_s2, False, False)
+    u_1 = 2.0 * dot_2(e, thrust_m_s2)  # (15)
+    u_2 = p.turn_sign * cross_2(e, thrust_m_s2)
+    more_1, more_2 = max(0.0, h_1 - u_1), max(0.0, h_2 - u_2)  # by how much Sat, (4), raises u_1 and u_2 in (19)
+    # M_o^-1 = M_o^T / (4 d_o2): only what the saturations add is transformed back, so that inactive ones change no bit
+    along, across = 0.5 * more_1 / d_o2, p.turn_sign * more_2 / d_o2
+    x, y = along * e.x - across * e.y, along * e.y + across * e.x
+    return PaperResult(Vec2(thrust_m_s2.x + x, thrust_m_s2.y + y), more_1 > 0.0 or more_2 > 0.0, True)

@@ -1,0 +1,63 @@
+"""Half-planes, and the points where their edges meet each other or a circle about the origin."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from onboard.vectors import Vec2, length_2
+
+EXACT = 1e-13  # rounding
+
+
+class HalfPlane(NamedTuple):
+    """All u with ``normal . u >= bound``."""
+
+    normal: Vec2
+    bound_m_s2: float
+
+
+def unit_row(row: HalfPlane) -> HalfPlane:
+    """Return the same half-plane with a normal of unit length."""
+    normal, bound = row
+    length = length_2(normal)
+    return HalfPlane(Vec2(normal.x / length, normal.y / length), bound / length)
+
+
+def in_disc(u: Vec2, radius: float) -> bool:
+    """Whether a point lies in the disc, up to rounding."""
+    limit = radius * (1.0 + 1e-12) + 1e-12
+    return u.x * u.x + u.y * u.y <= limit * limit
+
+
+def foot(u: Vec2, row: HalfPlane) -> Vec2:
+    """Return the nearest point of one half-plane of unit length."""
+    normal, bound = row
+    missing = max(0.0, bound - normal.x * u.x - normal.y * u.y)
+    return Vec2(u.x + missing * normal.x, u.y + missing * normal.y)
+
+
+def on_circle(row: HalfPlane, radius: float, side: float) -> Vec2:
+    """Return the point, on the side +1 or -1, where the edge of a half-plane of unit length meets the circle.
+
+    Where they do not meet it is the edge's nearest point to the origin, outside the disc.
+    """
+    normal, bound = row
+    half = side * math.sqrt(max(0.0, radius * radius - bound * bound))
+    return Vec2(bound * normal.x - half * normal.y, bound * normal.y + half * normal.x)
+
+
+def corner(one: HalfPlane, two: HalfPlane) -> Vec2:
+    """Return the point where the edges of two half-planes meet; NaN for parallel ones."""
+    (n_x, n_y), b = one
+    (m_x, m_y), c = two
+    det = n_x * m_y - n_y * m_x
+    if abs(det) <= EXACT:
+        return Vec2(math.nan, math.nan)
+    return Vec2((b * m_y - c * n_y) / det, (n_x * c - m_x * b) / det)
+
+
+def difference(one: HalfPlane, two: HalfPlane) -> HalfPlane:
+    """Return the half-plane whose edge holds the points that miss both bounds by the same amount."""
+    normal = Vec2(one.normal.x - two.normal.x, one.normal.y - two.normal.y)
+    return HalfPlane(normal, one.bound_m_s2 - two.bound_m_s2)

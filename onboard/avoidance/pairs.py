@@ -1,0 +1,204 @@
+"""Pairs of this vehicle with a neighbour or with an obstacle: geometry, distance to keep, and how crowded it is.
+
+Everything is horizontal and at the time t + L, when a command of now takes effect.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from onboard.avoidance.params import DIRECTION_INTENT, Capsule, LawParams, Spacing
+from onboard.avoidance.prediction import Received, clipped, receive
+from onboard.types import Neighbour
+from onboard.vectors import Vec2, dot_2, is_finite, length_2
+
+MAX_OBSTACLES = 6  # the nearest ones count
+LARGEST_MARGIN_M = 5.0
+COINCIDENT_M = 1e-6
+SETTLED_M_S = 0.1  # a vehicle that intends to go no faster than this is no part of a crowd
+_LARGEST_STD = 1e3
+
+
+class Own(NamedTuple):
+    """This vehicle at t + L, horizontal."""
+
+    position_m: Vec2
+    velocity_m_s: Vec2
+    intent_m_s: Vec2  # velocity that it would fly if it were alone
+    margin_2_m2: float  # its own part of the square of the accuracy margin
+    thrust_m_s2: Vec2  # F_d / m of the baseline with the compensation, within the radius
+    compensation_m_s2: Vec2  # added to the command against drag and disturbance
+    radius_m_s2: float  # largest horizontal thrust
+
+
+class Pair(NamedTuple):
+    """This vehicle and one neighbour; differences are own minus neighbour's."""
+
+    e: Vec2  # position [m]
+    w: Vec2  # velocity [m/s]
+    command_m_s2: Vec2  # u_j, the neighbour's commanded acceleration
+    intent_m_s: Vec2  # relative velocity by which the side of a turn is decided
+    d_m: float  # distance to keep
+    distance_2_m2: float
+    crowd_count: float  # as the neighbour publishes it; 0 if unknown
+    is_near: bool  # counts for the own crowd
+    is_cooperative: bool
+    table_index: int  # of the neighbour, for the record
+
+
+class Pairs(NamedTuple):
+    """The nearest neighbours, and facts about all of them."""
+
+    pairs: list[Pair]  # nearest first
+    crowd_count: float  # number of near neighbours
+    is_sound: bool  # False: a neighbour without finite motion, or one that coincides with this vehicle
+
+
+class Surface(NamedTuple):
+    """This vehicle and the nearest point of one obstacle."""
+
+    e: Vec2  # from that point to the vehicle [m]
+    w: Vec2  # velocity relative to that point, which moves along beside a straight edge [m/s]
+    d_m: float  # distance to keep from that point
+    gap_m: float  # distance from the outline
+
+
+def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> Pairs:
+    """Return the pairs with the nearest neighbours within range, and how crowded it is (lines P3 and D).
+
+    Args:
+        own: this vehicle at t + L.
+        neighbours: as received, in any order.
+    Properties: independent of the neighbours' order.
+    """
+    pairs: list[Pair] = []
+    crowd_count, is_sound = 0.0, True
+    range_2 = params.spacing.range_m * params.spacing.range_m
+    for neighbour in neighbours:
+        other = receive(neighbour, params.lead_time_s)
+        if not other.is_usable:
+            is_sound = False
+            continue
+        e = Vec2(own.position_m.x - other.position_m.x, own.position_m.y - other.position_m.y)
+        distance_2 = dot_2(e, e)
+        if not distance_2 <= range_2:
+            continue
+        if distance_2 < COINCIDENT_M * COINCIDENT_M:
+            is_sound = False
+        pair = _pair(own, neighbour, other, e, params)
+        if pair.is_near:
+            crowd_count += 1.0
+        k = len(pairs)
+        while k > 0 and pairs[k - 1].distance_2_m2 > distance_2:
+            k -= 1
+        pairs.insert(k, pair)
+    return Pairs(pairs[: params.spacing.max_neighbours], crowd_count, is_sound)
+
+
+def _pair(own: Own, neighbour: Neighbour, other: Received, e: Vec2, params: LawParams) -> Pair:
+    w = Vec2(own.velocity_m_s.x - other.velocity_m_s.x, own.velocity_m_s.y - other.velocity_m_s.y)
+    distance_2 = dot_2(e, e)
+    d = design_distance(own.margin_2_m2, neighbour, params.spacing)
+    intent, is_settled = w, False
+    if (
+        params.policies.direction == DIRECTION_INTENT
+        and neighbour.is_cooperative
+        and is_finite(neighbour.intent_enu_m_s)
+    ):
+        theirs = clipped(neighbour.intent_enu_m_s)
+        intent = Vec2(own.intent_m_s.x - theirs.x, own.intent_m_s.y - theirs.y)
+        is_settled = dot_2(theirs, theirs) <= SETTLED_M_S * SETTLED_M_S
+    return Pair(
+        separated(e, w),
+        w,
+        other.command_m_s2,
+        intent,
+        d,
+        distance_2,
+        neighbour.crowd_count if math.isfinite(neighbour.crowd_count) else 0.0,
+        distance_2 < 4.0 * d * d and not is_settled,
+        neighbour.is_cooperative,
+        neighbour.table_index,
+    )
+
+
+def design_distance(own_margin_2_m2: float, neighbour: Neighbour, spacing: Spacing) -> float:
+    """Return the distance d [m] to keep from a neighbour, more where the estimates are worse than a mocap's.
+
+    DEVIATION D5, D12.
+
+    Args:
+        own_margin_2_m2: :func:`margin_2` of this vehicle.
+        neighbour: its published standard deviations count.
+    """
+    margin_m = spacing.margin_m
+    if spacing.sigma_position > 0.0:
+        theirs = margin_2(neighbour.position_std_m, neighbour.velocity_std_m_s, spacing)
+        accuracy_m = spacing.margin_floor_m + math.sqrt(own_margin_2_m2 + theirs)
+        margin_m = min(max(margin_m, accuracy_m), LARGEST_MARGIN_M)
+    if not neighbour.is_cooperative:
+        margin_m += spacing.uncooperative_margin_m
+    return spacing.safety_distance_m + margin_m
+
+
+def margin_2(position_std_m: float, velocity_std_m_s: float, spacing: Spacing) -> float:
+    """Return one vehicle's part of the square of the accuracy margin [m^2]: the parts of two vehicles add."""
+    by_position = spacing.sigma_position * known(position_std_m)
+    by_velocity = spacing.sigma_velocity_s * known(velocity_std_m_s)
+    return by_position * by_position + by_velocity * by_velocity
+
+
+def known(std: float) -> float:
+    """Return a standard deviation, bounded; 0 if it is not known."""
+    return min(abs(std), _LARGEST_STD) if math.isfinite(std) else 0.0
+
+
+def nearest_surfaces(own: Own, obstacles: Sequence[Capsule], clearance_m: float) -> list[Surface]:
+    """Return the nearest points of the MAX_OBSTACLES nearest obstacles, nearest first. DEVIATION D13.
+
+    Args:
+        own: this vehicle at t + L.
+        obstacles: capsules in fleet ENU.
+        clearance_m: kept from an outline by the vehicle's centre.
+    """
+    surfaces: list[Surface] = []
+    for capsule in obstacles:
+        surface = surface_of(capsule, own.position_m, own.velocity_m_s, clearance_m)
+        k = len(surfaces)
+        while k > 0 and surfaces[k - 1].gap_m > surface.gap_m:
+            k -= 1
+        surfaces.insert(k, surface)
+    return surfaces[:MAX_OBSTACLES]
+
+
+def surface_of(capsule: Capsule, position_m: Vec2, velocity_m_s: Vec2, clearance_m: float) -> Surface:
+    """Return the nearest point of one obstacle.
+
+    Beside the segment the nearest point moves along with the vehicle, so that only the velocity towards it counts.
+    """
+    begin, end = capsule.begin_enu_m, capsule.end_enu_m
+    segment = Vec2(end.x - begin.x, end.y - begin.y)
+    offset = Vec2(position_m.x - begin.x, position_m.y - begin.y)
+    segment_2 = dot_2(segment, segment)
+    along = dot_2(offset, segment) / (segment_2 if segment_2 > 0.0 else 1.0)
+    share = min(max(along, 0.0), 1.0)
+    e = Vec2(offset.x - share * segment.x, offset.y - share * segment.y)
+    gap_m = length_2(e) - capsule.radius_m
+    e = separated(e, velocity_m_s)
+    w = velocity_m_s
+    if 0.0 < along < 1.0:
+        towards = dot_2(e, w) / dot_2(e, e)
+        w = Vec2(towards * e.x, towards * e.y)
+    return Surface(e, w, capsule.radius_m + clearance_m, gap_m)
+
+
+def separated(e: Vec2, w: Vec2) -> Vec2:
+    """Return e, or where there is no separation a tiny one, onwards along the relative velocity."""
+    if dot_2(e, e) >= COINCIDENT_M * COINCIDENT_M:
+        return e
+    speed = length_2(w)
+    if speed > 1e-6:
+        return Vec2(COINCIDENT_M * (w.x / speed), COINCIDENT_M * (w.y / speed))
+    return Vec2(COINCIDENT_M, 0.0)

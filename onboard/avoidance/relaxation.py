@@ -1,0 +1,79 @@
+"""Smallest common slack of half-planes that no point of a disc satisfies together.
+
+``max(b - n . u)`` over the rows is convex and piecewise linear in u. Its minimum over the disc lies in the middle, on
+the circle in the direction of one row, on the circle where two rows are equal, or where three rows are equal. All of
+these points are tried, for the rows that matter: rows are taken in one by one, the most violated first.
+"""
+
+from __future__ import annotations
+
+import math
+
+from onboard.avoidance.half_planes import EXACT, HalfPlane, corner, difference, in_disc, on_circle
+from onboard.vectors import Vec2, length_2
+
+_PARALLEL = 1e-12
+
+
+def least_slack(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
+    """Return ``min t >= 0`` such that a point of the disc satisfies ``n . u >= b - t`` for all rows; and that point.
+
+    Args:
+        rows: at least one, of any length: the slack is in the units of their bounds.
+        radius: of the disc about the origin.
+    """
+    scale, first = 0.0, 0
+    for k in range(len(rows)):
+        scale = max(scale, abs(rows[k].bound_m_s2))
+        if rows[k].bound_m_s2 > rows[first].bound_m_s2:
+            first = k
+    taken = [rows[first]]
+    while True:
+        slack, u = least_slack_of(taken, radius)
+        worst, most = -1, slack + EXACT * (1.0 + scale)
+        for k in range(len(rows)):
+            missing = rows[k].bound_m_s2 - rows[k].normal.x * u.x - rows[k].normal.y * u.y
+            if missing > most:
+                worst, most = k, missing
+        if worst < 0 or rows[worst] in taken:
+            return max(0.0, slack), u
+        taken.append(rows[worst])
+
+
+def least_slack_of(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
+    """Return the smallest common slack of a few rows over the disc, and its point, by trying all candidates."""
+    best, u = math.inf, Vec2(0.0, 0.0)
+    for point in candidates(rows, radius):
+        if in_disc(point, radius):
+            slack = slack_at(point, rows)
+            if slack < best:
+                best, u = slack, point
+    return best, u
+
+
+def slack_at(u: Vec2, rows: list[HalfPlane]) -> float:
+    """Return by how much a point misses the row that it misses most."""
+    slack = -math.inf
+    for normal, bound in rows:
+        slack = max(slack, bound - normal.x * u.x - normal.y * u.y)
+    return slack
+
+
+def candidates(rows: list[HalfPlane], radius: float) -> list[Vec2]:
+    """Return the points where the smallest common slack may lie; NaN where rows are parallel."""
+    points = [Vec2(0.0, 0.0)]
+    for i in range(len(rows)):
+        normal = rows[i].normal
+        share = radius / max(length_2(normal), 1e-300)
+        points.append(Vec2(share * normal.x, share * normal.y))
+        for j in range(i):
+            line = difference(rows[j], rows[i])
+            size = length_2(line.normal)
+            if size <= _PARALLEL:
+                continue
+            unit = HalfPlane(Vec2(line.normal.x / size, line.normal.y / size), line.bound_m_s2 / size)
+            points.append(on_circle(unit, radius, 1.0))
+            points.append(on_circle(unit, radius, -1.0))
+            for k in range(j):
+                points.append(corner(line, difference(rows[k], rows[i])))
+    return points
