@@ -81,7 +81,7 @@ class Neighbour(NamedTuple):
     crowd_count: float  # number of its own near neighbours
     is_cooperative: bool  # False: the whole responsibility is ours
     is_paper_obstacle: bool  # the ring's successor, the only neighbour of the paper's law
-    index: int  # its place among all neighbours that this vehicle knows, for the record
+    table_index: int  # among all neighbours that this vehicle knows, for the record
 
 
 class LawOutput(NamedTuple):

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from onboard.agent import messages
 from onboard.agent.telemetry import Report
-from onboard.autopilot import Landed, Snapshot, Vec3
+from onboard.autopilot import Landed, Snapshot
+from onboard.avoidance.params import LAW_NAMES, obstacles
 from onboard.bus.authority import Roles
 from onboard.bus.schema import LOCATE, Order, OrderReply, StateMessage
 from onboard.bus.topics import Topic
@@ -55,13 +54,13 @@ from onboard.supervision.conditions import PERIOD_S, POSITION_LOST_S, Doing
 from onboard.supervision.failsafe_executor import Guard
 from onboard.supervision.model_mismatch_reporter import ResponseWatch
 from onboard.supervision.preflight_reporter import Readiness
-from onboard.types import AttitudeSetpoint, Goal, Neighbours, State, Tick
+from onboard.types import AttitudeSetpoint, Goal, Neighbour, State, Tick
+from onboard.vectors import ZERO_3, Vec3
 
 _CONFLICT_CHECK_S = 0.6
 _FARTHEST_M2, _FASTEST_M2_S2 = 1e10, 1e6
 # PX4 speaks at least every 30 ms: setpoints are for an attitude that is known now, and a thread that hangs is not known
 _HEARD_NS = 80_000_000
-_ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
 class Pass(Struct, frozen=True):
@@ -76,7 +75,7 @@ class Pass(Struct, frozen=True):
     phase: Phase
 
     @property
-    def neighbours(self) -> Neighbours:
+    def neighbours(self) -> list[Neighbour]:
         """The frozen picture of the others."""
         return self.table.snapshot(self.now_ns)
 
@@ -93,15 +92,16 @@ class AgentCore:
     def __init__(self, fleet: FleetConfig, vehicle_name: str, *, boot_id: int, law: str | None = None) -> None:
         self.fleet, self.vehicle, self.boot_id = fleet, fleet.vehicles[vehicle_name], boot_id
         self.params = pipeline.pipeline_params(fleet, vehicle_name, law=law)
+        self.law, self.obstacles = LAW_NAMES[self.params.law.law], obstacles(fleet)
         self.own = OwnState(self.vehicle, fleet.fleet.global_origin)
         self.neighbours = NeighbourTable(fleet, vehicle_name)
         self.flight = FlightContext(fleet, self.vehicle)
         self.guard = Guard(fleet, self.vehicle, self.own, self.neighbours, self.flight)
         self.is_stopping = False
         self.last_tick: Tick | None = None
-        self._memory = pipeline.initial(self.params, np.asarray(self.vehicle.start_enu_m, dtype=np.float64))
+        self._memory = pipeline.initial(self.params, Vec3(*self.vehicle.start_enu_m))
         self._snapshot = Snapshot()
-        self._view = FlightView(0, _ZERO, _ZERO, False, self._snapshot)
+        self._view = FlightView(0, ZERO_3, ZERO_3, False, self._snapshot)
         self._loop = LoopTimed(0.0, 0.0, 0.0, 0)
         self._nodes: set[str] = set()
         self.roles = Roles()
@@ -124,7 +124,7 @@ class AgentCore:
             fleet,
             self.vehicle,
             boot_id=boot_id,
-            law=self.params.law.name,
+            law=self.law,
             own=self.own,
             neighbours=self.neighbours,
             flight=self.flight,
@@ -133,7 +133,7 @@ class AgentCore:
             self.vehicle,
             boot_id,
             fleet.config_hash,
-            self.params.law.name,
+            self.law,
             own=self.own,
             neighbours=self.neighbours,
             flight=self.flight,
@@ -266,9 +266,10 @@ class AgentCore:
             due.state,
             due.goal,
             due.neighbours,
-            params=self.params,
-            dt_s=due.dt_s,
-            phase=due.phase,
+            self.obstacles,
+            due.phase,
+            self.params,
+            due.dt_s,
         )
         return self.end_tick(memory, tick)
 
@@ -290,18 +291,17 @@ class AgentCore:
         flight.advance(self._view)
         phase = flight.phase
         if state is None:
-            start = np.asarray(self.vehicle.start_enu_m, dtype=np.float64)
-            zero = np.zeros(())
-            state, phase = State(start, np.zeros(3), np.zeros(3), zero, zero, zero, zero), Phase.GROUND
+            start = Vec3(*self.vehicle.start_enu_m)
+            state, phase = State(start, ZERO_3, ZERO_3, 0.0, 0.0, 0.0, 0.0), Phase.GROUND
         return Pass(self._memory, state, flight.goal(), self.neighbours, now_ns, dt_s, phase)
 
     def end_tick(self, memory: PipelineMemory, tick: Tick) -> list[Command]:
         """The second half of :meth:`tick`, with what the pipeline made of the pass."""
         self._memory, self.last_tick = memory, tick
-        self._hover_frac = float(tick.hover_thrust_frac)
-        self._is_last_finite = bool(tick.is_finite) and is_sendable(tick.attitude, self.vehicle.max_tilt_deg)
+        self._hover_frac = tick.hover_thrust_frac
+        self._is_last_finite = tick.is_finite and is_sendable(tick.attitude, self.vehicle.max_tilt_deg)
         if self.flight.phase is Phase.FLYING and self._response.is_due():
-            attitude = self.own.attitude(self._snapshot)
+            attitude = self.own.attitude_wxyz(self._snapshot)
             for code, sentence in self._response.follow(memory.observer, attitude, self._hover_frac):
                 self.flight.say(self._view, "warning", code, sentence)
         out = self._to_wire(tick)
@@ -339,7 +339,7 @@ class AgentCore:
 
     def _look(self, now_ns: int, state: State | None) -> FlightView:
         if state is None:
-            return FlightView(now_ns, self._view.position_enu_m, _ZERO, False, self._snapshot)
+            return FlightView(now_ns, self._view.position_enu_m, ZERO_3, False, self._snapshot)
         own = self.own
         return FlightView(now_ns, own.position_enu_m, own.velocity_enu_m_s, own.age_s < POSITION_LOST_S, self._snapshot)
 
@@ -354,8 +354,8 @@ class AgentCore:
         doing.nearest_m = min(self._distances.values(), default=math.inf)
         doing.has_twin = self.readiness.has_twin(now_ns)
         if tick is not None:
-            doing.law_status, doing.active_neighbour = int(tick.law.status), int(tick.law.active_neighbour)
-            doing.below_m = float(tick.setpoint.position_enu_m[2]) - self._view.position_enu_m[2]
+            doing.law_status, doing.active_neighbour = tick.law.status, tick.law.active_neighbour
+            doing.below_m = tick.setpoint.position_enu_m.z - self._view.position_enu_m[2]
         self.guard.tick(self._view, doing)
         if flight.situation is Situation.GROUND:
             self.readiness.look(
@@ -377,7 +377,7 @@ class AgentCore:
         setpoint = tick.attitude
         if flight.phase is not Phase.GROUND and (self.guard.must_be_level or not self._is_last_finite):
             hover = self._hover_frac if math.isfinite(self._hover_frac) else self.vehicle.hover_thrust_frac
-            setpoint = AttitudeSetpoint(np.array([1.0, 0.0, 0.0, 0.0]), np.asarray(hover))
+            setpoint = AttitudeSetpoint((1.0, 0.0, 0.0, 0.0), hover)
         now_ns = self._last_ns
         if flight.must_be_offboard and self._sent_ns and now_ns - self._sent_ns > self._loss_ns:
             # PX4 has begun to land meanwhile: setpoints that come back now would take the vehicle from it
@@ -389,9 +389,9 @@ class AgentCore:
         # last check: finite, bounded, from a fresh position and attitude; else the wire stays silent
         is_fresh = self.own.age_s < POSITION_LOST_S + 0.2 and now_ns - self._snapshot.last_packet_ns < _HEARD_NS
         if is_fresh and is_sendable(setpoint, self.vehicle.max_tilt_deg):
-            self._sent_thrust_frac, self._sent_ns = float(setpoint.thrust_frac), now_ns
+            self._sent_thrust_frac, self._sent_ns = setpoint.thrust_frac, now_ns
             self._doing.asked_wxyz, self._doing.thrust_frac = (
-                messages.vec4(setpoint.quaternion_wxyz),
+                setpoint.quaternion_wxyz,
                 self._sent_thrust_frac,
             )
             out.append(SendAttitude(self.own.to_px4(setpoint)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import os
 import signal
 import sys
@@ -16,8 +17,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-
-import numpy as np
 
 from onboard import events as ev
 from onboard.agent.core import AgentCore
@@ -100,7 +99,7 @@ class Agent:
         self._ended = loop.create_future()
         for number in (signal.SIGINT, signal.SIGTERM):  # before anything takes time: a stop asked for early counts too
             loop.add_signal_handler(number, self._signalled)
-        _warm_up(self.fleet, self.name, self._core.params.law.name)
+        _warm_up(self.fleet, self.name, self._core.law)
         self._link.start()
         try:
             self._bus.start()
@@ -349,7 +348,7 @@ def _warm_up(fleet: FleetConfig, name: str, law: str) -> None:
         core.flight.step = core.flight.step.CLIMB if count > 10 else core.flight.step
         core.flight.state = "taking off" if count > 10 else "waiting"
         core.tick(now_ns)
-    assert core.last_tick is None or np.isfinite(core.last_tick.attitude.quaternion_wxyz).all()
+    assert core.last_tick is None or all(map(math.isfinite, core.last_tick.attitude.quaternion_wxyz))
 
 
 def run_agent(

@@ -14,24 +14,12 @@ from onboard.events import LoopTimed
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
 from onboard.localization.px4_position_check import STD_M, STD_M_S
-from onboard.types import Array, LawStatus, Tick
-
-
-def vec3(array: Array) -> Vec3:
-    """Three floats."""
-    x, y, z = array.tolist()
-    return x, y, z
-
-
-def vec4(array: Array) -> Vec4:
-    """Four floats."""
-    w, x, y, z = array.tolist()
-    return w, x, y, z
+from onboard.types import LawStatus, Tick
 
 
 def law_status(tick: Tick) -> str:
     """The law's status in a word."""
-    return LawStatus(int(tick.law.status)).name.lower()
+    return LawStatus(tick.law.status).name.lower()
 
 
 def state_message(
@@ -55,17 +43,17 @@ def state_message(
         is_valid=is_valid,
         is_airborne=is_airborne,
         is_cooperative=is_cooperative,
-        position_enu_m=vec3(state.position_enu_m),
-        velocity_enu_m_s=vec3(state.velocity_enu_m_s),
-        acceleration_enu_m_s2=vec3(state.acceleration_enu_m_s2),
-        predicted_position_enu_m=vec3(law.predicted_position_enu_m),
-        predicted_velocity_enu_m_s=vec3(law.predicted_velocity_enu_m_s),
-        commanded_acceleration_enu_m_s2=vec3(law.commanded_acceleration_enu_m_s2),
-        lead_time_s=float(law.lead_time_s),
-        position_std_m=float(state.position_std_m),
-        velocity_std_m_s=float(state.velocity_std_m_s),
-        crowd_count=float(law.crowd_count),
-        intent_enu_m_s=vec3(law.intent_enu_m_s),
+        position_enu_m=state.position_enu_m,
+        velocity_enu_m_s=state.velocity_enu_m_s,
+        acceleration_enu_m_s2=state.acceleration_enu_m_s2,
+        predicted_position_enu_m=law.predicted_position_enu_m,
+        predicted_velocity_enu_m_s=law.predicted_velocity_enu_m_s,
+        commanded_acceleration_enu_m_s2=law.commanded_acceleration_enu_m_s2,
+        lead_time_s=law.lead_time_s,
+        position_std_m=state.position_std_m,
+        velocity_std_m_s=state.velocity_std_m_s,
+        crowd_count=law.crowd_count,
+        intent_enu_m_s=law.intent_enu_m_s,
     )
 
 
@@ -111,25 +99,25 @@ def tick_sample(
         position_enu_m=told.position_enu_m,
         velocity_enu_m_s=told.velocity_enu_m_s,
         acceleration_enu_m_s2=told.acceleration_enu_m_s2,
-        yaw_rad=float(tick.state.yaw_rad),
-        setpoint_position_enu_m=vec3(tick.setpoint.position_enu_m),
-        setpoint_velocity_enu_m_s=vec3(tick.setpoint.velocity_enu_m_s),
-        setpoint_acceleration_enu_m_s2=vec3(tick.setpoint.acceleration_enu_m_s2),
-        thrust_baseline_enu_m_s2=vec3(tick.thrust_baseline.thrust_enu_m_s2),
-        thrust_safe_enu_m_s2=vec3(law.thrust.thrust_enu_m_s2),
+        yaw_rad=tick.state.yaw_rad,
+        setpoint_position_enu_m=tick.setpoint.position_enu_m,
+        setpoint_velocity_enu_m_s=tick.setpoint.velocity_enu_m_s,
+        setpoint_acceleration_enu_m_s2=tick.setpoint.acceleration_enu_m_s2,
+        thrust_baseline_enu_m_s2=tick.thrust_baseline.thrust_enu_m_s2,
+        thrust_safe_enu_m_s2=law.thrust.thrust_enu_m_s2,
         predicted_position_enu_m=told.predicted_position_enu_m,
         predicted_velocity_enu_m_s=told.predicted_velocity_enu_m_s,
         commanded_acceleration_enu_m_s2=told.commanded_acceleration_enu_m_s2,
         law_status=law_status(tick),
-        intervention_m_s2=float(law.intervention_m_s2),
-        slack_m_s2=float(law.slack_m_s2),
+        intervention_m_s2=law.intervention_m_s2,
+        slack_m_s2=law.slack_m_s2,
         active_neighbour=active_neighbour,
         neighbour_distances_m=distances_m,
         neighbour_ages_s=ages_s,
-        setpoint_quaternion_enu_flu_wxyz=vec4(tick.attitude.quaternion_wxyz),
-        setpoint_thrust_frac=float(tick.attitude.thrust_frac),
+        setpoint_quaternion_enu_flu_wxyz=tick.attitude.quaternion_wxyz,
+        setpoint_thrust_frac=tick.attitude.thrust_frac,
         attitude_quaternion_enu_flu_wxyz=attitude_enu_flu_wxyz,
-        hover_thrust_frac=float(tick.hover_thrust_frac),
+        hover_thrust_frac=tick.hover_thrust_frac,
         attitude_age_s=attitude_age_s,
     )
 
@@ -175,15 +163,15 @@ def telemetry(
         mode=snapshot.mode,
         position_enu_m=view.position_enu_m,
         velocity_enu_m_s=view.velocity_enu_m_s,
-        yaw_deg=math.degrees(float(tick.state.yaw_rad)),
+        yaw_deg=math.degrees(tick.state.yaw_rad),
         is_position_valid=view.has_position,
-        setpoint_position_enu_m=vec3(tick.setpoint.position_enu_m),
+        setpoint_position_enu_m=tick.setpoint.position_enu_m,
         goal_position_enu_m=flight.goal_position_enu_m if flight.is_under_law else view.position_enu_m,
         battery_frac=snapshot.battery_frac,
         battery_voltage_v=snapshot.battery_voltage_v,
         law=law,
         law_status=law_status(tick),
-        intervention_m_s2=float(tick.law.intervention_m_s2),
+        intervention_m_s2=tick.law.intervention_m_s2,
         nearest_vehicle=nearest,
         nearest_distance_m=distances_m.get(nearest, math.inf),
         order_id=order.order_id if order is not None else "",
@@ -200,7 +188,7 @@ def telemetry(
         loop_lateness_p99_ms=loop.lateness_p99_ms,
         missed_ticks=loop.missed_ticks,
         malformed_messages=malformed,
-        hover_thrust_frac=float(tick.hover_thrust_frac),
+        hover_thrust_frac=tick.hover_thrust_frac,
         config_hash=config_hash,
         system_id=vehicle.system_id,
         conditions=conditions,

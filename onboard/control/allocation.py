@@ -14,13 +14,16 @@ from onboard.types import GRAVITY_M_S2, AttitudeSetpoint, Thrust
 from onboard.vectors import Vec3, is_finite, length
 
 
+MAX_THRUST_FRAC = 0.98
+
+
 class AllocationParams(NamedTuple):
     """Limits of the setpoints that are sent."""
 
     max_tilt_rad: float  # between thrust and the vertical
     fallback_hover_thrust_frac: float  # throttle of the level answer to unusable input: the configured hover throttle
     min_thrust_frac: float = 0.08  # keeps the propellers turning, so that attitude stays controlled
-    max_thrust_frac: float = 0.98
+    max_thrust_frac: float = MAX_THRUST_FRAC
 
 
 def is_usable(thrust: Thrust, yaw_rad: float, hover_thrust_frac: float) -> bool:

@@ -10,8 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import numpy as np
-
+from onboard import vectors
 from onboard.autopilot import Vec3
 from onboard.bus.schema import AgentState, Order, OrderOutcome
 from onboard.control.pipeline import Phase
@@ -116,11 +115,7 @@ class FlightContext(Telling):
         if wanted != self._wanted:
             self._wanted = wanted
             position_enu_m, duration_s, sequence = wanted
-            self._goal = Goal(
-                np.asarray(position_enu_m, dtype=np.float64),
-                np.asarray(duration_s),
-                np.asarray(sequence, dtype=np.int64),
-            )
+            self._goal = Goal(vectors.Vec3(*position_enu_m), duration_s, sequence)
         return self._goal
 
     # -- orders and failsafes begin something ------------------------------------------------------------------------
@@ -146,7 +141,7 @@ class FlightContext(Telling):
         self._set_goal(position_enu_m, duration_s)
         self._enter(Step.LEG, view)
         self.leg += 1
-        way_m = float(np.linalg.norm(np.subtract(position_enu_m, view.position_enu_m)))
+        way_m = math.dist(position_enu_m, view.position_enu_m)
         self._limit(view, _LEG_LIMIT_S, max(duration_s, 1.9 * way_m / self.vehicle.max_speed_m_s))
 
     def slow_down(self, view: FlightView, reason: str) -> None:
@@ -154,7 +149,7 @@ class FlightContext(Telling):
         if self.step is not Step.LEG or self.is_slow:
             return
         self.is_slow, self.reason = True, reason
-        left_m = float(np.linalg.norm(np.subtract(self.goal_position_enu_m, view.position_enu_m)))
+        left_m = math.dist(self.goal_position_enu_m, view.position_enu_m)
         duration_s = left_m / (_SLOW_SHARE * self.vehicle.max_speed_m_s)
         self._set_goal(self.goal_position_enu_m, duration_s)
         self._limit_s += _PATIENCE * duration_s

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 from onboard.autopilot import Landed, Snapshot
 from onboard.config.fleet import Origin, Vec3
+from onboard.frames import enu_from_ned
 
 _EARTH_RADIUS_M = 6_371_000.0  # of the sphere that PX4 projects its local frame from
 _JUMP_M, _JUMP_M_S2 = 0.3, 3.0
@@ -41,7 +42,7 @@ class LocalFrame:
 
     def take(self, snapshot: Snapshot) -> Vec3 | None:
         """The newest local position in the fleet frame; None while nobody knows where the local frame lies."""
-        local, velocity = _enu(snapshot.position_local_ned_m), _enu(snapshot.velocity_local_ned_m_s)
+        local, velocity = enu_from_ned(snapshot.position_local_ned_m), enu_from_ned(snapshot.velocity_local_ned_m_s)
         now_ns = snapshot.local_position_ns
         last, self._last = self._last, (now_ns, local, velocity)
         anchored = self._anchored_m(local, snapshot)
@@ -82,10 +83,6 @@ class LocalFrame:
             share = min(1.0, _GIVE_BACK_M_S * dt_s / miss) if miss > 0.0 else 0.0
             x, y = x + share * (anchored[0] - x), y + share * (anchored[1] - y)
         self._offset_enu_m = x, y, z
-
-
-def _enu(ned: Vec3) -> Vec3:
-    return ned[1], ned[0], -ned[2]
 
 
 def _between(origin: Origin, place: Vec3) -> tuple[float, float]:

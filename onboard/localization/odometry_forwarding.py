@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import MocapPose, Vec3
 from onboard.events import SendOdometry
+from onboard.frames import enu_from_ned
 
 # PX4 asks for 30 to 50 Hz, and each message goes through MAVSDK as text, which is dear. A tick may be early.
 _PERIOD_NS, _EARLY_NS = 30_000_000, 6_000_000
@@ -56,6 +57,6 @@ def _may_begin_anew(position_enu_m: Vec3, snapshot: Snapshot, now_ns: int, gap_n
         return True
     if now_ns - snapshot.local_position_ns > _FRESH_NS:
         return False
-    north, east, down = snapshot.position_local_ned_m  # the fleet's frame, for PX4 has it from these poses
+    px4_enu_m = enu_from_ned(snapshot.position_local_ned_m)  # the fleet's frame, for PX4 has it from these poses
     near_m = min(_NEAR_M + _DRIFT_M_S * gap_ns * 1e-9, _FAR_M)
-    return math.dist(position_enu_m, (east, north, -down)) <= near_m
+    return math.dist(position_enu_m, px4_enu_m) <= near_m

@@ -9,19 +9,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-import numpy as np
-
+from onboard import vectors
 from onboard.autopilot import Snapshot, Vec3, Vec4
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import MocapPose
 from onboard.config.fleet import Origin, Vehicle
-from onboard.estimation import estimate_one as estimate
-from onboard.estimation.kalman import EstimateParams
+from onboard.estimation import kalman
+from onboard.estimation.kalman import KalmanParams
 from onboard.feasibility.bounds import ACCURACIES
+from onboard.frames import quaternion_from_yaw, quaternion_multiply, wrap_rad, yaw_from_quaternion
 from onboard.localization.local_frame import LocalFrame
 from onboard.localization.pose_validator import Fault, PoseWatch
 from onboard.localization.px4_position_check import SecondOpinion
-from onboard.types import Array, AttitudeSetpoint, State
+from onboard.types import AttitudeSetpoint, State
 
 _MAX_POSITION_M = 1e4
 _HEADING_TIME_S = 1.0
@@ -49,9 +49,9 @@ class OwnState:
     heading_offset_rad: float = 0.0
     watch: PoseWatch = field(default_factory=PoseWatch)
     second: SecondOpinion = field(default_factory=SecondOpinion)
-    _params: EstimateParams = field(init=False)
-    _memory: estimate.OneMemory | None = None
-    _queue: list[tuple[Vec3, int, float]] = field(default_factory=list)
+    _params: KalmanParams = field(init=False)
+    _memory: kalman.KalmanMemory | None = None
+    _queue: list[tuple[vectors.Vec3, int, float]] = field(default_factory=list)
     _newest: tuple[int, int, int] = (0, -1, 0)  # boot id, sequence, stamp
     _rejected_enu_m: Vec3 | None = None
     _has_heading: bool = False
@@ -64,9 +64,9 @@ class OwnState:
         vehicle = self.vehicle
         self._local_frame = LocalFrame(vehicle.start_enu_m, self.origin)
         if vehicle.mocap_required:
-            self._params = EstimateParams(drag_1_s=vehicle.drag_1_s)
+            self._params = KalmanParams(drag_1_s=vehicle.drag_1_s)
         else:
-            self._params = EstimateParams(
+            self._params = KalmanParams(
                 drag_1_s=vehicle.drag_1_s, position_noise_m=_PX4_POSITION_STD_M, jump_gate_m=1.0
             )
 
@@ -99,7 +99,9 @@ class OwnState:
         if fault is not Fault.NONE:
             self.ignored_samples += 1
             return False
-        self._queue.append((pose.position_enu_m, pose.stamp_ns, _yaw_rad(pose.quaternion_enu_flu_wxyz)))
+        self._queue.append(
+            (vectors.Vec3(*pose.position_enu_m), pose.stamp_ns, yaw_from_quaternion(pose.quaternion_enu_flu_wxyz))
+        )
         del self._queue[:-_MAX_QUEUE]
         return True
 
@@ -110,21 +112,15 @@ class OwnState:
         if not self.vehicle.mocap_required:
             self._take_local_position(snapshot)
         if self._memory is not None:
-            self._memory = estimate.drive(
-                self._memory,
-                self.attitude_wxyz(snapshot),
-                thrust_frac,
-                hover_frac,
-                params=self._params,
-                dt_s=dt_s,
-                is_on_ground=is_on_ground,
+            self._memory = kalman.drive(
+                self._memory, self.attitude_wxyz(snapshot), thrust_frac, hover_frac, self._params, dt_s, is_on_ground
             )
         for position, stamp_ns, yaw_rad in self._queue:
             age_s = max(0.0, (now_ns - stamp_ns) * 1e-9)
             if self._memory is None or (is_on_ground and self._memory.rejected_count >= _REJECTED_TO_RESTART):
-                self._memory = estimate.initial(position, params=self._params)
+                self._memory = kalman.initial(position, self._params)
             before = self._memory.rejected_count
-            self._memory = estimate.correct(self._memory, position, age_s, params=self._params)
+            self._memory = kalman.correct(self._memory, position, age_s, self._params)
             if self._memory.rejected_count > before:
                 self.ignored_samples += 1
                 self._rejected_enu_m = position
@@ -140,9 +136,9 @@ class OwnState:
     def _follow_heading(self, yaw_rad: float, snapshot: Snapshot, dt_s: float) -> None:
         if snapshot.attitude_ns == 0:
             return
-        miss = _wrapped(yaw_rad - _yaw_rad(snapshot.quaternion_enu_flu_wxyz) - self.heading_offset_rad)
+        miss = wrap_rad(yaw_rad - yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz) - self.heading_offset_rad)
         share = 1.0 if not self._has_heading else min(1.0, dt_s / _HEADING_TIME_S)
-        self.heading_offset_rad = _wrapped(self.heading_offset_rad + share * miss)
+        self.heading_offset_rad = wrap_rad(self.heading_offset_rad + share * miss)
         self._has_heading = True
 
     def _take_local_position(self, snapshot: Snapshot) -> None:
@@ -154,20 +150,18 @@ class OwnState:
         self._least_std = max(known.position_std_m, told_m), known.velocity_std_m_s
         position = self._local_frame.take(snapshot)
         if position is not None:
-            self._queue.append((position, self._local_ns, _yaw_rad(snapshot.quaternion_enu_flu_wxyz)))
-
-    def attitude(self, snapshot: Snapshot) -> Array:
-        """Attitude in the fleet frame (4,) wxyz."""
-        return np.array(self.attitude_wxyz(snapshot))
+            self._queue.append(
+                (vectors.Vec3(*position), self._local_ns, yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz))
+            )
 
     def attitude_wxyz(self, snapshot: Snapshot) -> Vec4:
-        """The same as floats."""
-        return _turned(self.heading_offset_rad, snapshot.quaternion_enu_flu_wxyz)
+        """Return the attitude in the fleet frame."""
+        return quaternion_multiply(quaternion_from_yaw(self.heading_offset_rad), snapshot.quaternion_enu_flu_wxyz)
 
     def to_px4(self, setpoint: AttitudeSetpoint) -> AttitudeSetpoint:
         """An attitude setpoint of the fleet frame as PX4's heading has it."""
-        turned = _turned(-self.heading_offset_rad, setpoint.quaternion_wxyz.tolist())
-        return AttitudeSetpoint(np.array(turned), setpoint.thrust_frac)
+        back = quaternion_from_yaw(-self.heading_offset_rad)
+        return AttitudeSetpoint(quaternion_multiply(back, setpoint.quaternion_wxyz), setpoint.thrust_frac)
 
     @property
     def jumps(self) -> int:
@@ -199,29 +193,4 @@ class OwnState:
         """The estimate as of the last update; None before the first sample."""
         if self._memory is None:
             return None
-        position_std_m, velocity_std_m_s = self._least_std
-        return estimate.state(
-            self._memory,
-            self._yaw_rad,
-            least_position_std_m=position_std_m,
-            least_velocity_std_m_s=velocity_std_m_s,
-        )
-
-
-# onboard/frames.py has these for arrays; for four numbers plain floats are ten times as fast, and a test compares them
-
-
-def _yaw_rad(quaternion_wxyz: Vec4) -> float:
-    w, x, y, z = quaternion_wxyz
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
-def _turned(yaw_rad: float, quaternion_wxyz: Vec4) -> Vec4:
-    """A turn about z before an attitude."""
-    c, s = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
-    w, x, y, z = quaternion_wxyz
-    return c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w
-
-
-def _wrapped(angle_rad: float) -> float:
-    return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
+        return kalman.state(self._memory, self._yaw_rad, *self._least_std)

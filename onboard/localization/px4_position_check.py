@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 from onboard.autopilot import Landed, Snapshot, Vec3
+from onboard.frames import enu_from_ned
 
 STD_M, STD_M_S = 0.3, 0.3  # told to the others: a margin for more would push them out of the fence
 _FRESH_S = 0.25  # it comes at 10 Hz
@@ -47,13 +48,13 @@ class SecondOpinion:
         if snapshot.local_position_ns == self._stamp_ns:
             return
         dt_s, self._stamp_ns = (snapshot.local_position_ns - self._stamp_ns) * _NS, snapshot.local_position_ns
-        north, east, down = snapshot.position_local_ned_m
-        v_north, v_east, v_down = snapshot.velocity_local_ned_m_s
-        self._position_m, self._velocity_m_s = (east, north, -down), (v_east, v_north, -v_down)
+        self._position_m = enu_from_ned(snapshot.position_local_ned_m)
+        self._velocity_m_s = enu_from_ned(snapshot.velocity_local_ned_m_s)
         if believed_enu_m is None:
             return
         x, y, z = believed_enu_m
-        found = east - x, north - y, -down - z
+        east, north, up = self._position_m
+        found = east - x, north - y, up - z
         known, share = self._offset_m, min(1.0, dt_s / _LEARN_S)
         if known is None or math.dist(found, known) > _WRONG_M:  # PX4 has moved its origin
             self._offset_m = found

@@ -10,13 +10,19 @@ from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import MocapPose, StateMessage, Telemetry
 from onboard.config.fleet import FleetConfig
 from onboard.neighbours import subscription
 from onboard.neighbours.mocap_tracker import POSITION_STD_M, VELOCITY_STD_M_S, SeenBody
-from onboard.types import Array, BoolArray, IntArray, Neighbours
+from onboard.types import Neighbour
+from onboard.vectors import Vec3
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
 
 SILENT_S = 0.25  # with two ticks of confirmation a silence is acted on within 0.3 s
 STALE_S = 0.15
@@ -331,20 +337,48 @@ class NeighbourTable:
                 found[name] = math.hypot(px + ahead_s * vx - x, py + ahead_s * vy - y)
         return found
 
-    def snapshot(self, now_ns: int) -> Neighbours:
-        """The frozen picture for one tick, (K, 3); a silent or grounded neighbour does not cooperate."""
-        if not self.names:
-            return NOBODY
-        numbers, ages_s = self._numbers.copy(), self.ages_s(now_ns)
-        is_present = self._flags[0].copy()
-        return Neighbours(
-            age_s=np.where(is_present, ages_s, 0.0),
-            is_present=is_present,
-            is_cooperative=self._flags[2] & (ages_s <= self._silent_after_s),
-            is_paper_obstacle=self._is_successor & is_present,
-            **{name: numbers[:, columns] for name, columns in COLUMNS.items()},
-            **{name: numbers[:, column] for name, column in COLUMNS_1.items()},
-        )
+    def snapshot(self, now_ns: int) -> list[Neighbour]:
+        """Return all neighbours that were ever heard, as of one tick; a silent or grounded one does not cooperate."""
+        ages_s = self.ages_s(now_ns)
+        is_cooperative = self._flags[2] & (ages_s <= self._silent_after_s)
+        return [
+            _neighbour(index, numbers, age_s, promises, follows)
+            for index, (numbers, age_s, is_known, promises, follows) in enumerate(
+                zip(
+                    self._numbers.tolist(),
+                    ages_s.tolist(),
+                    self._flags[0].tolist(),
+                    is_cooperative.tolist(),
+                    self._is_successor.tolist(),
+                    strict=True,
+                )
+            )
+            if is_known
+        ]
+
+
+def _neighbour(
+    index: int, numbers: list[float], age_s: float, is_cooperative: bool, is_paper_obstacle: bool
+) -> Neighbour:
+    """A row of the table as the law takes it."""
+    position_std_m, crowd_count, lead_time_s, velocity_std_m_s = numbers[21:]
+    return Neighbour(
+        Vec3(*numbers[0:3]),
+        Vec3(*numbers[3:6]),
+        Vec3(*numbers[6:9]),
+        Vec3(*numbers[9:12]),
+        Vec3(*numbers[12:15]),
+        Vec3(*numbers[15:18]),
+        Vec3(*numbers[18:21]),
+        age_s,
+        lead_time_s,
+        position_std_m,
+        velocity_std_m_s,
+        crowd_count,
+        is_cooperative,
+        is_paper_obstacle,
+        index,
+    )
 
 
 def numbers_of(message: StateMessage) -> tuple[float, ...]:
@@ -367,21 +401,3 @@ def _is_sound(message: Telemetry) -> bool:
     """Whether what is used of a telemetry can be calculated with."""
     vectors = message.position_enu_m, message.goal_position_enu_m
     return is_finite(*vectors) and all(abs(value) < _LARGEST for vector in vectors for value in vector)
-
-
-def _nobody() -> Neighbours:
-    """No neighbour at all: one masked row, because there must be one."""
-    nothing = np.zeros(1, dtype=bool)
-    vectors = {name: np.zeros((1, 3)) for name in _VECTORS}
-    scalars = {name: np.zeros(1) for name in _SCALARS}
-    return Neighbours(
-        age_s=np.zeros(1),
-        is_present=nothing,
-        is_cooperative=nothing,
-        is_paper_obstacle=nothing,
-        **vectors,
-        **scalars,
-    )
-
-
-NOBODY = _nobody()

@@ -23,7 +23,7 @@ from mavsdk.plugins.param import Param, ParamError
 from msgspec.structs import replace
 
 from onboard.autopilot import Landed, LinkError, Snapshot, Vec3, Vec4
-from onboard.frames import changed_frame_wxyz
+from onboard.frames import enu_flu_from_ned_frd, ned_frd_from_enu_flu, ned_from_enu
 from onboard.native_threads import keep_thread_state
 from onboard.px4 import modes
 from onboard.px4.port_lock import PortClaim
@@ -172,18 +172,17 @@ class Px4Link:
 
     def send_attitude(self, setpoint: AttitudeSetpoint) -> None:
         """SET_ATTITUDE_TARGET with attitude and thrust, ENU/FLU in, NED/FRD on the wire."""
-        w, x, y, z = setpoint.quaternion_wxyz.tolist()
         self._send(
             "SET_ATTITUDE_TARGET",
             time_boot_ms=self._boot_ms(),
             target_system=self.system_id,
             target_component=_AUTOPILOT_COMPONENT_ID,
             type_mask=_TYPE_MASK_ATTITUDE_AND_THRUST,
-            q=changed_frame_wxyz((w, x, y, z)),
+            q=ned_frd_from_enu_flu(setpoint.quaternion_wxyz),
             body_roll_rate=0.0,
             body_pitch_rate=0.0,
             body_yaw_rate=0.0,
-            thrust=float(setpoint.thrust_frac),
+            thrust=setpoint.thrust_frac,
         )
 
     def set_offboard(self) -> None:
@@ -220,7 +219,7 @@ class Px4Link:
         self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float, reset_count: int = 0
     ) -> None:
         """ODOMETRY in the fleet's axes as NED; velocity is not known to a mocap and left out."""
-        east, north, up = position_enu_m
+        north, east, down = ned_from_enu(position_enu_m)
         w, x, y, z = quaternion_enu_flu_wxyz
         norm = math.hypot(w, x, y, z)  # PX4 leaves out a heading whose quaternion is not a unit one to five digits
         if std_m != self._covariance[0]:
@@ -233,8 +232,8 @@ class Px4Link:
             child_frame_id=_FRAME_LOCAL_FRD_VELOCITY,
             x=north,
             y=east,
-            z=-up,
-            q=changed_frame_wxyz((w / norm, x / norm, y / norm, z / norm)),
+            z=down,
+            q=ned_frd_from_enu_flu((w / norm, x / norm, y / norm, z / norm)),
             vx=None,
             vy=None,
             vz=None,
@@ -347,7 +346,7 @@ class Px4Link:
 
 
 def _attitude(f: dict[str, Any], now_ns: int) -> dict[str, Any]:
-    q = changed_frame_wxyz((f["q1"], f["q2"], f["q3"], f["q4"]))
+    q = enu_flu_from_ned_frd((f["q1"], f["q2"], f["q3"], f["q4"]))
     if not math.isfinite(sum(q)):
         return {}
     return {

@@ -9,12 +9,17 @@ a second are enough. ``identify.py`` does the same afterwards, thoroughly.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from onboard.feasibility.bounds import LAG_ERROR_S
-from onboard.types import GRAVITY_M_S2, Array, light
+from onboard.frames import Quaternion, body_up
+from onboard.types import GRAVITY_M_S2
+from onboard.vectors import Vec3
+
+Array = NDArray[np.float64]
 
 _FORGET_S = 30.0
 _LEAST_S = 8.0
@@ -24,14 +29,12 @@ _SURE_S = 0.008  # standard deviation of the lag's error from which on it is bel
 _CORRELATED_S = 0.5  # for so long residuals say the same
 
 
-@light
-@dataclass(frozen=True, slots=True)
-class ResponseMemory:
-    """Sums over the past: normal (4, 4), right (4,), energy of the measurement, time [s], all forgotten alike."""
+class ResponseMemory(NamedTuple):
+    """Sums over the past of the regression, all forgotten alike."""
 
-    normal: Array
-    right: Array
-    energy: float
+    normal: Array  # (4, 4)
+    right: Array  # (4,)
+    energy: float  # of the measurement
     time_s: float
 
 
@@ -41,24 +44,25 @@ def initial() -> ResponseMemory:
 
 
 def update(
-    memory: ResponseMemory, response_m_s2: Array, rate_m_s3: Array, quaternion_wxyz: Array, dt_s: float
+    memory: ResponseMemory, response_enu_m_s2: Vec3, rate_enu_m_s3: Vec3, quaternion_wxyz: Quaternion, dt_s: float
 ) -> ResponseMemory:
     """One tick in free flight.
 
     Args:
-        response_m_s2, rate_m_s3: (2,) or more, horizontal acceleration that the model of the commands has now, and its
-            derivative; only the first two components are used. quaternion_wxyz: (4,) attitude flown, FLU to ENU.
+        memory: of the last tick.
+        response_enu_m_s2: acceleration that the model of the commands has now; only its horizontal part is used.
+        rate_enu_m_s3: its derivative.
+        quaternion_wxyz: attitude flown, FLU to ENU.
+        dt_s: since the last call.
     Returns:
-        memory; unchanged where something is not finite or the vehicle is upside down.
+        Memory; unchanged where something is not finite or the vehicle is upside down.
     """
-    w, q_x, q_y, q_z = quaternion_wxyz.tolist()
-    a_x, a_y, *_ = response_m_s2.tolist()
-    r_x, r_y, *_ = rate_m_s3.tolist()
-    up = 1.0 - 2.0 * (q_x * q_x + q_y * q_y)  # the third component of frames.body_up; below are the first two
-    if not (math.isfinite(a_x + a_y) and math.isfinite(r_x + r_y) and up > 0.3):
+    a_x, a_y, _ = response_enu_m_s2
+    r_x, r_y, _ = rate_enu_m_s3
+    up = body_up(quaternion_wxyz)
+    if not (math.isfinite(a_x + a_y) and math.isfinite(r_x + r_y) and up.z > 0.3):
         return memory
-    s_x = GRAVITY_M_S2 * (2.0 * (q_x * q_z + w * q_y)) / up
-    s_y = GRAVITY_M_S2 * (2.0 * (q_y * q_z - w * q_x)) / up
+    s_x, s_y = GRAVITY_M_S2 * up.x / up.z, GRAVITY_M_S2 * up.y / up.z
     keep = math.exp(-dt_s / _FORGET_S)
     mixed = -(a_x * r_x + a_y * r_y)
     normal = np.array(

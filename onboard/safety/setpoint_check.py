@@ -11,9 +11,9 @@ _TILT_SLACK_DEG = 1.0
 
 def is_sendable(setpoint: AttitudeSetpoint, max_tilt_deg: float) -> bool:
     """Whether a setpoint of one vehicle may be sent: finite, a unit quaternion, thrust in [0, 1], tilt bounded."""
-    w, x, y, z = setpoint.quaternion_wxyz.tolist()
+    w, x, y, z = setpoint.quaternion_wxyz
     size = w * w + x * x + y * y + z * z
     # comparisons with what is no number are false
-    if not (abs(size - 1.0) < 1e-3 and 0.0 <= float(setpoint.thrust_frac) <= 1.0):
+    if not (abs(size - 1.0) < 1e-3 and 0.0 <= setpoint.thrust_frac <= 1.0):
         return False
-    return bool(1.0 - 2.0 * (x * x + y * y) >= math.cos(math.radians(max_tilt_deg + _TILT_SLACK_DEG)))
+    return 1.0 - 2.0 * (x * x + y * y) >= math.cos(math.radians(max_tilt_deg + _TILT_SLACK_DEG))

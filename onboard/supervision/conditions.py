@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 from onboard.autopilot import Vec4
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.control.allocation import AllocationParams
+from onboard.control.allocation import MAX_THRUST_FRAC
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
 from onboard.localization.own_state import OwnState
@@ -90,7 +90,7 @@ class Watch:
     _fence: Fence = field(init=False)
 
     def __post_init__(self) -> None:
-        self.answer = AnswerWatch(self.vehicle.lag_s, float(AllocationParams(0.0).max_thrust_frac))
+        self.answer = AnswerWatch(self.vehicle.lag_s, MAX_THRUST_FRAC)
         self.others = NeighbourWatch(self.fleet, self.vehicle, self.neighbours, self.flight, self.details)
         fence = self.fleet.fleet.geofence_m
         brake = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(math.radians(self.vehicle.max_tilt_deg))

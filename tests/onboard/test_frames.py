@@ -42,16 +42,16 @@ def test_north_east_down_become_east_north_up(ned: tuple[int, ...], enu: tuple[i
 def test_attitude_conversion_agrees_with_matrices() -> None:
     for q in random_quaternions(50):
         expected = ENU_FROM_NED @ matrix(q) @ FLIP
-        assert np.allclose(matrix(frames.quaternion_enu_flu_from_ned_frd(q)), expected, atol=1e-12)
+        assert np.allclose(matrix(frames.enu_flu_from_ned_frd(q)), expected, atol=1e-12)
 
 
 def test_attitude_conversion_there_and_back_is_the_identity() -> None:
-    q = random_quaternions(7, 5)
-    assert np.allclose(frames.quaternion_ned_frd_from_enu_flu(frames.quaternion_enu_flu_from_ned_frd(q)), q, atol=1e-15)
+    for q in random_quaternions(35):
+        assert np.allclose(frames.ned_frd_from_enu_flu(frames.enu_flu_from_ned_frd(q)), q, atol=1e-15)
 
 
 def test_level_px4_attitude_facing_north_has_its_nose_north_and_its_top_up() -> None:
-    q = frames.quaternion_enu_flu_from_ned_frd(np.array([1.0, 0.0, 0.0, 0.0]))
+    q = frames.enu_flu_from_ned_frd(np.array([1.0, 0.0, 0.0, 0.0]))
     assert np.allclose(frames.rotate(q, np.array([1.0, 0.0, 0.0])), [0.0, 1.0, 0.0], atol=1e-12)
     assert np.allclose(frames.body_up(q), [0.0, 0.0, 1.0], atol=1e-12)
     assert frames.yaw_from_quaternion(q) == pytest.approx(math.pi / 2)
@@ -59,16 +59,16 @@ def test_level_px4_attitude_facing_north_has_its_nose_north_and_its_top_up() -> 
 
 def test_px4_pitch_down_accelerates_towards_the_nose() -> None:
     pitch_down = np.array([math.cos(-0.1), 0.0, math.sin(-0.1), 0.0])  # FRD: negative pitch is nose down
-    up = frames.body_up(frames.quaternion_enu_flu_from_ned_frd(pitch_down))
+    up = frames.body_up(frames.enu_flu_from_ned_frd(pitch_down))
     assert up[1] > 0.1
-    assert abs(up[0]) < 1e-12
+    assert abs(up.x) < 1e-12
 
 
 def test_px4_roll_right_accelerates_to_the_right() -> None:
     roll_right = np.array([math.cos(0.1), math.sin(0.1), 0.0, 0.0])
-    up = frames.body_up(frames.quaternion_enu_flu_from_ned_frd(roll_right))
+    up = frames.body_up(frames.enu_flu_from_ned_frd(roll_right))
     assert up[0] > 0.1
-    assert abs(up[1]) < 1e-12
+    assert abs(up.y) < 1e-12
 
 
 def test_rotate_and_multiply_agree_with_matrices() -> None:
@@ -81,33 +81,11 @@ def test_rotate_and_multiply_agree_with_matrices() -> None:
         assert np.allclose(frames.body_up(first), matrix(first)[:, 2], atol=1e-12)
 
 
-def test_conjugate_undoes_a_rotation() -> None:
-    q, v = random_quaternions(9), RNG.normal(size=(9, 3))
-    assert np.allclose(frames.rotate(frames.quaternion_conjugate(q), frames.rotate(q, v)), v, atol=1e-12)
-
-
 def test_yaw_survives_the_way_through_a_quaternion() -> None:
-    yaw = np.linspace(-3.1, 3.1, 41)
-    assert np.allclose(frames.yaw_from_quaternion(frames.quaternion_from_yaw(yaw)), yaw, atol=1e-12)
+    for yaw in np.linspace(-3.1, 3.1, 41):
+        assert frames.yaw_from_quaternion(frames.quaternion_from_yaw(yaw)) == pytest.approx(yaw, abs=1e-12)
 
 
 @pytest.mark.parametrize(("ned_deg", "enu_deg"), [(0, 90), (90, 0), (180, -90), (-90, -180)])
 def test_compass_heading_becomes_mathematical_heading(ned_deg: float, enu_deg: float) -> None:
     assert math.degrees(frames.yaw_enu_from_ned_rad(math.radians(ned_deg))) == pytest.approx(enu_deg)
-
-
-def test_batch_equals_loop() -> None:
-    q, p, v = random_quaternions(4, 3), random_quaternions(4, 3), RNG.normal(size=(4, 3, 3))
-    for i in range(4):
-        for j in range(3):
-            assert np.array_equal(frames.rotate(q, v)[i, j], frames.rotate(q[i, j], v[i, j]))
-            assert np.array_equal(frames.quaternion_multiply(q, p)[i, j], frames.quaternion_multiply(q[i, j], p[i, j]))
-
-
-def test_plain_numbers_change_frames_as_arrays_do_and_back() -> None:
-    q = np.array([0.3, -0.5, 0.7, 0.41])
-    w, x, y, z = q.tolist()
-    there = frames.changed_frame_wxyz((w, x, y, z))
-    np.testing.assert_allclose(there, frames.quaternion_enu_flu_from_ned_frd(q), atol=1e-15)
-    np.testing.assert_allclose(there, frames.quaternion_ned_frd_from_enu_flu(q), atol=1e-15)
-    np.testing.assert_allclose(frames.changed_frame_wxyz(there), q, atol=1e-15)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
+import math
 
-import numpy as np
 import pytest
 
 from onboard.estimation import hover_thrust
@@ -15,14 +14,11 @@ PARAMS = HoverThrustParams(configured_frac=0.70)
 
 
 def run(thrust: float, acceleration: float, height: float = 1.0, seconds: float = 30.0, cos_tilt: float = 1.0) -> float:
-    memory = hover_thrust.initial(params=PARAMS)
+    memory = hover_thrust.initial(PARAMS)
     hover = memory.hover_thrust_frac
     for _ in range(round(seconds / 0.02)):
-        memory, hover = hover_thrust.step(
-            memory, np.float64(thrust), np.float64(cos_tilt), np.float64(acceleration), np.float64(height),
-            params=PARAMS, dt_s=0.02,
-        )  # fmt: skip
-    return float(hover)
+        memory, hover = hover_thrust.step(memory, thrust, cos_tilt, acceleration, height, PARAMS, 0.02, True)
+    return hover
 
 
 def test_hovering_on_another_throttle_is_learnt() -> None:
@@ -46,63 +42,44 @@ def test_the_estimate_leaves_the_configured_value_by_a_fifth_at_most(thrust: flo
 @pytest.mark.parametrize(
     ("thrust", "acceleration", "height", "cos_tilt"),
     [(0.8, 0.0, 0.1, 1.0), (0.99, 0.0, 1.0, 1.0), (0.05, 0.0, 1.0, 1.0), (0.8, 3.0, 1.0, 1.0), (0.8, 0.0, 1.0, 0.2),
-     (0.8, np.nan, 1.0, 1.0), (0.8, 0.0, np.nan, 1.0)],
+     (0.8, math.nan, 1.0, 1.0), (0.8, 0.0, math.nan, 1.0)],
 )  # fmt: skip
 def test_it_is_frozen_near_the_ground_saturated_or_outside_its_model(
     thrust: float, acceleration: float, height: float, cos_tilt: float
 ) -> None:
-    memory = hover_thrust.initial(params=PARAMS)
+    memory = hover_thrust.initial(PARAMS)
     for _ in range(200):
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            # the motor state passes through usable throttles on its way: start it settled
-            memory = hover_thrust.HoverThrustMemory(memory.hover_thrust_frac, np.float64(thrust))
-            memory, hover = hover_thrust.step(
-                memory, np.float64(thrust), np.float64(cos_tilt), np.float64(acceleration), np.float64(height),
-                params=PARAMS, dt_s=0.02,
-            )  # fmt: skip
+        # the motor state passes through usable throttles on its way: start it settled
+        memory = hover_thrust.HoverThrustMemory(memory.hover_thrust_frac, thrust)
+        memory, hover = hover_thrust.step(memory, thrust, cos_tilt, acceleration, height, PARAMS, 0.02, True)
     assert hover == 0.70
 
 
 def test_a_throttle_that_is_not_finite_is_ignored() -> None:
-    memory = hover_thrust.initial(params=PARAMS)
-    memory, hover = hover_thrust.step(
-        memory, np.float64(np.nan), np.float64(1.0), np.float64(0.0), np.float64(1.0), params=PARAMS, dt_s=0.02
-    )
+    memory = hover_thrust.initial(PARAMS)
+    memory, hover = hover_thrust.step(memory, math.nan, 1.0, 0.0, 1.0, PARAMS, 0.02, True)
     assert hover == 0.70
-    assert np.isfinite(memory.effective_thrust_frac)
+    assert math.isfinite(memory.effective_thrust_frac)
 
 
 def test_acceleration_in_units_of_gravity_alone_decides() -> None:
     """Homogeneity: the throttle enters linearly, so doubled throttles give a doubled estimate."""
     double = HoverThrustParams(configured_frac=0.35)
-    one, two = hover_thrust.initial(params=double), hover_thrust.initial(params=PARAMS)
+    one, two = hover_thrust.initial(double), hover_thrust.initial(PARAMS)
     for _ in range(200):
-        a = np.float64(-0.03 * GRAVITY_M_S2)
-        args = (np.float64(1.0), a, np.float64(1.0))
-        one, first = hover_thrust.step(one, np.float64(0.36), *args, params=double, dt_s=0.02)
-        two, second = hover_thrust.step(two, np.float64(0.72), *args, params=PARAMS, dt_s=0.02)
+        a = -0.03 * GRAVITY_M_S2
+        args = (1.0, a, 1.0)
+        one, first = hover_thrust.step(one, 0.36, *args, double, 0.02, True)
+        two, second = hover_thrust.step(two, 0.72, *args, PARAMS, 0.02, True)
     assert second > 0.70
     assert second == pytest.approx(2.0 * first, rel=1e-2)
 
 
-def test_batch_equals_loop() -> None:
-    rng = np.random.default_rng(6)
-    u, c, a, h = rng.uniform(0.5, 1, 8), rng.uniform(0.4, 1, 8), rng.normal(size=8), rng.uniform(0, 1, 8)
-    memory = hover_thrust.initial((8,), params=PARAMS)
-    singles = [hover_thrust.initial(params=PARAMS) for _ in range(8)]
-    for _ in range(50):
-        memory, together = hover_thrust.step(memory, u, c, a, h, params=PARAMS, dt_s=0.02)
-        for i in range(8):
-            singles[i], one = hover_thrust.step(singles[i], u[i], c[i], a[i], h[i], params=PARAMS, dt_s=0.02)
-            assert one == together[i]
-
-
 def test_lifting_off_teaches_nothing_and_flying_starts_with_settled_motors() -> None:
-    memory = hover_thrust.initial(params=PARAMS)
-    args = (np.float64(0.70), np.float64(1.0), np.float64(0.0), np.float64(1.0))
+    memory = hover_thrust.initial(PARAMS)
+    args = (0.70, 1.0, 0.0, 1.0)
     for _ in range(50):
-        memory, hover = hover_thrust.step(memory, *args, params=PARAMS, dt_s=0.02, is_flying=False)
+        memory, hover = hover_thrust.step(memory, *args, PARAMS, 0.02, False)
         assert hover == 0.70
-    memory, hover = hover_thrust.step(memory, *args, params=PARAMS, dt_s=0.02)
+    memory, hover = hover_thrust.step(memory, *args, PARAMS, 0.02, True)
     assert hover == pytest.approx(0.70, abs=1e-6)
