@@ -90,11 +90,10 @@ def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) 
         pair = _pair(own, neighbour, other, e, params)
         if pair.is_near:
             crowd_count += 1.0
-        k = len(pairs)
-        while k > 0 and pairs[k - 1].distance_2_m2 > distance_2:
-            k -= 1
-        pairs.insert(k, pair)
-    return Pairs(pairs[: params.spacing.max_neighbours], crowd_count, is_sound)
+        pairs.append(pair)
+    order = sorted([(pairs[k].distance_2_m2, k) for k in range(len(pairs))])
+    nearest = [pairs[k] for _, k in order[: params.spacing.max_neighbours]]
+    return Pairs(nearest, crowd_count, is_sound)
 
 
 def _pair(own: Own, neighbour: Neighbour, other: Received, e: Vec2, params: LawParams) -> Pair:
@@ -163,14 +162,9 @@ def nearest_surfaces(own: Own, obstacles: Sequence[Capsule], clearance_m: float)
         obstacles: capsules in fleet ENU.
         clearance_m: kept from an outline by the vehicle's centre.
     """
-    surfaces: list[Surface] = []
-    for capsule in obstacles:
-        surface = surface_of(capsule, own.position_m, own.velocity_m_s, clearance_m)
-        k = len(surfaces)
-        while k > 0 and surfaces[k - 1].gap_m > surface.gap_m:
-            k -= 1
-        surfaces.insert(k, surface)
-    return surfaces[:MAX_OBSTACLES]
+    surfaces = [surface_of(capsule, own.position_m, own.velocity_m_s, clearance_m) for capsule in obstacles]
+    order = sorted([(surfaces[k].gap_m, k) for k in range(len(surfaces))])
+    return [surfaces[k] for _, k in order[:MAX_OBSTACLES]]
 
 
 def surface_of(capsule: Capsule, position_m: Vec2, velocity_m_s: Vec2, clearance_m: float) -> Surface:
