@@ -43,17 +43,17 @@ from onboard.events import (
 from onboard.flight import order_checks, takeover
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
-from onboard.localization.odometry_forwarding import OdometryFeed
+from onboard.localization.odometry_forwarding import OdometryForwarder
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.subscription import CHOOSE_TICKS
 from onboard.neighbours.table import NeighbourTable
 from onboard.px4.required_params import required_params
 from onboard.safety.failsafe_table import Action, Situation
 from onboard.safety.setpoint_check import is_sendable
-from onboard.supervision.conditions import PERIOD_S, POSITION_LOST_S, Doing
-from onboard.supervision.failsafe_executor import Guard
-from onboard.supervision.model_mismatch_reporter import ResponseWatch
-from onboard.supervision.preflight_reporter import Readiness
+from onboard.supervision.conditions import PERIOD_S, POSITION_LOST_S, TickContext
+from onboard.supervision.failsafe_executor import FailsafeExecutor
+from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
+from onboard.supervision.preflight_reporter import PreflightReporter
 from onboard.types import AttitudeSetpoint, Goal, Neighbour, State, Tick
 from onboard.vectors import ZERO_3, Vec3
 
@@ -96,7 +96,7 @@ class AgentCore:
         self.own = OwnState(self.vehicle, fleet.fleet.global_origin)
         self.neighbours = NeighbourTable(fleet, vehicle_name)
         self.flight = FlightContext(fleet, self.vehicle)
-        self.guard = Guard(fleet, self.vehicle, self.own, self.neighbours, self.flight)
+        self.failsafes = FailsafeExecutor(fleet, self.vehicle, self.own, self.neighbours, self.flight)
         self.is_stopping = False
         self.last_tick: Tick | None = None
         self._memory = pipeline.initial(self.params, Vec3(*self.vehicle.start_enu_m))
@@ -113,14 +113,14 @@ class AgentCore:
         self._last_ns = self._malformed = self._sent_ns = 0
         self._loss_ns = round(1e9 * float(required_params(self.vehicle).get("COM_OF_LOSS_T", 0.3)))
         self._period_s = PERIOD_S
-        self._doing = Doing()
-        self._odometry = OdometryFeed()
+        self._doing = TickContext()
+        self._odometry = OdometryForwarder()
         self._sent_thrust_frac = 0.0
         self._hover_frac = self.vehicle.hover_thrust_frac
         self._is_last_finite = True
         self._conflict_check_ns = 0
-        self._response = ResponseWatch(self.vehicle)
-        self.readiness = Readiness(
+        self._response = ModelMismatchReporter(self.vehicle)
+        self.preflight = PreflightReporter(
             fleet,
             self.vehicle,
             boot_id=boot_id,
@@ -137,9 +137,9 @@ class AgentCore:
             own=self.own,
             neighbours=self.neighbours,
             flight=self.flight,
-            guard=self.guard,
+            failsafes=self.failsafes,
             roles=self.roles,
-            lives=self.readiness.lives,
+            duplicates=self.preflight.duplicates,
         )
 
     # -- events ------------------------------------------------------------------------------------------------------
@@ -159,7 +159,7 @@ class AgentCore:
         ):
             self.neighbours.hear(event.message, event.received_ns)
             return []
-        self.readiness.hear(event)
+        self.preflight.hear(event)
         match event:
             case PoseArrived(pose, received_ns):
                 if pose.body != self.vehicle.body:
@@ -213,7 +213,7 @@ class AgentCore:
     def _refusal(self, order: Order, view: FlightView) -> str | None:
         late = order_checks.late_sentence(order, view.now_ns)
         if late is None and order.kind == "hold" and self.flight.state == "failed":
-            not_ready = self.readiness.reasons_in_air(view, self._hover_frac)
+            not_ready = self.preflight.reasons_in_air(view, self._hover_frac)
             return takeover.refusal(view, not_ready, self._distances, self.fleet)
         refusal = order_checks.refusal(
             order,
@@ -221,16 +221,16 @@ class AgentCore:
             flight=self.flight,
             snapshot=self._snapshot,
             position_enu_m=view.position_enu_m,
-            not_ready=self.readiness.not_ready,
+            not_ready=self.preflight.not_ready,
             others=self.neighbours.telemetries(),
             fleet=self.fleet,
         )
-        return self.guard.move_refusal() if refusal is None and order.kind == "move" else refusal
+        return self.failsafes.move_refusal() if refusal is None and order.kind == "move" else refusal
 
     def _begin(self, order: Order, view: FlightView) -> None:
         flight = self.flight
         if order.kind not in LOCATE:
-            self.guard.ordered()
+            self.failsafes.ordered()
         match order.kind:
             case "locate" | "identify":
                 flight.locate(view, order)
@@ -313,14 +313,14 @@ class AgentCore:
             period_s=self._period_s,
             is_airborne=self._is_airborne,
             distances_m=self._distances,
-            not_ready=self.readiness.not_ready,
+            not_ready=self.preflight.not_ready,
             loop=self._loop,
             malformed=self._malformed,
         )
         bodies = self.neighbours.sought(self._last_ns)
         if bodies:
             out.append(WatchBodies(tuple(bodies)))
-        report = self.readiness.due(self._last_ns)
+        report = self.preflight.due(self._last_ns)
         if report is not None:
             out.append(Publish(Topic.PREFLIGHT, report))
         if self.is_stopping and self.flight.situation in (Situation.GROUND, Situation.SILENT):
@@ -352,21 +352,21 @@ class AgentCore:
         doing.has_ground, doing.is_stopping = self._has_ground, self.is_stopping
         doing.is_airborne = self._is_airborne
         doing.nearest_m = min(self._distances.values(), default=math.inf)
-        doing.has_twin = self.readiness.has_twin(now_ns)
+        doing.has_duplicate = self.preflight.has_duplicate(now_ns)
         if tick is not None:
             doing.law_status, doing.active_neighbour = tick.law.status, tick.law.active_neighbour
             doing.below_m = tick.setpoint.position_enu_m.z - self._view.position_enu_m[2]
-        self.guard.tick(self._view, doing)
+        self.failsafes.tick(self._view, doing)
         if flight.situation is Situation.GROUND:
-            self.readiness.look(
+            self.preflight.look(
                 self._view,
                 self._period_s,
                 is_airborne=self._is_airborne,
                 hover_frac=self._hover_frac,
-                conditions=self.guard.conditions,
+                conditions=self.failsafes.conditions,
             )
             if flight.state in ("waiting", "ready") and flight.step is Step.IDLE:
-                flight.state = "waiting" if self.readiness.not_ready else "ready"
+                flight.state = "waiting" if self.preflight.not_ready else "ready"
 
     def _to_wire(self, tick: Tick) -> list[Command]:
         out = self._drain()
@@ -375,7 +375,7 @@ class AgentCore:
             self._sent_thrust_frac, self._sent_ns = 0.0, 0
             return out
         setpoint = tick.attitude
-        if flight.phase is not Phase.GROUND and (self.guard.must_be_level or not self._is_last_finite):
+        if flight.phase is not Phase.GROUND and (self.failsafes.must_be_level or not self._is_last_finite):
             hover = self._hover_frac if math.isfinite(self._hover_frac) else self.vehicle.hover_thrust_frac
             setpoint = AttitudeSetpoint((1.0, 0.0, 0.0, 0.0), hover)
         now_ns = self._last_ns
@@ -384,7 +384,7 @@ class AgentCore:
             sentence = f"No setpoint has left for {self._loss_ns * 1e-9:.1f} s: PX4 lands."
             flight.say(self._view, "critical", "setpoints-interrupted", sentence)
             flight.begin_px4_land(self._view, sentence)
-            self.guard.action = max(self.guard.action, Action.PX4_LAND)
+            self.failsafes.action = max(self.failsafes.action, Action.PX4_LAND)
             return out + self._drain()
         # last check: finite, bounded, from a fresh position and attitude; else the wire stays silent
         is_fresh = self.own.age_s < POSITION_LOST_S + 0.2 and now_ns - self._snapshot.last_packet_ns < _HEARD_NS

@@ -104,7 +104,7 @@ class Agent:
         try:
             self._bus.start()
             self._subscribe(loop)
-            self._core.readiness.is_warm = True
+            self._core.preflight.is_warm = True
             realtime.settle()
             if self._is_realtime:
                 for submit in (self._blocking.submit, self._reliable.submit, self._interest.submit):

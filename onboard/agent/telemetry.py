@@ -12,11 +12,11 @@ from onboard.events import Command, LoopTimed, Publish
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
 from onboard.localization.own_state import OwnState
-from onboard.neighbours.duplicate_agents import Lives
+from onboard.neighbours.duplicate_agents import DuplicateAgents
 from onboard.neighbours.subscription import is_slow
 from onboard.neighbours.table import NeighbourTable
 from onboard.safety.failsafe_table import Situation
-from onboard.supervision.failsafe_executor import Guard
+from onboard.supervision.failsafe_executor import FailsafeExecutor
 from onboard.types import Tick
 
 _TELEMETRY_TICKS = 5
@@ -36,13 +36,13 @@ class Report:
         own: OwnState,
         neighbours: NeighbourTable,
         flight: FlightContext,
-        guard: Guard,
+        failsafes: FailsafeExecutor,
         roles: Roles,
-        lives: Lives,
+        duplicates: DuplicateAgents,
     ) -> None:
         self._vehicle, self._boot_id, self._config_hash, self._law = vehicle, boot_id, config_hash, law
-        self._own, self._neighbours, self._flight, self._guard = own, neighbours, flight, guard
-        self._roles, self._lives = roles, lives
+        self._own, self._neighbours, self._flight, self._failsafes = own, neighbours, flight, failsafes
+        self._roles, self._duplicates = roles, duplicates
         self._brief = Brief()
         self._samples: list[TickSample] = []
         self._sequence = 0
@@ -72,9 +72,9 @@ class Report:
             stamp_ns=now_ns,
             is_valid=view.has_position,
             is_airborne=is_airborne,
-            is_cooperative=view.has_position and flight.gives_way(view) and self._guard.is_obeyed,
+            is_cooperative=view.has_position and flight.gives_way(view) and self._failsafes.is_obeyed,
         )
-        left = None if view.has_position else self._own.second.place(now_ns)
+        left = None if view.has_position else self._own.px4_check.place(now_ns)
         if left is not None:
             state = messages.by_px4(state, *left)
         out.append(Publish(Topic.STATE, state))
@@ -102,7 +102,7 @@ class Report:
         shown = (flight.state, flight.step)
         if self._sequence % _TELEMETRY_TICKS == 0 or shown != self._shown:
             self._shown = shown  # who hears of an order's end finds the state that it led to already there
-            conditions, action = self._guard.told()
+            conditions, action = self._failsafes.told()
             telemetry = messages.telemetry(
                 tick,
                 now_ns,
@@ -116,7 +116,7 @@ class Report:
                 distances_m=distances_m,
                 law=self._law,
                 state_age_s=self._own.age_s,
-                mocap_delay_s=self._own.watch.delay_s,
+                mocap_delay_s=self._own.validator.delay_s,
                 neighbour_age_s=self._neighbours.oldest_age_s(now_ns),
                 loop=loop,
                 malformed=malformed + self._neighbours.ignored_messages + self._own.ignored_samples,
@@ -125,7 +125,7 @@ class Report:
                 action=action,
                 roles=self._roles,
                 avoids=avoids,
-                doubles=self._lives.doubled(now_ns),
+                doubles=self._duplicates.doubled(now_ns),
             )
             told: list[Command] = [Publish(Topic.TELEMETRY, telemetry)]
             if self._brief.is_due(telemetry):

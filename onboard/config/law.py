@@ -34,17 +34,15 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     v_perp_m_s: float = 0.42
     v_perp_crowd_m_s: float = 0.55
     crowd_count: int = 4
-    rotation_fade_m_s2: float = (
-        1.0  # a turning row is as strong as the violation, up to this one: no jump when it begins
-    )
+    # a rotation row is as strong as the violation, up to this one, so that nothing jumps when it begins
+    rotation_fade_m_s2: float = 1.0
     max_neighbours: int = 12
     range_m: float = 8.0
-    # what stands still, and speed
+    # obstacles, geofence and speed
     obstacle_margin_m: float = 0.20
     fence_margin_m: float = 0.05
-    avoid_speed_frac: float = (
-        1.3  # separation may still push beyond: to 1.5 among 16 vehicles, to 2.3 for moments among 32 and more
-    )
+    # separation may still push beyond: to 1.5 among 16 vehicles, to 2.3 for moments among 32 and more
+    avoid_speed_frac: float = 1.3
     # the paper's law, (5)-(22)
     paper_kappa_1_1_s: float = 2.0
     paper_kappa_2_1_s: float = 2.0
@@ -55,5 +53,11 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     paper_force_ring: bool = False
 
     def margin_m(self, lag_s: float) -> float:
-        """Margin [m] above the safety distance that a vehicle with this lag keeps when estimates are good."""
+        """Margin above the safety distance that a vehicle keeps while estimates are good.
+
+        Args:
+            lag_s: of the vehicle, from command to acceleration.
+        Returns:
+            margin [m].
+        """
         return self.design_margin_m + self.lag_margin_m_s * max(0.0, lag_s - QUICK_LAG_S)

@@ -15,33 +15,31 @@ _OF_A_SYSTEM = ("type", "hostname", "options", "direct", "up", "yaw_deg", "offse
 
 
 class MocapConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[mocap]``: docs/mocap.md explains each key.
+    """``[mocap]``: docs/mocap.md explains each key."""
 
-    Attributes:
-        source: "bus" when somebody publishes ``mocap/<body>`` in the fleet's frame; "motioncapture" for a system that
-            the package of that name reads.
-        type, hostname, options: which system, where, and what else the package wants to know of it.
-        direct: every agent reads the system itself; otherwise one relay (``covey mocap``) does and publishes.
-        up: axis of the mocap's frame that points up. yaw_deg: then turned about up by this angle, counterclockwise.
-        offset_m: where the mocap's origin lies in the fleet's frame, ENU.
-        latency_s: from the exposure to the arrival here; taken off the arrival to make a sample's stamp.
-        max_rate_hz: frames beyond this rate are left out; 50 Hz is what the control needs.
-    """
-
+    # "bus": another program publishes mocap/<body> in the fleet's frame
+    # "motioncapture": the package of that name reads a system
     source: Literal["bus", "motioncapture"] = "bus"
-    type: SystemType | None = None
-    hostname: str | None = None
-    options: dict[str, str | int | float | bool] = {}
-    direct: bool = False
-    up: Literal["z", "y"] = "z"
-    yaw_deg: float = 0.0
-    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    latency_s: float = 0.010
-    max_rate_hz: float = 100.0
+    type: SystemType | None = None  # system that the package reads
+    hostname: str | None = None  # of that system
+    options: dict[str, str | int | float | bool] = {}  # further options of the package for that system
+    direct: bool = False  # every agent reads the system itself; otherwise one relay (covey mocap) does and publishes
+    up: Literal["z", "y"] = "z"  # axis of the mocap's frame that points up
+    yaw_deg: float = 0.0  # the mocap's frame is then turned about up by this angle, counterclockwise
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the mocap's origin in the fleet's frame, ENU
+    latency_s: float = 0.010  # from exposure to arrival; a sample's stamp is its arrival minus this
+    max_rate_hz: float = 100.0  # frames beyond this rate are skipped; the control needs 50 Hz
 
 
 def problems(mocap: MocapConfig, bodies: Mapping[str, str | None]) -> Iterator[str]:
-    """What is wrong with the table, and with the names of the bodies: vehicle -> body. A sentence each."""
+    """Check the table and the names of the bodies.
+
+    Args:
+        mocap: the table.
+        bodies: vehicle -> body; None for a vehicle without a mocap.
+    Yields:
+        a sentence for each mistake.
+    """
     default = MocapConfig()
     if mocap.source == "bus":
         for key in _OF_A_SYSTEM:
@@ -58,7 +56,7 @@ def problems(mocap: MocapConfig, bodies: Mapping[str, str | None]) -> Iterator[s
         ("yaw_deg", mocap.yaw_deg, -360.0, 360.0),
         ("latency_s", mocap.latency_s, 0.0, 0.5),
         ("max_rate_hz", mocap.max_rate_hz, 20.0, 1000.0),
-        *((f"offset_m[{place}]", value, -1e4, 1e4) for place, value in enumerate(mocap.offset_m)),
+        *((f"offset_m[{axis}]", value, -1e4, 1e4) for axis, value in enumerate(mocap.offset_m)),
     ):
         if not (math.isfinite(value) and low <= value <= high):
             yield f"'mocap.{key}' is {value}; it must lie between {low:g} and {high:g}."

@@ -12,7 +12,7 @@ _LARGEST_M = 1e4
 
 
 class Circle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A pillar."""
+    """Outline of a round obstacle, ENU."""
 
     center_enu_m: tuple[float, float]
     radius_m: float
@@ -27,7 +27,7 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def capsules_enu_m(self) -> tuple[Capsule, ...]:
-        """Segments (x1, y1, x2, y2) with a radius: a circle is one without length, a polygon one for each edge."""
+        """The outline as segments (x1, y1, x2, y2) with a radius; of a circle one without length."""
         if self.circle is not None:
             x, y = self.circle.center_enu_m
             return ((x, y, x, y, self.circle.radius_m),)
@@ -36,7 +36,13 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return tuple((*begin, *end, 0.0) for begin, end in zip(corners, ends, strict=True))
 
     def distance_m(self, position_enu_m: Sequence[float]) -> float:
-        """Horizontal distance from a position to the outline; negative inside."""
+        """Distance from a position to the outline.
+
+        Args:
+            position_enu_m: at least x and y.
+        Returns:
+            horizontal distance [m]; negative inside.
+        """
         x, y = position_enu_m[0], position_enu_m[1]
         nearest, is_inside = math.inf, False
         for x1, y1, x2, y2, radius in self.capsules_enu_m:
@@ -50,18 +56,26 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def problems(
-    found: Sequence[Obstacle], starts_enu_m: Mapping[str, Sequence[float]], clearance_m: float
+    obstacles: Sequence[Obstacle], starts_enu_m: Mapping[str, Sequence[float]], clearance_m: float
 ) -> Iterator[str]:
-    """What is wrong with a fleet's obstacles, a sentence each; vehicles must start ``clearance_m`` away from them."""
+    """Check a fleet's obstacles.
+
+    Args:
+        obstacles: of the fleet file.
+        starts_enu_m: vehicle -> its take-off spot.
+        clearance_m: least distance from a spot to an obstacle.
+    Yields:
+        a sentence for each mistake.
+    """
     names: set[str] = set()
-    for index, obstacle in enumerate(found):
+    for index, obstacle in enumerate(obstacles):
         key, corners = f"obstacles[{index}]", obstacle.polygon_enu_m
         if not obstacle.name or obstacle.name in names:
             yield f"'{key}.name' is {obstacle.name!r}. Give each obstacle a name of its own."
         names.add(obstacle.name)
         if (obstacle.circle is None) == (corners is None):
             yield (
-                f"'{key}' ({obstacle.name}) needs one shape. Write either circle = {{ center_enu_m = [x, y], "
+                f"'{key}' ({obstacle.name}) needs exactly one shape. Write either circle = {{ center_enu_m = [x, y], "
                 "radius_m = r } or polygon_enu_m = [[x, y], [x, y], [x, y]]."
             )
         elif corners is not None and len(corners) < 3:

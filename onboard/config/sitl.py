@@ -1,4 +1,4 @@
-"""``[types.X.sitl]``: what only the emulator knows of a vehicle, with the bounds of every value."""
+"""``[types.X.sitl]``: values of a vehicle that only the emulator knows, with their bounds."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import msgspec
 
 
 class SitlProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Values that the control has to cope without; the defaults are PX4's SIH quadrotor, sitl/README.md says more."""
+    """Values that the control does not know; the defaults are PX4's SIH quadrotor. sitl/README.md explains them."""
 
     static_gain: float = 1.0
     tilt_bias_deg: float = 0.0

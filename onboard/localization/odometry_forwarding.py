@@ -27,7 +27,7 @@ _FRESH_NS = 300_000_000
 
 
 @dataclass(slots=True)
-class OdometryFeed:
+class OdometryForwarder:
     """Memory of what was sent last. resets: how often PX4 was told to begin anew; on the wire it has eight bits."""
 
     resets: int = 0

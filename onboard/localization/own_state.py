@@ -19,8 +19,8 @@ from onboard.estimation.kalman import KalmanParams
 from onboard.feasibility.bounds import ACCURACIES
 from onboard.frames import quaternion_from_yaw, quaternion_multiply, wrap_rad, yaw_from_quaternion
 from onboard.localization.local_frame import LocalFrame
-from onboard.localization.pose_validator import Fault, PoseWatch
-from onboard.localization.px4_position_check import SecondOpinion
+from onboard.localization.pose_validator import PoseValidator, PoseVerdict
+from onboard.localization.px4_position_check import Px4PositionCheck
 from onboard.types import AttitudeSetpoint, State
 
 _MAX_POSITION_M = 1e4
@@ -47,8 +47,8 @@ class OwnState:
     origin: Origin | None = None
     ignored_samples: int = 0
     heading_offset_rad: float = 0.0
-    watch: PoseWatch = field(default_factory=PoseWatch)
-    second: SecondOpinion = field(default_factory=SecondOpinion)
+    validator: PoseValidator = field(default_factory=PoseValidator)
+    px4_check: Px4PositionCheck = field(default_factory=Px4PositionCheck)
     _params: KalmanParams = field(init=False)
     _memory: kalman.KalmanMemory | None = None
     _queue: list[tuple[vectors.Vec3, int, float]] = field(default_factory=list)
@@ -89,14 +89,14 @@ class OwnState:
             self.ignored_samples += 1
             return False
         self._newest = (pose.boot_id, pose.sequence, pose.stamp_ns)
-        fault = self.watch.hear(
+        fault = self.validator.hear(
             pose.position_enu_m,
             pose.quaternion_enu_flu_wxyz,
             pose.stamp_ns,
             received_ns,
-            is_contradicted=self.second.contradicts(pose.position_enu_m, received_ns),
+            is_contradicted=self.px4_check.contradicts(pose.position_enu_m, received_ns),
         )
-        if fault is not Fault.NONE:
+        if fault is not PoseVerdict.ACCEPTED:
             self.ignored_samples += 1
             return False
         self._queue.append(
@@ -131,7 +131,7 @@ class OwnState:
         self._queue.clear()
         if self.vehicle.mocap_required:
             is_believed = not self.jumps and self.age_s < _BELIEVED_S
-            self.second.look(snapshot, self.position_enu_m if is_believed else None, now_ns)
+            self.px4_check.look(snapshot, self.position_enu_m if is_believed else None, now_ns)
 
     def _follow_heading(self, yaw_rad: float, snapshot: Snapshot, dt_s: float) -> None:
         if snapshot.attitude_ns == 0:
@@ -166,12 +166,12 @@ class OwnState:
     @property
     def jumps(self) -> int:
         """Samples in a row that cannot be true."""
-        return max(self.watch.jumps, 0 if self._memory is None else self._memory.rejected_count)
+        return max(self.validator.jumps, 0 if self._memory is None else self._memory.rejected_count)
 
     @property
     def jumped_to_enu_m(self) -> Vec3 | None:
         """Where the newest of them lay."""
-        return self.watch.jumped_to_enu_m or self._rejected_enu_m
+        return self.validator.jumped_to_enu_m or self._rejected_enu_m
 
     @property
     def age_s(self) -> float:

@@ -21,10 +21,10 @@ _VELOCITY_SHARE = 0.3
 _NOISE_RAD = 0.3
 
 
-class Fault(IntEnum):
+class PoseVerdict(IntEnum):
     """What is wrong with a sample."""
 
-    NONE = 0
+    ACCEPTED = 0
     JUMPED = 1  # farther than the vehicle can have moved
     FROZEN = 2  # the same numbers again and again
 
@@ -51,7 +51,7 @@ class PoseBounds:
 
 
 @dataclass(slots=True)
-class PoseWatch:
+class PoseValidator:
     """Follows one body; ``hear`` every usable sample in the order of their stamps.
 
     jumps: samples in a row that were no possible movement; jumped_to_enu_m: where the last of them lay. frozen_s: how
@@ -93,7 +93,7 @@ class PoseWatch:
         received_ns: int,
         *,
         is_contradicted: bool = False,
-    ) -> Fault:
+    ) -> PoseVerdict:
         """Judge one sample; a faulty one does not move the expectation.
 
         The reach grows with the time since the last believed sample, so that a body that really is elsewhere after a
@@ -111,7 +111,7 @@ class PoseWatch:
         self._last = sample
         self.frozen_s = (stamp_ns - self._same_since_ns) * 1e-9
         if self.is_frozen:
-            return Fault.FROZEN
+            return PoseVerdict.FROZEN
         gap_s = (stamp_ns - self._stamp_ns) * 1e-9
         if self._stamp_ns and gap_s <= 0.0:
             self._stamp_ns = 0  # another clock from here on: what was expected means nothing
@@ -133,7 +133,7 @@ class PoseWatch:
             if is_doubted or miss_m > reach_m or cosine < math.cos(0.5 * turn_rad):
                 self.jumps += 1
                 self.jumped_to_enu_m = position_enu_m
-                return Fault.JUMPED
+                return PoseVerdict.JUMPED
             self._noise_m += _NOISE_SHARE * (miss_m - self._noise_m)
             k = _VELOCITY_SHARE
             self._velocity = (vx + k * (dx / gap_s - vx), vy + k * (dy / gap_s - vy), vz + k * (dz / gap_s - vz))
@@ -141,7 +141,7 @@ class PoseWatch:
             self._velocity = (0.0, 0.0, 0.0)
         self._position, self._quaternion, self._stamp_ns = position_enu_m, quaternion_wxyz, stamp_ns
         self.jumps, self.jumped_to_enu_m = 0, None
-        return Fault.NONE
+        return PoseVerdict.ACCEPTED
 
     def _follow_clock(self, delay_s: float, received_ns: int) -> None:
         if abs(delay_s - self._usual_delay_s) <= self.bounds.clock_jump_s:

@@ -24,7 +24,7 @@ _NS = 1e-9
 
 
 @dataclass(slots=True)
-class SecondOpinion:
+class Px4PositionCheck:
     """Where PX4 believes one vehicle to be, in the fleet's frame as long as poses showed how PX4's lies in it."""
 
     _offset_m: Vec3 | None = None  # of PX4's frame

@@ -13,7 +13,7 @@ _MOST_LIVES = 16
 
 
 @dataclass(slots=True)
-class Lives:
+class DuplicateAgents:
     """Boot ids by name: the newest, those before it, and when one of those was heard again."""
 
     _newest: dict[str, int] = field(default_factory=dict)

@@ -17,7 +17,7 @@ POSITION_STD_M, VELOCITY_STD_M_S = 0.01, 0.1
 
 
 @dataclass(slots=True)
-class SeenBody:
+class BodyTracker:
     """One body: where it was at ``stamp_ns`` and how it moved, in fleet ENU; stamp 0 before the first sample."""
 
     position_enu_m: Vec3 = (0.0, 0.0, 0.0)

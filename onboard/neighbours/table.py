@@ -16,7 +16,7 @@ from onboard.bus.codec import is_finite
 from onboard.bus.schema import MocapPose, StateMessage, Telemetry
 from onboard.config.fleet import FleetConfig
 from onboard.neighbours import subscription
-from onboard.neighbours.mocap_tracker import POSITION_STD_M, VELOCITY_STD_M_S, SeenBody
+from onboard.neighbours.mocap_tracker import POSITION_STD_M, VELOCITY_STD_M_S, BodyTracker
 from onboard.types import Neighbour
 from onboard.vectors import Vec3
 
@@ -51,7 +51,7 @@ WIDTH = 3 * len(_VECTORS) + len(_SCALARS)
 _vectors_of, _scalars_of = attrgetter(*_VECTORS), attrgetter(*_SCALARS)
 
 
-class Row(NamedTuple):
+class NeighbourRow(NamedTuple):
     """One neighbour: age and stamp of what is known of it, whether it says that it cooperates, and its numbers."""
 
     name: str
@@ -93,7 +93,7 @@ class NeighbourTable:
     _heard_ns: IntArray = field(init=False)  # stamp of the newest valid message, on our clock; 0 never
     _is_lost: BoolArray = field(init=False)  # whether the newest message said that it knows no position
     _bodies: dict[str, int] = field(init=False)
-    _seen: dict[int, SeenBody] = field(default_factory=dict)
+    _seen: dict[int, BodyTracker] = field(default_factory=dict)
     _first_ns: int = 0
     distrusted: set[int] = field(default_factory=set)
     _telemetry: dict[str, Telemetry] = field(default_factory=dict)
@@ -199,7 +199,7 @@ class NeighbourTable:
             return False
         body = self._seen.get(place)
         if body is None:
-            body = self._seen[place] = SeenBody()
+            body = self._seen[place] = BodyTracker()
         if not body.stamp_ns and received_ns - int(self._heard_ns[place]) < _BELIEVED_S * 1e9:
             x, y, z = self._numbers[place, COLUMNS["velocity_enu_m_s"]].tolist()
             body.velocity_enu_m_s = (x, y, z)
@@ -227,7 +227,7 @@ class NeighbourTable:
             age_s = self._ages_s[place]
             is_sought = self._is_followed[place] and place not in self._seen
             if is_sought and age_s > _SEEK_S and (long_here or age_s < math.inf):
-                self._seen[place] = SeenBody()
+                self._seen[place] = BodyTracker()
                 found.append(body)
         return found
 
@@ -272,13 +272,13 @@ class NeighbourTable:
             return self.ages_s(now_ns)
         return np.where(self._heard_ns > 0, np.maximum(now_ns - self._heard_ns, 0) * 1e-9, np.inf)
 
-    def rows(self, now_ns: int) -> list[Row]:
+    def rows(self, now_ns: int) -> list[NeighbourRow]:
         """What is known of each that is followed, for those who look at single neighbours."""
         self.ages_s(now_ns)
         at = self._near_places
         says = (self._flags[3] & self._flags[0])[at].tolist()
         stamps, numbers = self._stamp_ns[at].tolist(), self._numbers[at].tolist()
-        return [Row(*row) for row in zip(self._near, self._near_ages_s, stamps, says, numbers, strict=True)]
+        return [NeighbourRow(*row) for row in zip(self._near, self._near_ages_s, stamps, says, numbers, strict=True)]
 
     def missing(self, now_ns: int) -> tuple[str, ...]:
         """Vehicles that must be there (enabled = true) and are not heard."""

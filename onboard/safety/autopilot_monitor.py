@@ -19,7 +19,7 @@ _CREEP = 0.2  # s per s by which a clock may lose time: a simulated PX4 on a loa
 
 
 @dataclass(slots=True)
-class AutopilotWatch:
+class AutopilotMonitor:
     """Call :meth:`look` every tick; the properties tell what it found. Times on our clock [ns]."""
 
     is_silent: bool = False

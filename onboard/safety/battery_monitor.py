@@ -14,7 +14,7 @@ _SAG_SHARE = 0.12  # of the voltage, lost within the window
 
 
 @dataclass(slots=True)
-class BatteryWatch:
+class BatteryMonitor:
     """Call :meth:`look` some times a second; on the ground and after it begins anew.
 
     A percentage falls by about 0.2 % a second in ordinary flight. What matters is whether, at the present rate, more

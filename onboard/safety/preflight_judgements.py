@@ -26,15 +26,15 @@ LOWEST_VOLTAGE_V = 2.5
 LATE_LOOP_MS = 30.0
 
 OK, SKIP = "ok", "skip"
-Verdict = tuple[str, Mapping[str, object]]
+Judgement = tuple[str, Mapping[str, object]]
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
+class PreflightFacts:
     """What is known of a vehicle on the ground; ages in seconds, inf = never heard, None = never told.
 
     attitude_hz: of PX4's attitude as it arrives. unhealthy: PX4's sensors that it calls unhealthy, and whether flight
-    needs them. has_rc: whether PX4 hears a radio control. has_twin: another process speaks for this vehicle.
+    needs them. has_rc: whether PX4 hears a radio control. has_duplicate: another process speaks for this vehicle.
     sample_delay_s: arrival of the newest mocap sample minus its stamp; sample_age_s: since that arrival.
     source_problem: what the mocap that is read here says of itself, as a sentence; empty when nothing is wrong.
     px4_position_enu_m: PX4's own estimate, turned to ENU. heading_miss_rad: mocap's heading minus PX4's; tilt_miss_rad:
@@ -63,7 +63,7 @@ class Facts:
     is_failsafe: bool = False
     unhealthy: tuple[tuple[str, bool], ...] = ()
     has_rc: bool | None = None
-    has_twin: bool = False
+    has_duplicate: bool = False
     sample_delay_s: float | None = None
     sample_age_s: float = math.inf
     source_problem: str = ""
@@ -111,23 +111,23 @@ _OF_OTHER_RULES = frozenset(
 )
 # samples come and are not taken: the failsafe's line says why
 _UNBELIEVED = frozenset({Condition.MOCAP_FROZEN, Condition.MOCAP_SWAPPED, Condition.POSITION_JUMPED})
-_FINE: Verdict = (OK, {})
-_NO_PX4: Verdict = (SKIP, {"without": "while PX4 is silent"})
-_NO_POSITION: Verdict = (SKIP, {"without": "without a fresh position"})
-_NO_MOCAP: Verdict = (SKIP, {"without": "for a vehicle that flies on PX4's own position"})
+_FINE: Judgement = (OK, {})
+_NO_PX4: Judgement = (SKIP, {"without": "while PX4 is silent"})
+_NO_POSITION: Judgement = (SKIP, {"without": "without a fresh position"})
+_NO_MOCAP: Judgement = (SKIP, {"without": "for a vehicle that flies on PX4's own position"})
 
 
 def _where(position: Vec3) -> str:
     return "(" + ", ".join(f"{value:.2f}" for value in position) + ") m"
 
 
-def px4(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def px4(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not f.has_autopilot:
         return "silent", {}
     return OK, {"age": f.heartbeat_age_s}
 
 
-def link(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def link(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not f.has_autopilot:
         return _NO_PX4
     if f.attitude_hz is None:
@@ -136,11 +136,11 @@ def link(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     return ("slow" if f.attitude_hz < LEAST_ATTITUDE_HZ else "thin" if f.attitude_hz < USUAL_ATTITUDE_HZ else OK), words
 
 
-def alone(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
-    return ("twin", {}) if f.has_twin else _FINE
+def alone(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
+    return ("duplicate", {}) if f.has_duplicate else _FINE
 
 
-def health(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def health(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not f.has_autopilot:
         return _NO_PX4
     if f.is_failsafe:
@@ -152,13 +152,13 @@ def health(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     return _FINE
 
 
-def disarmed(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def disarmed(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not f.has_autopilot:
         return _NO_PX4
     return ("airborne", {}) if f.is_airborne else ("armed", {}) if f.is_armed else _FINE
 
 
-def failsafe(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def failsafe(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     late = {Condition.MOCAP_LATE, Condition.CLOCK_JUMPED} if f.has_wrong_clock else set()  # the clock's line says so
     found = [
         condition.value
@@ -171,7 +171,7 @@ def failsafe(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     return "holds", {"conditions": text[0].upper() + text[1:]}
 
 
-def parameters(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def parameters(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not f.has_autopilot:
         return _NO_PX4
     if f.param_problems is None:
@@ -180,7 +180,7 @@ def parameters(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     return ("differ" if f.param_problems else OK), words
 
 
-def position(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def position(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if f.has_position:
         return OK, {"where": _where(f.position_enu_m), "age": 1e3 * f.position_age_s}
     if f.has_wrong_clock:
@@ -194,7 +194,7 @@ def position(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     return "untracked", {}
 
 
-def clock(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def clock(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if f.has_wrong_clock:
         assert f.sample_delay_s is not None
         ahead = f.sample_delay_s < 0.0
@@ -208,7 +208,7 @@ def clock(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     return _FINE
 
 
-def agreement(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def agreement(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not vehicle.mocap_required:
         return _NO_MOCAP
     if not f.has_autopilot:
@@ -236,13 +236,13 @@ def agreement(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     return ("compass" if is_turned else OK), words
 
 
-def at_rest(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def at_rest(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not f.has_position:
         return _NO_POSITION
     return ("moving" if not f.speed_m_s <= MOVING_M_S else OK), {"speed": f.speed_m_s}
 
 
-def spot(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def spot(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not vehicle.mocap_required:
         return _NO_MOCAP
     if not f.has_position:
@@ -257,7 +257,7 @@ def spot(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     return "away", words
 
 
-def fence(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def fence(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     fence = fleet.fleet.geofence_m
     if not fence.contains(vehicle.start_enu_m):
         return "spot", {"spot": _where(vehicle.start_enu_m)}
@@ -266,7 +266,7 @@ def fence(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     return ("outside" if not fence.contains(f.position_enu_m) else OK), {"where": _where(f.position_enu_m)}
 
 
-def neighbours(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def neighbours(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if f.missing_neighbours:
         several = len(f.missing_neighbours) > 1
         who = ", ".join(f.missing_neighbours)
@@ -274,7 +274,7 @@ def neighbours(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     return OK, {"count": len(fleet.enabled_names) - 1}
 
 
-def configuration(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def configuration(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     words = {"hash": f.config_hash}
     if f.other_hashes:
         name, other = next(iter(f.other_hashes.items()))
@@ -283,7 +283,7 @@ def configuration(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     return OK, words
 
 
-def law(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def law(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not f.law_refusals:
         return OK, {"law": f.law}
     _, sentence, remedy = f.law_refusals[0]
@@ -291,7 +291,7 @@ def law(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     return ("refused" if f.law == "covey" else "baseline"), words
 
 
-def hover(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def hover(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     words = {"learned": f.hover_frac, "file": vehicle.hover_thrust_frac}
     if not math.isfinite(f.hover_frac):
         return OK, {**words, "learned": vehicle.hover_thrust_frac}
@@ -299,7 +299,7 @@ def hover(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     return ("far" if share > HOVER_SHARE else "off" if share > HOVER_ADVICE_SHARE else OK), words
 
 
-def battery(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def battery(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not f.has_autopilot:
         return _NO_PX4
     words = {
@@ -314,17 +314,17 @@ def battery(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
     return ("low" if words["level"] < fleet.fleet.battery_warning_pct else OK), words
 
 
-def loop(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def loop(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not f.is_law_warm:
         return "warming", {}
     return ("late" if f.loop_p99_ms > LATE_LOOP_MS else OK), {"p99": f.loop_p99_ms}
 
 
-def record(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def record(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     return _FINE if f.has_recorder else ("none", {})
 
 
-def kill_switch(f: Facts, fleet: FleetConfig, vehicle: Vehicle) -> Verdict:
+def kill_switch(f: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if f.has_rc:
         return "heard", {}
     return ("unknown" if f.has_rc is None else "unheard"), {}

@@ -38,7 +38,7 @@ def smallest_distance_m(
 
 
 @dataclass(slots=True)
-class PromiseWatch:
+class PredictionMonitor:
     """Compares a neighbour's velocity with the one that it had predicted for now, low-passed over about a second.
 
     A vehicle's prediction contains the commands that it has sent already, so it comes true within noise and gusts; for

@@ -22,7 +22,7 @@ _BELOW_M, _CLIMB_M_S = 0.15, 0.05
 
 
 @dataclass(slots=True)
-class AnswerWatch:
+class TrackingMonitor:
     """Call :meth:`look` every tick under the law, :meth:`rest` otherwise.
 
     lag_s: time of the attitude's answer. largest_frac: throttle at which thrust is saturated.

@@ -17,12 +17,12 @@ from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.table import NeighbourTable
-from onboard.safety.autopilot_monitor import AutopilotWatch
-from onboard.safety.battery_monitor import BatteryWatch
+from onboard.safety.autopilot_monitor import AutopilotMonitor
+from onboard.safety.battery_monitor import BatteryMonitor
 from onboard.safety.failsafe_table import Condition, Situation
 from onboard.safety.geofence import Fence
-from onboard.safety.tracking_monitor import AnswerWatch
-from onboard.supervision.neighbour_conditions import NeighbourWatch
+from onboard.safety.tracking_monitor import TrackingMonitor
+from onboard.supervision.neighbour_conditions import NeighbourMonitor
 from onboard.types import GRAVITY_M_S2, LawStatus
 
 POSITION_STALE_S, POSITION_LOST_S = 0.2, 0.5
@@ -43,7 +43,7 @@ _BRAKE_SHARE = 0.6  # of the acceleration at the largest tilt, with which one co
 
 
 @dataclass(slots=True)
-class Doing:
+class TickContext:
     """What the core knows of itself at this tick.
 
     asked_wxyz, thrust_frac: setpoint sent last, in the fleet frame. below_m: under its trajectory. active_neighbour:
@@ -55,7 +55,7 @@ class Doing:
     is_airborne: bool = False
     is_stopping: bool = False
     has_ground: bool = False
-    has_twin: bool = False
+    has_duplicate: bool = False
     is_disk_full: bool = False
     bus_age_s: float = 0.0
     nearest_m: float = math.inf
@@ -68,7 +68,7 @@ class Doing:
 
 
 @dataclass(slots=True)
-class Watch:
+class ConditionMonitor:
     """Memory of how long each condition has lasted; ``details`` says of whom a condition speaks."""
 
     fleet: FleetConfig
@@ -76,10 +76,10 @@ class Watch:
     own: OwnState
     flight: FlightContext
     neighbours: NeighbourTable
-    autopilot: AutopilotWatch = field(default_factory=AutopilotWatch)
-    answer: AnswerWatch = field(init=False)
-    battery: BatteryWatch = field(default_factory=BatteryWatch)
-    others: NeighbourWatch = field(init=False)
+    autopilot: AutopilotMonitor = field(default_factory=AutopilotMonitor)
+    answer: TrackingMonitor = field(init=False)
+    battery: BatteryMonitor = field(default_factory=BatteryMonitor)
+    others: NeighbourMonitor = field(init=False)
     details: dict[Condition, str] = field(default_factory=dict)
     _since_ns: dict[Condition, int] = field(default_factory=dict)
     _ticks: dict[Condition, int] = field(default_factory=dict)
@@ -90,8 +90,8 @@ class Watch:
     _fence: Fence = field(init=False)
 
     def __post_init__(self) -> None:
-        self.answer = AnswerWatch(self.vehicle.lag_s, MAX_THRUST_FRAC)
-        self.others = NeighbourWatch(self.fleet, self.vehicle, self.neighbours, self.flight, self.details)
+        self.answer = TrackingMonitor(self.vehicle.lag_s, MAX_THRUST_FRAC)
+        self.others = NeighbourMonitor(self.fleet, self.vehicle, self.neighbours, self.flight, self.details)
         fence = self.fleet.fleet.geofence_m
         brake = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(math.radians(self.vehicle.max_tilt_deg))
         (west, east), (south, north), (floor, top) = fence.x, fence.y, fence.z
@@ -109,7 +109,7 @@ class Watch:
         ticks = self._ticks[condition] = self._ticks.get(condition, 0) + 1
         return ticks, (now_ns - since) * 1e-9
 
-    def conditions(self, view: FlightView, doing: Doing) -> set[Condition]:
+    def conditions(self, view: FlightView, doing: TickContext) -> set[Condition]:
         """All conditions that hold at this tick."""
         found: set[Condition] = set()
         self._own_motion(found, view)
@@ -147,9 +147,9 @@ class Watch:
                 found.add(c.MOCAP_SWAPPED)
             elif jumps >= JUMPS:
                 found.add(c.POSITION_JUMPED)
-        if own.watch.is_frozen:
+        if own.validator.is_frozen:
             found.add(c.MOCAP_FROZEN)
-        if own.watch.is_late:
+        if own.validator.is_late:
             found.add(c.MOCAP_LATE)
 
     def _autopilot(self, found: set[Condition], view: FlightView) -> None:
@@ -189,7 +189,7 @@ class Watch:
                 which = c.PX4_FAILSAFE if snapshot.is_failsafe else c.LEFT_OFFBOARD
                 self._tell(found, which, f"now {snapshot.mode}")
 
-    def _process(self, found: set[Condition], view: FlightView, doing: Doing) -> None:
+    def _process(self, found: set[Condition], view: FlightView, doing: TickContext) -> None:
         c, now_ns, period_s = Condition, view.now_ns, doing.period_s
         if period_s > PERIOD_S + LATE_S:
             found.add(c.LOOP_LATE)
@@ -211,7 +211,7 @@ class Watch:
             found.add(c.GROUND_LOST)
         if doing.is_stopping:
             found.add(c.SHUTDOWN)
-        if doing.has_twin:
+        if doing.has_duplicate:
             found.add(c.TWIN)
         if doing.is_disk_full:
             found.add(c.DISK_FULL)
@@ -237,7 +237,7 @@ class Watch:
         if self.lasting(c.FALLEN, is_down, view.now_ns)[1] > _DOWN_LONG_S:
             found.add(c.FALLEN)
 
-    def _answers(self, found: set[Condition], view: FlightView, doing: Doing) -> None:
+    def _answers(self, found: set[Condition], view: FlightView, doing: TickContext) -> None:
         c, answer, flight = Condition, self.answer, self.flight
         height_m = view.position_enu_m[2] - flight.ground_z_m
         if not flight.is_under_law or flight.step is Step.LIFTOFF or height_m < _ANSWERS_ABOVE_M:
@@ -258,7 +258,7 @@ class Watch:
         if answer.is_sinking:
             found.add(c.NOT_CLIMBING)
 
-    def _look_slowly(self, view: FlightView, doing: Doing) -> set[Condition]:
+    def _look_slowly(self, view: FlightView, doing: TickContext) -> set[Condition]:
         c, snapshot, limits = Condition, view.snapshot, self.fleet.fleet
         found = self.others.look_slowly(view)
         battery_pct = 100.0 * snapshot.battery_frac
@@ -278,7 +278,7 @@ class Watch:
             )
         if self.battery.is_falling:
             found.add(c.BATTERY_FALLING)
-        jump_ns = max(self.own.watch.clock_jump_ns, doing.clock_jump_ns)
+        jump_ns = max(self.own.validator.clock_jump_ns, doing.clock_jump_ns)
         if jump_ns and view.now_ns - jump_ns < CLOCK_TOLD_S * 1e9:
             found.add(c.CLOCK_JUMPED)
         return found

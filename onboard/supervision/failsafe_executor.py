@@ -21,7 +21,7 @@ from onboard.safety.failsafe_table import (
     latched,
     needs_level,
 )
-from onboard.supervision.conditions import Doing, Watch
+from onboard.supervision.conditions import ConditionMonitor, TickContext
 
 _QUIET = {Condition.LOOP_LATE, Condition.GROUND_LOST, Condition.NOT_FINITE, Condition.SHUTDOWN}
 # told again when it concerns somebody else
@@ -46,7 +46,7 @@ class _Told(NamedTuple):
     held_ns: int
 
 
-class Guard:
+class FailsafeExecutor:
     """Watches one vehicle and obeys the failsafe table.
 
     conditions: what holds as of the last :meth:`tick`. action: the strongest that was taken since the last order, or on
@@ -57,13 +57,13 @@ class Guard:
         self, fleet: FleetConfig, vehicle: Vehicle, own: OwnState, neighbours: NeighbourTable, flight: FlightContext
     ) -> None:
         self._flight = flight
-        self.watch = Watch(fleet, vehicle, own, flight, neighbours)
+        self.watch = ConditionMonitor(fleet, vehicle, own, flight, neighbours)
         self.conditions: set[Condition] = set()
         self.action = Action.GO_ON
         self.must_be_level = False
         self._told: dict[Condition, _Told] = {}
 
-    def tick(self, view: FlightView, doing: Doing) -> None:
+    def tick(self, view: FlightView, doing: TickContext) -> None:
         """Find what holds now, decide, and let the flight do it."""
         flight = self._flight
         self.conditions = self.watch.conditions(view, doing)

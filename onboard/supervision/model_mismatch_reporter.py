@@ -13,7 +13,7 @@ from onboard.supervision.conditions import PERIOD_S
 _SAMPLE_TICKS, _LOOK_SAMPLES = 5, 10
 
 
-class ResponseWatch:
+class ModelMismatchReporter:
     """Follows one vehicle's answers to its commands."""
 
     def __init__(self, vehicle: Vehicle) -> None:

@@ -11,7 +11,7 @@ from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
 from onboard.neighbours.table import COLUMNS, COLUMNS_1, SILENT_S, NeighbourTable
 from onboard.safety.failsafe_table import Condition
-from onboard.safety.separation import PromiseWatch, smallest_distance_m
+from onboard.safety.separation import PredictionMonitor, smallest_distance_m
 from onboard.types import GRAVITY_M_S2
 
 _CONFIRM_TICKS = 2
@@ -29,7 +29,7 @@ _LEAD = COLUMNS_1["lead_time_s"]
 
 
 @dataclass(slots=True)
-class NeighbourWatch:
+class NeighbourMonitor:
     """Looks at the table of neighbours; ``details`` gets the names that a condition speaks of."""
 
     fleet: FleetConfig
@@ -41,7 +41,7 @@ class NeighbourWatch:
     _silent_ticks: int = 0
     _unseen_ticks: int = 0
     _back_ns: int = 0
-    _promises: dict[str, PromiseWatch] = field(init=False)
+    _promises: dict[str, PredictionMonitor] = field(init=False)
     _places: dict[str, int] = field(init=False)
     _predicted: int = 0
     _late: int = 0
@@ -52,7 +52,7 @@ class NeighbourWatch:
     _own_hash: str = field(init=False)
 
     def __post_init__(self) -> None:
-        self._promises = {name: PromiseWatch() for name in self.table.names}
+        self._promises = {name: PredictionMonitor() for name in self.table.names}
         self._places = {name: place for place, name in enumerate(self.table.names)}
         tilt_rad = math.radians(self.vehicle.max_tilt_deg)
         self._braking_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(tilt_rad)

@@ -28,13 +28,13 @@ from onboard.flight import takeover
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
 from onboard.localization.own_state import OwnState
-from onboard.neighbours.duplicate_agents import Lives
+from onboard.neighbours.duplicate_agents import DuplicateAgents
 from onboard.neighbours.table import NeighbourTable
 from onboard.px4.required_params import FUSES_HEADING, FUSES_POSITION, required_params
 from onboard.px4.sensor_status import has_rc, unhealthy
 from onboard.safety import preflight_rules
 from onboard.safety.failsafe_table import Condition
-from onboard.safety.preflight_judgements import Facts
+from onboard.safety.preflight_judgements import PreflightFacts
 
 RECORDER = "recorder"  # first word of the bus node of whoever records
 _REPORT_EVERY_NS = 1_000_000_000
@@ -47,7 +47,7 @@ _HANDLED_RAD, _WRONG_TILT_RAD = math.radians(12.0), math.radians(10.0)
 Refusal = tuple[str, str, str]
 
 
-class Readiness:
+class PreflightReporter:
     """Everything that one vehicle must be before take-off.
 
     not_ready: what refuses it now, in words. is_warm: whether the shell has run the pipeline once.
@@ -69,7 +69,7 @@ class Readiness:
         self._config_hash = fleet.config_hash
         fused = int(required_params(vehicle).get("EKF2_EV_CTRL", 0)) if vehicle.mocap_required else 0
         self._fuses_position, self._fuses_heading = bool(fused & FUSES_POSITION), bool(fused & FUSES_HEADING)
-        self._facts: Facts | None = None
+        self._facts: PreflightFacts | None = None
         self.not_ready: tuple[str, ...] = ()
         self.is_warm = False
         self._problems: tuple[str, ...] | None = None
@@ -77,7 +77,7 @@ class Readiness:
         self._source_problem = ""
         self._recorders: set[str] = set()
         self._twin_ns: int | None = None
-        self.lives = Lives()
+        self.duplicates = DuplicateAgents()
         self._clock_bounds_s: dict[str, float] = {}
         self._sample: tuple[Vec4, int, float] | None = None  # quaternion, arrival, delay of the newest mocap sample
         self._tilts: tuple[Vec3, Vec3] | None = None  # directions of up in the body, of mocap and PX4, low-passed
@@ -99,7 +99,7 @@ class Readiness:
                 if message.boot_id != self._boot_id:
                     self._twin_ns = received_ns
             case NeighbourHeard(Telemetry() as message, received_ns):
-                self.lives.hear(message.vehicle, message.boot_id, received_ns)
+                self.duplicates.hear(message.vehicle, message.boot_id, received_ns)
                 if self._vehicle.name in message.doubles:
                     self._twin_ns = received_ns
             case ClocksCompared(bounds_s):
@@ -158,14 +158,14 @@ class Readiness:
             checks=tuple((check.name, check.is_ok, check.sentence, check.remedy) for check in found),
         )
 
-    def has_twin(self, now_ns: int) -> bool:
+    def has_duplicate(self, now_ns: int) -> bool:
         """Whether another process has spoken for this vehicle just now."""
         return self._twin_ns is not None and now_ns - self._twin_ns < _TWIN_FOR_NS
 
-    def _gather(self, view: FlightView, is_airborne: bool, hover_frac: float) -> Facts:
+    def _gather(self, view: FlightView, is_airborne: bool, hover_frac: float) -> PreflightFacts:
         now_ns, snapshot, own = view.now_ns, view.snapshot, self._own
         sample, north, east, down = self._sample, *snapshot.position_local_ned_m
-        return Facts(
+        return PreflightFacts(
             autopilot_age_s=_age_s(now_ns, snapshot.last_packet_ns),
             heartbeat_age_s=_age_s(now_ns, snapshot.heartbeat_ns),
             attitude_hz=self._attitude_hz,
@@ -174,7 +174,7 @@ class Readiness:
             is_airborne=is_airborne,
             unhealthy=unhealthy(snapshot, self._vehicle.mocap_required),
             has_rc=has_rc(snapshot),
-            has_twin=self.has_twin(now_ns),
+            has_duplicate=self.has_duplicate(now_ns),
             position_age_s=own.age_s,
             position_enu_m=view.position_enu_m,
             speed_m_s=self._fastest[0],

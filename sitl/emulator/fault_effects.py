@@ -4,17 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from sitl.faults.catalogue import Fault, FaultPlan
 from sitl.faults.lossy_channel import NO_FAULTS, Wire, WireFaults
 from sitl.faults.pose_faults import PoseFault, PoseFaults
-
-if TYPE_CHECKING:
-    from sitl.emulator.emulator import Emulator
+from sitl.physics.contacts import World
+from sitl.px4.commander import Autopilot
+from sitl.px4.estimator import Estimator
 
 LINKS, WAYS = ("companion", "ground"), ("in", "out")
 _REFUSES = "a fault forbids it"
+
+
+class FaultyEmulator(Protocol):
+    """The parts of the emulator that faults change."""
+
+    world: World
+    estimator: Estimator
+    autopilots: list[Autopilot]
+    disturbances: Disturbances
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time [s]."""
+
+    def reboot(self, index: int) -> None:
+        """Start one autopilot anew."""
 
 
 @dataclass(slots=True)
@@ -70,7 +86,7 @@ class Disturbances:
         self.boots = [0] * n
         self.news: list[str] = []
 
-    def advance(self, emulator: Emulator) -> None:
+    def advance(self, emulator: FaultyEmulator) -> None:
         """Begin and end what is due."""
         now_s = emulator.time_s
         begins, ends = self.plan.advance(now_s)
@@ -87,7 +103,7 @@ class Disturbances:
         return news
 
 
-def _apply(emulator: Emulator, fault: Fault, *, is_on: bool) -> None:
+def _apply(emulator: FaultyEmulator, fault: Fault, *, is_on: bool) -> None:
     index = emulator.disturbances.names.index(fault.vehicle)
     family, _, kind = fault.name.partition("_")
     if family in ("mocap", "vision"):
@@ -99,7 +115,7 @@ def _apply(emulator: Emulator, fault: Fault, *, is_on: bool) -> None:
         _EFFECTS[fault.name](emulator, index, fault, is_on)
 
 
-def _pose_fault(emulator: Emulator, fault: Fault, family: str, kind: str) -> PoseFault:
+def _pose_fault(emulator: FaultyEmulator, fault: Fault, family: str, kind: str) -> PoseFault:
     if kind == "swapped":
         return PoseFault(kind, other=emulator.disturbances.names.index(fault.word("other")))
     if kind == "jump":
@@ -110,7 +126,7 @@ def _pose_fault(emulator: Emulator, fault: Fault, family: str, kind: str) -> Pos
     return PoseFault(kind, delay_s=fault.number("delay_s") if kind == "late" else 0.0)
 
 
-def _disturb_wires(emulator: Emulator, index: int, fault: Fault, kind: str, *, is_on: bool) -> None:
+def _disturb_wires(emulator: FaultyEmulator, index: int, fault: Fault, kind: str, *, is_on: bool) -> None:
     links = LINKS if fault.word("link") == "both" else (fault.word("link"),)
     ways = WAYS if fault.word("direction") == "both" else (fault.word("direction"),)
     values: dict[str, float]
@@ -129,21 +145,21 @@ def _disturb_wires(emulator: Emulator, index: int, fault: Fault, kind: str, *, i
             wire.faults = NO_FAULTS if changed == NO_FAULTS else changed
 
 
-def _motor(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+def _motor(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     share = fault.number("effectiveness") if fault.name == "motor_weak" else 0.0
     emulator.world.vehicles.set_motor(index, int(fault.number("motor")), share if is_on else 1.0)
 
 
-def _battery_cell(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+def _battery_cell(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     battery = emulator.autopilots[index].battery
     battery.remaining_frac = max(0.0, battery.remaining_frac - 0.01 * fault.number("drop_pct"))
 
 
-def _gps_loss(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+def _gps_loss(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     emulator.estimator.gps_blocked[index] = is_on
 
 
-def _hang(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+def _hang(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     disturbances = emulator.disturbances
     disturbances.is_hung[index] = is_on
     disturbances.clocks[index].change(emulator.time_s, is_stopped=is_on)
@@ -152,16 +168,16 @@ def _hang(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
         disturbances.wires[index][link, "in"].is_held = is_on
 
 
-def _reboot(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+def _reboot(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     emulator.reboot(index)
 
 
-def _clock_drift(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+def _clock_drift(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     rate = 1.0 + 1e-3 * fault.number("ms_per_s") if is_on else 1.0
     emulator.disturbances.clocks[index].change(emulator.time_s, rate=rate)
 
 
-def _arming(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+def _arming(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     obstacles = emulator.autopilots[index].faults
     if is_on:
         obstacles.append(_REFUSES)
@@ -169,11 +185,11 @@ def _arming(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
         obstacles.remove(_REFUSES)
 
 
-def _setpoints(emulator: Emulator, index: int, fault: Fault, is_on: bool) -> None:
+def _setpoints(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     emulator.disturbances.ignores_setpoints[index] = is_on
 
 
-_EFFECTS: dict[str, Callable[[Emulator, int, Fault, bool], None]] = {
+_EFFECTS: dict[str, Callable[[FaultyEmulator, int, Fault, bool], None]] = {
     "motor_weak": _motor,
     "motor_dead": _motor,
     "battery_cell": _battery_cell,

@@ -117,7 +117,7 @@ class AgentShell:
         self._lives += 1
         self.is_running, self.is_hung = True, False
         self.core = AgentCore(self.fleet, self.name, boot_id=1000 * self._lives + self.core_index)
-        self.core.readiness.is_warm = True
+        self.core.preflight.is_warm = True
         self._followed = self.core.neighbours.followed
         self._inbox.clear()
         self._last_ns = 0

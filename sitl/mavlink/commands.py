@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
-from sitl.mavlink.codec import ID_BY_NAME, Message
-from sitl.mavlink.streams import BUILDERS
-from sitl.mavlink.view import HOME_ALTITUDE_M
+from sitl.emulator.emulator import Emulator
+from sitl.mavlink.codec import ID_BY_NAME, Encoder, Message
+from sitl.mavlink.streams import BUILDERS, Schedule
+from sitl.mavlink.view import HOME_ALTITUDE_M, View
+from sitl.px4.commander import Autopilot
 from sitl.px4.modes import Mode, Result
-
-if TYPE_CHECKING:
-    from sitl.mavlink.link import Link
 
 _DO_SET_MODE = 176
 _REQUEST_MESSAGE, _REQUEST_PROTOCOL_VERSION = 512, 519
@@ -23,6 +22,26 @@ _REQUEST_MESSAGE, _REQUEST_PROTOCOL_VERSION = 512, 519
 FOR_EVERYBODY = frozenset({_REQUEST_MESSAGE, _REQUEST_PROTOCOL_VERSION})
 _LARGEST = 2**31
 _HIGHEST_M = 1e5
+
+
+class CommandedLink(Protocol):
+    """The parts of a link that commands read and change."""
+
+    emulator: Emulator
+    index: int
+    view: View
+    encoder: Encoder
+    schedule: Schedule
+
+    @property
+    def autopilot(self) -> Autopilot:
+        """The autopilot behind the link."""
+
+    def build(self, message_id: int) -> bytes | None:
+        """Return one message with its present contents; None: it has none."""
+
+    def ack(self, message: Message, command: int, result: Result) -> bytes:
+        """Return the answer to a command."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,10 +68,10 @@ class Command:
 
 
 Answer = tuple[Result, list[bytes]]
-Handler = Callable[["Link", Command], Answer]
+Handler = Callable[[CommandedLink, Command], Answer]
 
 
-def handle(link: Link, message: Message) -> list[bytes]:
+def handle(link: CommandedLink, message: Message) -> list[bytes]:
     """Everything that is sent back for a command."""
     f = message.fields
     number = f["command"]
@@ -71,23 +90,23 @@ def handle(link: Link, message: Message) -> list[bytes]:
 
 
 def _enter(mode: Mode, said: str | None = None) -> Handler:
-    def handler(link: Link, command: Command) -> Answer:
+    def handler(link: CommandedLink, command: Command) -> Answer:
         return link.autopilot.request(link.view.now_s, mode, said), []
 
     return handler
 
 
-def _accept(link: Link, command: Command) -> Answer:
+def _accept(link: CommandedLink, command: Command) -> Answer:
     return Result.ACCEPTED, []
 
 
-def _take_off(link: Link, command: Command) -> Answer:
+def _take_off(link: CommandedLink, command: Command) -> Answer:
     above_sea_m = command.numbers[6]  # as PX4 takes it, whatever the frame
     height_m = above_sea_m - HOME_ALTITUDE_M if abs(above_sea_m) < _HIGHEST_M else math.nan
     return link.autopilot.request_takeoff(link.view.now_s, height_m), []
 
 
-def _arm(link: Link, command: Command) -> Answer:
+def _arm(link: CommandedLink, command: Command) -> Answer:
     wanted = command.integer(1)
     if wanted not in (0, 1):
         value = command[1]
@@ -96,18 +115,18 @@ def _arm(link: Link, command: Command) -> Answer:
     return link.autopilot.request_arm(link.view.now_s, wanted == 1, command[2]), []
 
 
-def _set_mode(link: Link, command: Command) -> Answer:
+def _set_mode(link: CommandedLink, command: Command) -> Answer:
     base, main, sub = command.integer(1) & 0xFF, command.integer(2) & 0xFF, command.integer(3) & 0xFF
     return link.autopilot.request_mode(link.view.now_s, main, sub, base), []
 
 
-def _terminate(link: Link, command: Command) -> Answer:
+def _terminate(link: CommandedLink, command: Command) -> Answer:
     if command[1] <= 0.5:
         return Result.DENIED, []
     return link.autopilot.request_termination(link.view.now_s), []
 
 
-def _reposition(link: Link, command: Command) -> Answer:
+def _reposition(link: CommandedLink, command: Command) -> Answer:
     if command.integer(2) != 1:
         return Result.UNSUPPORTED, []
     result = link.autopilot.request(link.view.now_s, Mode.LOITER)
@@ -120,7 +139,7 @@ def _reposition(link: Link, command: Command) -> Answer:
     return result, []
 
 
-def _change_speed(link: Link, command: Command) -> Answer:
+def _change_speed(link: CommandedLink, command: Command) -> Answer:
     speed_m_s = command[2]
     if speed_m_s > 0.0:
         limit = link.autopilot.params["MPC_XY_VEL_MAX"]
@@ -128,18 +147,18 @@ def _change_speed(link: Link, command: Command) -> Answer:
     return Result.ACCEPTED, []
 
 
-def _set_home(link: Link, command: Command) -> Answer:
+def _set_home(link: CommandedLink, command: Command) -> Answer:
     # Home is where the vehicle was armed; only "here" can be said, as ground stations do.
     if command[1] <= 0.5:
         return Result.DENIED, []
     return (Result.ACCEPTED if link.view.has_origin else Result.TEMPORARILY_REJECTED), []
 
 
-def _start_mission(link: Link, command: Command) -> Answer:
+def _start_mission(link: CommandedLink, command: Command) -> Answer:
     return Result.DENIED, []  # there is none
 
 
-def _reboot(link: Link, command: Command) -> Answer:
+def _reboot(link: CommandedLink, command: Command) -> Answer:
     wanted = command.integer(1)
     if wanted == 0:
         return Result.ACCEPTED, []
@@ -149,29 +168,29 @@ def _reboot(link: Link, command: Command) -> Answer:
     return Result.ACCEPTED, []
 
 
-def _set_interval(link: Link, command: Command) -> Answer:
+def _set_interval(link: CommandedLink, command: Command) -> Answer:
     done = link.schedule.set_interval(command.integer(1), command[2], link.view.now_s)
     return (Result.ACCEPTED if done else Result.FAILED), []
 
 
-def _get_interval(link: Link, command: Command) -> Answer:
+def _get_interval(link: CommandedLink, command: Command) -> Answer:
     wanted = command.integer(1) & 0xFFFF
     interval_us = link.schedule.interval_us(wanted)
     return Result.ACCEPTED, [link.encoder.encode_named("MESSAGE_INTERVAL", message_id=wanted, interval_us=interval_us)]
 
 
-def _send(link: Link, message_id: int) -> Answer:
+def _send(link: CommandedLink, message_id: int) -> Answer:
     answer = link.build(message_id)
     return (Result.DENIED, []) if answer is None else (Result.ACCEPTED, [answer])
 
 
-def _request_message(link: Link, command: Command) -> Answer:
+def _request_message(link: CommandedLink, command: Command) -> Answer:
     wanted = command.integer(1)
     return _send(link, wanted) if wanted in BUILDERS else (Result.DENIED, [])
 
 
 def _request(name: str) -> Handler:
-    def handler(link: Link, command: Command) -> Answer:
+    def handler(link: CommandedLink, command: Command) -> Answer:
         _, answer = _send(link, ID_BY_NAME[name])
         return Result.ACCEPTED, answer
 

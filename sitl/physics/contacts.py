@@ -1,4 +1,4 @@
-"""The room that the vehicles share: wind, the air that a vehicle pushes down on another, and who touches whom falls.
+"""The room that the vehicles share: wind, the air that a vehicle pushes down on another, and collisions.
 
 Also where ground truth is read, and never written.
 """
@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl.physics import frames, kernels
+from sitl.physics import frames
 from sitl.physics.frames import Array
+from sitl.physics.jit import Records, compiled
 from sitl.physics.vehicle import STEP_S, Commands, VehicleProfile, Vehicles
 from sitl.physics.wind import Wind, WindSettings
 
@@ -24,7 +25,7 @@ _MOST_AT_ONCE = 64  # collisions reported in one step
 
 
 class SpawnError(ValueError):
-    """Vehicles cannot start where they were told to: a sentence for people."""
+    """Vehicles cannot start at the given positions: a sentence for people."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +86,7 @@ class World:
         self._downwash = downwash or Downwash()
         self._body_diameter_m = body_diameter_m
         self._touched: NDArray[np.bool_] = np.zeros((n, n), dtype=np.bool_)
-        self._found = np.zeros((_MOST_AT_ONCE, 2), dtype=np.int64)
-        self._meet = kernels.meet if kernels.HAS_NUMBA else meet
+        self._pairs = np.zeros((_MOST_AT_ONCE, 2), dtype=np.int64)
 
     @property
     def time_s(self) -> float:
@@ -113,65 +113,69 @@ class World:
         s = self.vehicles.states
         if s.on_ground.shape[0] < 2 or s.on_ground.all():
             return []
-        count = self._meet(
-            s.position_ned_m,
-            self.vehicles.lift_share,
-            s.on_ground,
+        count = meet(
+            self.vehicles.motion,
             self._touched,
             self._body_diameter_m,
-            _HEIGHT_OF_DIAMETER * self._body_diameter_m,
             self._downwash.push_m_s2,
             self._downwash.spread,
             self.vehicles.push_ned_m_s2,
-            self._found,
+            self._pairs,
         )
         if count == 0:
             return []
-        found = []
-        for first, second in self._found[: min(count, _MOST_AT_ONCE)].tolist():
+        collisions = []
+        for first, second in self._pairs[: min(count, _MOST_AT_ONCE)].tolist():
             offset = s.position_ned_m[first] - s.position_ned_m[second]
-            found.append(Collision(first, second, self.time_s, math.hypot(offset[0], offset[1])))
+            collisions.append(Collision(first, second, self.time_s, math.hypot(offset[0], offset[1])))
             s.motors_dead[[first, second]] = True
-        self.collisions.extend(found)
-        return found
+        self.collisions.extend(collisions)
+        return collisions
 
 
+@compiled
 def meet(
-    position: Array,
-    lift_share: Array,
-    on_ground: NDArray[np.bool_],
+    motion: Records,
     touched: NDArray[np.bool_],
     diameter_m: float,
-    half_height_m: float,
     wash_m_s2: float,
     wash_spread: float,
     push: Array,
-    found: NDArray[np.int64],
+    pairs: NDArray[np.int64],
 ) -> int:
     """Collisions and downwash of all pairs.
 
     Args:
-        position: (n, 3) NED. lift_share: (n,) lift over weight. on_ground: (n,). touched: (n, n), updated: pairs that
-            have met. diameter_m, half_height_m: size of a body. wash_m_s2, wash_spread: see :class:`Downwash`.
-        push: (n, 3) acceleration, written. found: (m, 2) indices of new collisions, written.
+        motion: (n,) records MOTION. touched: (n, n), updated: pairs that have met. diameter_m: of a body.
+        wash_m_s2, wash_spread: see :class:`Downwash`.
+        push: (n, 3) acceleration, written. pairs: (m, 2) indices of new collisions, written.
     Returns:
-        how many new collisions there are.
+        number of new collisions.
     """
-    offset = position[:, None] - position[None]
-    square = offset[..., 0] ** 2 + offset[..., 1] ** 2
-    is_free = ~(on_ground[:, None] & on_ground[None])
-    meets = (square < diameter_m**2) & (np.abs(offset[..., 2]) < half_height_m) & is_free & ~touched
-    meets = np.triu(meets, k=1)
-    touched |= meets
-    pairs = np.argwhere(meets)
-    found[: pairs.shape[0]] = pairs[: found.shape[0]]
-    gap = np.maximum(offset[..., 2], 0.0)  # of the row below the column
-    radius = 0.5 * diameter_m + wash_spread * gap
-    fade = np.minimum(1.0, gap / half_height_m) * (diameter_m / (diameter_m + gap)) ** 2
-    reaches = is_free & (square <= 9.0 * radius**2)
+    n, count, half_height_m = motion.shape[0], 0, _HEIGHT_OF_DIAMETER * diameter_m
     push[:] = 0.0
-    push[:, 2] = np.where(reaches, wash_m_s2 * lift_share[None] * fade * np.exp(-square / radius**2), 0.0).sum(axis=1)
-    return int(pairs.shape[0])
+    for i in range(n):
+        for j in range(i + 1, n):
+            a, b = motion[i], motion[j]
+            if a.on_ground and b.on_ground:
+                continue
+            dn, de = a.position[0] - b.position[0], a.position[1] - b.position[1]
+            dd = a.position[2] - b.position[2]
+            square = dn * dn + de * de
+            if square < diameter_m * diameter_m and abs(dd) < half_height_m and not touched[i, j]:
+                touched[i, j] = True
+                if count < pairs.shape[0]:
+                    pairs[count, 0], pairs[count, 1] = i, j
+                count += 1
+            upper, lower, gap = (i, j, -dd) if dd < 0.0 else (j, i, dd)
+            radius = 0.5 * diameter_m + wash_spread * gap
+            lift_share = motion[upper].lift_share
+            if gap <= 0.0 or square > 9.0 * radius * radius or lift_share == 0.0:
+                continue
+            onset = min(1.0, gap / half_height_m)
+            fade = diameter_m / (diameter_m + gap)
+            push[lower, 2] += wash_m_s2 * lift_share * onset * fade * fade * math.exp(-square / (radius * radius))
+    return count
 
 
 def _check_spawn(start_enu_m: Array, body_diameter_m: float, names: Sequence[str]) -> None:

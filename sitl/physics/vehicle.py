@@ -1,6 +1,6 @@
-"""Rigid vehicles that fly what an autopilot asks: profiles as data, commands in, true states out. Seeded.
+"""Rigid vehicles that fly the commands of an autopilot: profiles as data, commands in, true states out. Seeded.
 
-The inner loops of PX4 are not computed; their measured responses are (`physics.py`). A weak loop additionally has a
+The inner loops of PX4 are not computed; their measured responses are (`step.py`). A weak loop additionally has a
 gain below one and a constant tilt bias. Frames: NED world, FRD body, ground at z = 0.
 """
 
@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl.physics import frames, kernels
+from sitl.physics import frames
 from sitl.physics import step as physics
 from sitl.physics.frames import Array
+from sitl.physics.jit import Records, records
 from sitl.physics.step import GRAVITY_M_S2, STEP_S
 
 __all__ = ["GRAVITY_M_S2", "STEP_S", "Commands", "VehicleProfile", "VehicleStates", "Vehicles", "second_order_step"]
@@ -26,7 +27,7 @@ _RATE_LAG_S = 0.03
 _BLOCK = 64  # random numbers are drawn for so many steps at once
 _MOTORS = 4
 # Where PX4's motors 1 to 4 of a quadrotor X sit: forward and to the right, in units of arm / sqrt(2).
-_MOTOR_PLACE = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
+_MOTOR_POSITION = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
 _LARGEST_OFFSET_RAD = 0.15
 _UNCONTROLLED = 0.3  # of the torque of a dead motor: the rest is what the opposite motor gives back
 _DEAD_BELOW = 0.1
@@ -34,45 +35,28 @@ _DEAD_BELOW = 0.1
 
 @dataclass(frozen=True, slots=True)
 class VehicleProfile:
-    """What distinguishes one kind of vehicle from another; the defaults are PX4's SIH quadrotor as measured.
-
-    Attributes:
-        mass_kg, inertia_kg_m2, arm_m: what a failing motor does to the attitude.
-        hover_thrust_frac: normalised thrust that carries the weight.
-        thrust_curve_frac: PX4's THR_MDL_FAC, 0 for a linear thrust, 1 for a quadratic one.
-        attitude_delay_s, attitude_wn_rad_s, attitude_zeta: response of roll and pitch.
-        attitude_integral_s: time in which the attitude loop removes a constant torque; 0 for never.
-        drag_1_s: linear drag over mass [1/s].
-        static_gain: tilt reached over tilt asked.
-        tilt_bias_deg: largest constant tilt error per axis; the actual one is drawn from the seed.
-        yaw_wn_rad_s: quickness of the heading; 3 is as measured, all of its cascade scales with it.
-        thrust_delay_s, motor_lag_s: dead time and time constant of the thrust.
-        thrust_noise_frac: standard deviation of the relative thrust error.
-        gust_std_m_s2: standard deviation of the acceleration by gusts, per horizontal axis.
-        max_tilt_rate_deg_s, max_yaw_rate_deg_s: limits of the rates (MC_ROLLRATE_MAX, MC_YAWRATE_MAX).
-        rate_switch_s: dead time before body rates are followed after attitudes.
-    """
+    """Differences between one kind of vehicle and another; the defaults are PX4's SIH quadrotor as measured."""
 
     mass_kg: float = 1.0
-    hover_thrust_frac: float = 0.49
-    attitude_delay_s: float = 0.04
+    hover_thrust_frac: float = 0.49  # normalised thrust that carries the weight
+    attitude_delay_s: float = 0.04  # response of roll and pitch: dead time, natural frequency, damping
     attitude_wn_rad_s: float = 11.0
     attitude_zeta: float = 0.6
-    drag_1_s: float = 1.0
-    static_gain: float = 1.0
-    tilt_bias_deg: float = 0.0
-    yaw_wn_rad_s: float = 3.0
-    thrust_delay_s: float = 0.012
-    motor_lag_s: float = 0.05
-    thrust_noise_frac: float = 0.0
-    gust_std_m_s2: float = 0.0
-    max_tilt_rate_deg_s: float = 220.0
-    max_yaw_rate_deg_s: float = 200.0
-    inertia_kg_m2: tuple[float, float, float] = (0.025, 0.025, 0.03)
+    drag_1_s: float = 1.0  # linear drag over mass
+    static_gain: float = 1.0  # tilt reached over tilt commanded
+    tilt_bias_deg: float = 0.0  # largest constant tilt error per axis; the actual one is drawn from the seed
+    yaw_wn_rad_s: float = 3.0  # quickness of the heading; 3 is as measured, all of its cascade scales with it
+    thrust_delay_s: float = 0.012  # dead time of the thrust
+    motor_lag_s: float = 0.05  # time constant of the thrust
+    thrust_noise_frac: float = 0.0  # standard deviation of the relative thrust error
+    gust_std_m_s2: float = 0.0  # standard deviation of the acceleration by gusts, per horizontal axis
+    max_tilt_rate_deg_s: float = 220.0  # MC_ROLLRATE_MAX, MC_PITCHRATE_MAX
+    max_yaw_rate_deg_s: float = 200.0  # MC_YAWRATE_MAX
+    inertia_kg_m2: tuple[float, float, float] = (0.025, 0.025, 0.03)  # with the arm: effect of a failing motor
     arm_m: float = 0.2
-    thrust_curve_frac: float = 0.0
-    attitude_integral_s: float = 0.5
-    rate_switch_s: float = 0.26
+    thrust_curve_frac: float = 0.0  # PX4's THR_MDL_FAC, 0 for a linear thrust, 1 for a quadratic one
+    attitude_integral_s: float = 0.5  # time in which the attitude loop removes a constant torque; 0: never
+    rate_switch_s: float = 0.26  # dead time before body rates are followed after attitudes
 
     def lift_share(self, thrust_frac: float) -> float:
         """Share of the largest lift at a normalised thrust."""
@@ -81,21 +65,13 @@ class VehicleProfile:
 
 @dataclass(slots=True)
 class Commands:
-    """What the autopilots ask of their vehicles; one row each, written in place.
+    """Commands of the autopilots to their vehicles; one row each, written in place."""
 
-    Attributes:
-        attitude: quaternion NED <- FRD (n, 4).
-        rate_rad_s: body rates (n, 3), used where `is_rate`.
-        is_rate: (n,) body rates instead of an attitude.
-        thrust_frac: collective thrust in [0, 1] (n,).
-        motors_on: (n,) without it the thrust is zero at once.
-    """
-
-    attitude: Array
-    rate_rad_s: Array
-    is_rate: NDArray[np.bool_]
-    thrust_frac: Array
-    motors_on: NDArray[np.bool_]
+    attitude: Array  # (n, 4) quaternion NED <- FRD
+    rate_rad_s: Array  # (n, 3) body rates, used where `is_rate`
+    is_rate: NDArray[np.bool_]  # (n,) body rates instead of an attitude
+    thrust_frac: Array  # (n,) collective thrust in [0, 1]
+    motors_on: NDArray[np.bool_]  # (n,) without it the thrust is zero at once
 
     @classmethod
     def level(cls, yaw_rad: Array) -> Commands:
@@ -135,7 +111,7 @@ def second_order_step(wn_rad_s: Array, zeta: Array, dt_s: float) -> tuple[Array,
 class VehicleStates:
     """Truth, one row per vehicle: NED [m, m/s], tilt vector and heading [rad], their rates, thrust [-].
 
-    All of them are windows on one matrix and change when time goes on: copy what has to be kept, write in place.
+    All of them are windows on the same records and change when time goes on: copy values to keep them, write in place.
     """
 
     position_ned_m: Array
@@ -158,109 +134,85 @@ class Vehicles:
         profiles: one per vehicle.
         position_ned_m: (n, 3) start. yaw_rad: (n,) headings.
         seed: of noise, gusts and biases.
-        uses_numba: the compiled loop, or numpy; by default the loop where numba is installed.
     """
 
-    def __init__(
-        self,
-        profiles: list[VehicleProfile],
-        position_ned_m: Array,
-        yaw_rad: Array,
-        *,
-        seed: int,
-        uses_numba: bool = kernels.HAS_NUMBA,
-    ) -> None:
+    def __init__(self, profiles: list[VehicleProfile], position_ned_m: Array, yaw_rad: Array, *, seed: int) -> None:
         n = len(profiles)
         self.profiles = list(profiles)
-        self._step = kernels.step if uses_numba else physics.step
         self._rng = np.random.default_rng([seed, 1])
-        self._constants = _constants(profiles)
+        self._response = _response(profiles)
         largest_rad = np.radians([p.tilt_bias_deg for p in profiles])[:, None]
-        self._constants[:, physics.BIAS] = largest_rad * self._rng.uniform(-1.0, 1.0, (n, 2))
-        self._health = np.zeros((n, physics.HEALTHS))
-        self._health[:, : physics.LIFT_CAP + 1] = 1.0
+        self._response["bias"] = largest_rad * self._rng.uniform(-1.0, 1.0, (n, 2))
         self.motor_effectiveness = np.ones((n, _MOTORS))
-        self._counts = np.zeros((n, physics.COUNTS), dtype=np.int64)
-        for column, seconds in (
-            (physics.TILT_DELAY, [p.attitude_delay_s for p in profiles]),
-            (physics.YAW_DELAY, [_YAW_DELAY_S * _YAW_WN_RAD_S / p.yaw_wn_rad_s for p in profiles]),
-            (physics.THRUST_DELAY, [p.thrust_delay_s for p in profiles]),
-            (physics.SWITCH_STEPS, [p.rate_switch_s for p in profiles]),
-        ):
-            self._counts[:, column] = np.rint(np.array(seconds) / STEP_S)
-        depth = int(self._counts[:, : physics.THRUST_DELAY + 1].max(initial=0)) + 1
+        delays = (self._response[name].max(initial=0) for name in ("tilt_delay", "yaw_delay", "thrust_delay"))
+        depth = int(max(delays)) + 1
         yaw = np.array(yaw_rad, dtype=np.float64)
         attitude = frames.yaw_quaternion(yaw)
-        self._attitudes = np.repeat(attitude[None], depth, axis=0)
-        self._rates = np.zeros((depth, n, 3))
-        self._thrusts = np.zeros((depth, n))
+        self._commanded = records((depth, n), physics.COMMAND)
+        self._commanded["attitude"] = attitude
         self._draws = np.zeros((_BLOCK, n, 3))
         self._is_noisy = any(p.thrust_noise_frac > 0.0 or p.gust_std_m_s2 > 0.0 for p in profiles)
         self.air_ned_m_s = np.zeros((n, 3))
         self.push_ned_m_s2 = np.zeros((n, 3))
         self.steps = 0
-        self._state = np.zeros((n, physics.STATES))
-        self._state[:, physics.POSITION] = position_ned_m
-        self._state[:, physics.YAW] = yaw
-        self._state[:, physics.ATTITUDE] = attitude
+        self.motion = records(n, physics.MOTION)
+        self.motion["position"] = position_ned_m
+        self.motion["yaw"] = yaw
+        self.motion["attitude"] = attitude
+        self.motion["lift_scale"] = self.motion["lift_cap"] = 1.0
+        self.motion["on_ground"] = self.motion["position"][:, 2] >= 0.0
         self.states = VehicleStates(
-            position_ned_m=self._state[:, physics.POSITION],
-            velocity_ned_m_s=self._state[:, physics.VELOCITY],
-            acceleration_ned_m_s2=self._state[:, physics.ACCELERATION],
-            tilt_rad=self._state[:, physics.TILT],
-            tilt_rate_rad_s=self._state[:, physics.TILT_RATE],
-            yaw_rad=self._state[:, physics.YAW],
-            yaw_rate_rad_s=self._state[:, physics.YAW_RATE],
-            thrust_frac=self._state[:, physics.THRUST],
-            attitude=self._state[:, physics.ATTITUDE],
-            on_ground=self._state[:, 2] >= 0.0,
-            motors_dead=np.zeros(n, dtype=np.bool_),
+            position_ned_m=self.motion["position"],
+            velocity_ned_m_s=self.motion["velocity"],
+            acceleration_ned_m_s2=self.motion["acceleration"],
+            tilt_rad=self.motion["tilt"],
+            tilt_rate_rad_s=self.motion["tilt_rate"],
+            yaw_rad=self.motion["yaw"],
+            yaw_rate_rad_s=self.motion["yaw_rate"],
+            thrust_frac=self.motion["thrust"],
+            attitude=self.motion["attitude"],
+            on_ground=self.motion["on_ground"],
+            motors_dead=self.motion["motors_dead"],
         )
+        self._ring = [self._commanded[name] for name in ("attitude", "rate", "thrust", "is_rate", "motors_on")]
 
     @property
     def tilt_bias_rad(self) -> Array:
         """Constant errors (n, 2) about body x and y; may be written."""
-        return self._constants[:, physics.BIAS]
+        return self._response["bias"]
 
     @tilt_bias_rad.setter
     def tilt_bias_rad(self, bias_rad: Array) -> None:
-        self._constants[:, physics.BIAS] = bias_rad
+        self._response["bias"] = bias_rad
 
     def step(self, commands: Commands) -> None:
         """Advance all vehicles by `STEP_S` under `commands`."""
-        slot = self.steps % self._attitudes.shape[0]
-        self._attitudes[slot] = commands.attitude
-        self._rates[slot] = commands.rate_rad_s
+        newest, block = self.steps % self._commanded.shape[0], self.steps % _BLOCK
+        attitudes, rates, thrusts, is_rate, motors_on = self._ring
+        attitudes[newest] = commands.attitude
+        rates[newest] = commands.rate_rad_s
         if self.steps == 0:
-            self._thrusts[:] = commands.thrust_frac  # who begins in the air has been commanded before
-        self._thrusts[slot] = commands.thrust_frac
-        place = self.steps % _BLOCK
-        if place == 0 and self._is_noisy:
+            thrusts[:] = commands.thrust_frac  # a vehicle that begins in the air has been commanded before
+        thrusts[newest] = commands.thrust_frac
+        is_rate[newest] = commands.is_rate
+        motors_on[newest] = commands.motors_on
+        if block == 0 and self._is_noisy:
             self._rng.standard_normal(out=self._draws)
-        s = self.states
-        self._step(
-            self._state,
-            self._constants,
-            self._health,
-            self._counts,
-            self._attitudes,
-            self._rates,
-            slot,
-            commands.is_rate,
-            self._thrusts,
-            commands.motors_on,
-            s.on_ground,
-            s.motors_dead,
+        physics.step(
+            self.motion,
+            self._response,
+            self._commanded,
+            newest,
             self.air_ned_m_s,
             self.push_ned_m_s2,
-            self._draws[place],
+            self._draws[block],
         )
         self.steps += 1
 
     @property
     def lift_share(self) -> Array:
         """Lift of every vehicle (n,) in units of its weight, since the last step: a window, not a copy."""
-        return self._state[:, physics.LIFT]
+        return self.motion["lift_share"]
 
     def set_motor(self, index: int, motor: int, effectiveness: float) -> None:
         """Let motor 1 to 4 of a vehicle give only a share of its thrust from now on.
@@ -274,46 +226,50 @@ class Vehicles:
         effective[motor - 1] = effectiveness
         lever_m = profile.arm_m / math.sqrt(2.0)
         # What a motor lifts on the right pushes the left side down; forward and right are x and y of the body.
-        lean = np.array([1.0, -1.0]) * _MOTOR_PLACE[motor - 1][::-1]
-        per_lift = lean * profile.mass_kg * lever_m / (_MOTORS * np.array(profile.inertia_kg_m2[:2]))
-        health = self._health[index]
+        turn = np.array([1.0, -1.0]) * _MOTOR_POSITION[motor - 1][::-1]
+        per_lift = turn * profile.mass_kg * lever_m / (_MOTORS * np.array(profile.inertia_kg_m2[:2]))
+        motion = self.motion[index]
         alive = effective[effective >= _DEAD_BELOW]
         has_dead = alive.size < _MOTORS
-        health[physics.LIFT_SCALE] = float(effective.mean()) if has_dead else _MOTORS / float((1.0 / alive).sum())
-        health[physics.LIFT_CAP] = health[physics.LIFT_SCALE] if has_dead else float(alive.min())
+        motion["lift_scale"] = float(effective.mean()) if has_dead else _MOTORS / float((1.0 / alive).sum())
+        motion["lift_cap"] = motion["lift_scale"] if has_dead else float(alive.min())
         if effectiveness < _DEAD_BELOW:
-            health[physics.TUMBLE] += _UNCONTROLLED * per_lift
+            motion["tumble"] += _UNCONTROLLED * per_lift
         elif not has_dead:
-            health[physics.TUMBLE] = 0.0
+            motion["tumble"] = 0.0
         offset = lost * GRAVITY_M_S2 * per_lift / profile.attitude_wn_rad_s**2
-        limit = _LARGEST_OFFSET_RAD
-        self._state[index, physics.TILT_OFFSET] += np.clip(offset, -limit, limit)
+        motion["tilt_offset"] += np.clip(offset, -_LARGEST_OFFSET_RAD, _LARGEST_OFFSET_RAD)
 
 
-def _constants(profiles: list[VehicleProfile]) -> Array:
-    """One row of `physics.CONSTANTS` numbers per profile; the biases are filled in by the caller."""
-    out = np.zeros((len(profiles), physics.CONSTANTS))
+def _response(profiles: list[VehicleProfile]) -> Records:
+    """One record RESPONSE per profile; the biases are filled in by the caller."""
+    out = records(len(profiles), physics.RESPONSE)
     wn = np.array([p.attitude_wn_rad_s for p in profiles], dtype=np.float64)
     zeta = np.array([p.attitude_zeta for p in profiles], dtype=np.float64)
-    for column, entry in enumerate(second_order_step(wn, zeta, STEP_S)):
-        out[:, column] = entry
-    for row, p in zip(out, profiles, strict=True):
+    transition = second_order_step(wn, zeta, STEP_S)
+    for name, entry in zip(("tilt_by_tilt", "tilt_by_rate", "rate_by_tilt", "rate_by_rate"), transition, strict=True):
+        out[name] = entry
+    for r, p in zip(out, profiles, strict=True):
         quick = p.yaw_wn_rad_s / _YAW_WN_RAD_S
-        row[physics.GAIN] = p.static_gain
-        row[physics.FULL_LIFT] = GRAVITY_M_S2 / p.lift_share(p.hover_thrust_frac)
-        row[physics.CURVE] = p.thrust_curve_frac
-        row[physics.DRAG] = p.drag_1_s
-        row[physics.MOTOR_BLEND] = 1.0 - math.exp(-STEP_S / max(p.motor_lag_s, 1e-6))
-        row[physics.THRUST_NOISE_STD] = p.thrust_noise_frac
-        row[physics.GUST_STD] = p.gust_std_m_s2
-        row[physics.MAX_TILT_RATE] = math.radians(p.max_tilt_rate_deg_s)
-        row[physics.MAX_YAW_RATE] = math.radians(p.max_yaw_rate_deg_s)
-        row[physics.YAW_P] = _YAW_P_1_S * quick
-        row[physics.YAW_RATE_P] = _YAW_RATE_P_1_S * quick
-        row[physics.YAW_RATE_I] = _YAW_RATE_I_1_S2 * quick * quick
-        row[physics.YAW_BLEND] = 1.0 - math.exp(-STEP_S * quick / _YAW_FILTER_S)
-        row[physics.MAX_YAW_TORQUE] = _YAW_TORQUE_RAD_S2 * quick * quick
-        row[physics.YAW_DRAG] = _YAW_DRAG_1_S * quick
-        row[physics.RATE_BLEND] = 1.0 - math.exp(-STEP_S / _RATE_LAG_S)
-        row[physics.OFFSET_KEEP] = math.exp(-STEP_S / p.attitude_integral_s) if p.attitude_integral_s > 0.0 else 1.0
+        r["gain"] = p.static_gain
+        r["full_lift"] = GRAVITY_M_S2 / p.lift_share(p.hover_thrust_frac)
+        r["curve"] = p.thrust_curve_frac
+        r["drag"] = p.drag_1_s
+        r["motor_blend"] = 1.0 - math.exp(-STEP_S / max(p.motor_lag_s, 1e-6))
+        r["thrust_noise_std"] = p.thrust_noise_frac
+        r["gust_std"] = p.gust_std_m_s2
+        r["max_tilt_rate"] = math.radians(p.max_tilt_rate_deg_s)
+        r["max_yaw_rate"] = math.radians(p.max_yaw_rate_deg_s)
+        r["yaw_p"] = _YAW_P_1_S * quick
+        r["yaw_rate_p"] = _YAW_RATE_P_1_S * quick
+        r["yaw_rate_i"] = _YAW_RATE_I_1_S2 * quick * quick
+        r["yaw_blend"] = 1.0 - math.exp(-STEP_S * quick / _YAW_FILTER_S)
+        r["max_yaw_torque"] = _YAW_TORQUE_RAD_S2 * quick * quick
+        r["yaw_drag"] = _YAW_DRAG_1_S * quick
+        r["rate_blend"] = 1.0 - math.exp(-STEP_S / _RATE_LAG_S)
+        r["offset_keep"] = math.exp(-STEP_S / p.attitude_integral_s) if p.attitude_integral_s > 0.0 else 1.0
+        r["tilt_delay"] = round(p.attitude_delay_s / STEP_S)
+        r["yaw_delay"] = round(_YAW_DELAY_S * _YAW_WN_RAD_S / p.yaw_wn_rad_s / STEP_S)
+        r["thrust_delay"] = round(p.thrust_delay_s / STEP_S)
+        r["switch_steps"] = round(p.rate_switch_s / STEP_S)
     return out

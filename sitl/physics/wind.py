@@ -20,19 +20,12 @@ _BLOCK = 64
 
 @dataclass(frozen=True, slots=True)
 class WindSettings:
-    """The weather.
+    """The weather."""
 
-    Attributes:
-        mean_enu_m_s: steady wind, where the air goes to.
-        gust_std_m_s: standard deviation of gusts per horizontal axis; half of it vertically.
-        gust_time_s: correlation time of gusts.
-        is_common: all vehicles feel the same gust (a hall's ventilation) or each its own (outdoors, far apart).
-    """
-
-    mean_enu_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    gust_std_m_s: float = 0.0
-    gust_time_s: float = 1.0
-    is_common: bool = False
+    mean_enu_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # steady velocity of the air
+    gust_std_m_s: float = 0.0  # standard deviation of gusts per horizontal axis; half of it vertically
+    gust_time_s: float = 1.0  # correlation time of gusts
+    is_common: bool = False  # one gust for all vehicles (a hall's ventilation) or one for each (outdoors, far apart)
 
 
 class Wind:
@@ -45,7 +38,7 @@ class Wind:
         self._rng = np.random.default_rng([seed, 4])
         self._gust = np.zeros((1 if settings.is_common else count, 3))
         self._draws = np.zeros((_BLOCK, *self._gust.shape))
-        self._place = 0
+        self._block_row = 0
         self._count = count
         self.settings = settings
 
@@ -62,13 +55,13 @@ class Wind:
         self._keep = math.exp(-STEP_S / max(settings.gust_time_s, STEP_S))
         std = settings.gust_std_m_s * np.array([1.0, 1.0, _VERTICAL_SHARE])
         self._spread = std * math.sqrt(1.0 - self._keep**2)
-        # asked at every step of the physics, and it stays false once the air has moved
+        # read at every step of the physics; it stays false once the air has moved
         self.is_calm = settings.gust_std_m_s == 0.0 and not self._mean_ned.any() and not self._gust.any()
 
     def step(self) -> Array:
         """Velocity of the air (n, 3) NED [m/s], one physics step later."""
-        if self._place == 0:
+        if self._block_row == 0:
             self._rng.standard_normal(out=self._draws)
-        self._gust = self._keep * self._gust + self._spread * self._draws[self._place]
-        self._place = (self._place + 1) % _BLOCK
+        self._gust = self._keep * self._gust + self._spread * self._draws[self._block_row]
+        self._block_row = (self._block_row + 1) % _BLOCK
         return np.broadcast_to(self._mean_ned + self._gust, (self._count, 3))

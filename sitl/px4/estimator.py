@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl.physics import kernels
 from sitl.physics.frames import Array
+from sitl.physics.jit import records
 from sitl.physics.step import STEP_S
 from sitl.px4 import estimator_errors
 from sitl.px4.estimator_errors import GPS as GPS
@@ -34,7 +34,7 @@ ESTIMATE_EVERY_STEPS = 2  # 125 Hz, the rate of PX4's estimator
 GPS_FIX_S = 2.3
 PERIOD_S = ESTIMATE_EVERY_STEPS * STEP_S
 _BLOCK = 64  # random numbers are drawn for so many periods at once
-_CHOOSE_EVERY = 4  # periods between looks at the sources: 31 Hz
+_SELECT_EVERY = 4  # periods between looks at the sources: 31 Hz
 _HISTORY = 64
 _VISION_TIMEOUT_S = 1.0
 _HEIGHT_REFUSED_S = 5.0
@@ -75,7 +75,6 @@ class Estimator:
         is_common: all vehicles err alike, as PX4 instances do that are started together and share SIH's random numbers;
             otherwise each errs on its own.
         scale: of all random errors; 0 for an estimate that is right.
-        uses_numba: the compiled loop, or numpy.
 
     Attributes:
         offset_ned_m: (n, 3) of the local frame against the true motion since the start.
@@ -97,29 +96,26 @@ class Estimator:
         seed: int,
         is_common: bool = False,
         scale: float = 1.0,
-        uses_numba: bool = kernels.HAS_NUMBA,
     ) -> None:
         n = start_ned_m.shape[0]
-        self._advance = kernels.advance if uses_numba else estimator_errors.advance
         self._rng = np.random.default_rng([seed, 2])
-        self._luck_of_drift = np.random.default_rng([seed, 5])
+        self._drift_rng = np.random.default_rng([seed, 5])
         self._is_common, self._scale = is_common, scale
         self._origin = np.array(start_ned_m, dtype=np.float64)
-        self._blocks = np.zeros((n, estimator_errors.BLOCKS, 3))
-        self._scalars = np.zeros((n, estimator_errors.SCALARS))
+        self._errors = records(n, estimator_errors.ERRORS)
         self._draws = np.zeros((_BLOCK, n, 4))
-        self._place = 0
-        self._blocks[:, estimator_errors.UNIT_V] = self._random(lambda size: self._rng.standard_normal((size, 3)))
-        self._luck = scale * self._random(lambda size: self._rng.standard_normal((size, 3)))
+        self._period = 0
+        self._errors["unit_velocity"] = self._random(lambda size: self._rng.standard_normal((size, 3)))
+        self._bias_draw = scale * self._random(lambda size: self._rng.standard_normal((size, 3)))
         # The filter starts before the vehicle rests: height on the ground is not exactly zero.
-        self.offset_ned_m = self._blocks[:, estimator_errors.OFFSET]
+        self.offset_ned_m = self._errors["offset"]
         self.offset_ned_m[:, 2] = scale * self._random(lambda size: self._rng.uniform(-0.2, 0.2, size))
         sign = self._random(lambda size: self._rng.choice([-1.0, 1.0], size))
         mean = scale * np.radians(self._random(lambda size: self._rng.uniform(*_COMPASS_MEAN_DEG, size)))
         std = scale * np.radians(self._random(lambda size: self._rng.uniform(*_COMPASS_STD_DEG, size)))
-        self._scalars[:, estimator_errors.YAW_MEAN], self._scalars[:, estimator_errors.YAW_STD] = sign * mean, std
-        self._scalars[:, estimator_errors.YAW_SHARE] = self._scalars[:, estimator_errors.YAW_SHARE_GOAL] = 1.0
-        self.yaw_error_rad = self._scalars[:, estimator_errors.YAW_ERROR]
+        self._errors["yaw_mean"], self._errors["yaw_std"] = sign * mean, std
+        self._errors["yaw_share"] = self._errors["yaw_share_goal"] = 1.0
+        self.yaw_error_rad = self._errors["yaw_error"]
         self.yaw_error_rad[:] = sign * mean
         self._vision_time_s = [-math.inf] * n
         self._height_time_s = [-math.inf] * n
@@ -143,17 +139,17 @@ class Estimator:
 
     def step(self, time_s: float, position_ned_m: Array, velocity_ned_m_s: Array, on_ground: NDArray[np.bool_]) -> None:
         """Advance the errors by one estimator period and form the estimates from the true motion."""
-        if self._place % _CHOOSE_EVERY == 0:
+        if self._period % _SELECT_EVERY == 0:
             for i, is_resting in enumerate(on_ground.tolist()):
-                self._choose(i, time_s, is_resting)
-        place = self._place % _BLOCK
-        if place == 0:
+                self._select_source(i, time_s, is_resting)
+        block = self._period % _BLOCK
+        if block == 0:
             self._draws[:] = self._random(lambda size: self._rng.standard_normal((size, _BLOCK, 4))).swapaxes(0, 1)
-        self._place += 1
+        self._period += 1
         local = position_ned_m - self._origin
-        self._advance(self._blocks, self._scalars, self._draws[place], PERIOD_S, local, velocity_ned_m_s, _YAW_KEEP)
+        estimator_errors.advance(self._errors, self._draws[block], PERIOD_S, local, velocity_ned_m_s, _YAW_KEEP)
         self._history_index = (self._history_index + 1) % _HISTORY
-        self._history[self._history_index] = self._blocks[:, estimator_errors.BASE]
+        self._history[self._history_index] = self._errors["base"]
 
     def fuse_vision(
         self,
@@ -181,10 +177,10 @@ class Estimator:
         is_first = time_s - self._vision_time_s[index] >= _VISION_TIMEOUT_S
         self._vision_time_s[index] = time_s
         if is_first:
-            self._scalars[index, estimator_errors.VISION_YAW] = yaw_error_rad
+            self._errors["vision_yaw"][index] = yaw_error_rad
         else:
-            miss = math.remainder(yaw_error_rad - self._scalars[index, estimator_errors.VISION_YAW], 2.0 * math.pi)
-            self._scalars[index, estimator_errors.VISION_YAW] += _YAW_FUSE_GAIN * miss
+            miss = math.remainder(yaw_error_rad - self._errors["vision_yaw"][index], 2.0 * math.pi)
+            self._errors["vision_yaw"][index] += _YAW_FUSE_GAIN * miss
         if self.sees_satellites(index, time_s):
             frame = self._vision_frame[index]
             if frame is None or is_first:
@@ -230,8 +226,9 @@ class Estimator:
     def restart(self, index: int, time_s: float, position_ned_m: Array) -> None:
         """Begin anew, as after a reboot: a new origin where the vehicle is, no source yet, counters as at a start."""
         local = position_ned_m - self._origin[index]
-        self._blocks[index, estimator_errors.OFFSET] = -local
-        self._blocks[index, [estimator_errors.UNIT_P, estimator_errors.DRIFT_V]] = 0.0
+        self._errors["offset"][index] = -local
+        self._errors["unit_position"][index] = 0.0
+        self._errors["drift_velocity"][index] = 0.0
         self._history[:, index] = 0.0
         self._vision_time_s[index] = self._height_time_s[index] = self._lost_time_s[index] = -math.inf
         self._start_time_s[index] = time_s
@@ -243,24 +240,24 @@ class Estimator:
 
     def local(self, index: int) -> LocalEstimate:
         """The newest estimate of one vehicle."""
-        x, y, z = self._blocks[index, estimator_errors.POSITION].tolist()
-        vx, vy, vz = self._blocks[index, estimator_errors.VELOCITY].tolist()
+        x, y, z = self._errors["position"][index].tolist()
+        vx, vy, vz = self._errors["velocity"][index].tolist()
         return LocalEstimate((x, y, z), (vx, vy, vz))
 
     @property
     def position_ned_m(self) -> Array:
         """Estimated positions (n, 3), each in its own frame: a window, not a copy."""
-        return self._blocks[:, estimator_errors.POSITION]
+        return self._errors["position"]
 
     @property
     def bias_ned_m(self) -> Array:
         """Constant errors (n, 3) of the positions: a window, not a copy."""
-        return self._blocks[:, estimator_errors.BIAS]
+        return self._errors["bias"]
 
     @property
     def velocity_ned_m_s(self) -> Array:
         """Estimated velocities (n, 3): a window, not a copy."""
-        return self._blocks[:, estimator_errors.VELOCITY]
+        return self._errors["velocity"]
 
     def reset_counter(self, index: int) -> int:
         """ODOMETRY.reset_counter: all jumps of the estimate so far, modulo 256."""
@@ -279,7 +276,7 @@ class Estimator:
         has_fix = time_s - self._start_time_s[index] >= GPS_FIX_S
         return self.has_gps[index] and has_fix and not self.gps_blocked[index]
 
-    def _choose(self, i: int, time_s: float, is_resting: bool) -> None:
+    def _select_source(self, i: int, time_s: float, is_resting: bool) -> None:
         """Follow the sources of one vehicle: what its estimate rests on, and so how it errs."""
         if time_s - self._vision_time_s[i] < _VISION_TIMEOUT_S:
             source, level = Source.VISION, PAD_VISION if is_resting else self.vision_levels[i]
@@ -293,11 +290,12 @@ class Estimator:
         self._rests[i] = is_resting
         if level is not self._levels[i]:
             self._levels[i] = level
-            estimator_errors.set_level(self._blocks, self._scalars, i, level, self._luck[i], PERIOD_S)
+            estimator_errors.set_level(self._errors[i], level, self._bias_draw[i], PERIOD_S)
             if self._scale != 1.0:
-                self._blocks[i, [estimator_errors.STD_P_GOAL, estimator_errors.STD_V_GOAL]] *= self._scale
-        self._scalars[i, estimator_errors.FLIES] = float(not is_resting)
-        self._scalars[i, estimator_errors.DRIFTS] = float(source is Source.NONE and not is_resting)
+                self._errors["std_position_goal"][i] *= self._scale
+                self._errors["std_velocity_goal"][i] *= self._scale
+        self._errors["is_flying"][i] = not is_resting
+        self._errors["is_drifting"][i] = source is Source.NONE and not is_resting
         if source is before:
             return
         self.source[i] = source
@@ -308,26 +306,26 @@ class Estimator:
         has_yaw = source is Source.VISION and self.uses_vision_yaw[i]
         # When everything is gone the gyros carry the heading on from where it was.
         if source is not Source.NONE:
-            self._scalars[i, estimator_errors.YAW_SHARE_GOAL] = 0.0 if has_yaw else 1.0
+            self._errors["yaw_share_goal"][i] = 0.0 if has_yaw else 1.0
         if has_yaw:
             self.resets[i, HEADING] += 1
         if source is Source.NONE:
             self._lost_time_s[i] = time_s
-            self._blocks[i, estimator_errors.DRIFT_A] = self._drift()
+            self._errors["drift_acceleration"][i] = self._drift()
         elif before is Source.NONE:
             # A first position is a jump of everything; vision has counted its own of the position.
             counted = [VXY, VZ] if source is Source.VISION else [XY, VXY, Z, VZ]
             self.resets[i, counted] += 1
 
     def _drift(self) -> Array:
-        heading = self._luck_of_drift.uniform(0.0, 2.0 * math.pi)
-        most_m = self._luck_of_drift.uniform(_DRIFT_LEAST_M, _DRIFT_MOST_M)
-        up = _DRIFT_UP * self._luck_of_drift.uniform(-1.0, 1.0)
+        heading = self._drift_rng.uniform(0.0, 2.0 * math.pi)
+        most_m = self._drift_rng.uniform(_DRIFT_LEAST_M, _DRIFT_MOST_M)
+        up = _DRIFT_UP * self._drift_rng.uniform(-1.0, 1.0)
         direction = np.array([math.cos(heading), math.sin(heading), up])
         return np.asarray(2.0 * most_m / _DRIFT_TIME_S**2 * direction)
 
     def _correct(self, index: int, correction: tuple[float, float, float]) -> None:
-        self._blocks[index, estimator_errors.OFFSET] += correction
+        self._errors["offset"][index] += correction
         self._history[:, index] += correction
 
     def _random(self, draw: Callable[[int], Array]) -> Array:

@@ -1,4 +1,4 @@
-"""How wrong PX4's estimate is, as measured on its simulator, and the random processes that reproduce it.
+"""Errors of PX4's estimate, as measured on its simulator, and the random processes that reproduce them.
 
 The velocity error is an Ornstein-Uhlenbeck process, e_v' = -e_v / tau + noise. The position error integrates it and is
 pulled back by the measurements, e_p' = e_v - e_p / T; T follows from the three measured numbers, since the variance of
@@ -15,27 +15,50 @@ from enum import Enum
 import numpy as np
 
 from sitl.physics.frames import Array
+from sitl.physics.jit import Record, Records, compiled
 
-# Blocks of the estimator's matrix (n, BLOCKS, 3): unit processes of velocity and position; present and aimed-at
-# standard deviations and bias; couplings; offset of the local frame; speed and acceleration of dead reckoning; results.
-UNIT_V, UNIT_P, STD_P, STD_V, BIAS, STD_P_GOAL, STD_V_GOAL, BIAS_GOAL = range(8)
-RATIO, PULL, OFFSET, DRIFT_V, DRIFT_A, BASE, POSITION, VELOCITY = range(8, 16)
-BLOCKS = 16
-# Columns of its scalars (n, SCALARS): correlation of velocity over a step; unit process, smoothed process, size and
-# mean of the compass's error; how much of it counts, and should; error of the vision's heading; whether the position
-# drifts; whether the vehicle flies; heading error, the result.
-KEEP, YAW_UNIT, YAW_SMOOTH, YAW_STD, YAW_MEAN, YAW_SHARE, YAW_SHARE_GOAL = range(7)
-VISION_YAW, DRIFTS, FLIES, YAW_ERROR = range(7, 11)
-SCALARS = 11
+ERRORS = np.dtype(
+    [
+        ("unit_velocity", "f8", 3),  # unit processes
+        ("unit_position", "f8", 3),
+        ("std_position", "f8", 3),  # present sizes, and those that they approach
+        ("std_velocity", "f8", 3),
+        ("bias", "f8", 3),
+        ("std_position_goal", "f8", 3),
+        ("std_velocity_goal", "f8", 3),
+        ("bias_goal", "f8", 3),
+        ("ratio", "f8", 3),  # couplings of the unit processes
+        ("pull", "f8", 3),
+        ("keep", "f8"),  # correlation of the velocity error over a step
+        ("offset", "f8", 3),  # of the local frame
+        ("drift_velocity", "f8", 3),  # of dead reckoning
+        ("drift_acceleration", "f8", 3),
+        ("base", "f8", 3),  # position without errors but those of the frame
+        ("position", "f8", 3),  # results
+        ("velocity", "f8", 3),
+        ("yaw_unit", "f8"),  # error of the compass: unit process, smoothed, its size and mean
+        ("yaw_smooth", "f8"),
+        ("yaw_std", "f8"),
+        ("yaw_mean", "f8"),
+        ("yaw_share", "f8"),  # part of it that counts, and the part that this approaches
+        ("yaw_share_goal", "f8"),
+        ("vision_yaw", "f8"),  # error of the vision's heading
+        ("yaw_error", "f8"),  # result
+        ("is_drifting", "?"),
+        ("is_flying", "?"),
+    ],
+    align=True,
+)
 
 # Not measured. The error wanders in flight only, and smoothly, as the heading of a filter that integrates a gyro does:
 # white noise through two such lags.
 YAW_CORRELATION_S = 6.0
 BLEND_S = 0.5  # in which one kind of error gives way to another
+_ROOT_TWO = math.sqrt(2.0)
 
 
 class Source(Enum):
-    """What the position estimate rests on."""
+    """Source of the position estimate."""
 
     GPS = "gps"
     VISION = "vision"
@@ -44,17 +67,12 @@ class Source(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ErrorLevel:
-    """Standard deviations north, east, down of position [m] and velocity [m/s], their correlation time, a bias.
+    """Size and speed of the errors north, east and down."""
 
-    Attributes:
-        correlation_s: of the velocity error.
-        bias_m: standard deviation, over vehicles, of a constant position error.
-    """
-
-    position_m: tuple[float, float, float]
+    position_m: tuple[float, float, float]  # standard deviations
     velocity_m_s: tuple[float, float, float]
-    correlation_s: float
-    bias_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    correlation_s: float  # of the velocity error
+    bias_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # standard deviation, over vehicles, of a constant error
 
     @property
     def pull_s(self) -> tuple[float, float, float]:
@@ -86,43 +104,54 @@ def vision_level(evp_noise_m: float, tau_vel_s: float, *, has_velocity: bool = F
     return VISION_TUNED_WITH_VELOCITY if has_velocity else VISION_TUNED
 
 
-def set_level(blocks: Array, scalars: Array, row: int, level: ErrorLevel, luck: Array, dt_s: float) -> None:
-    """Aim one vehicle's processes at a level; `luck` (3,) standard normal scales the bias."""
-    blocks[row, STD_P_GOAL] = level.position_m
-    blocks[row, STD_V_GOAL] = level.velocity_m_s
-    blocks[row, BIAS_GOAL] = luck * level.bias_m
-    blocks[row, PULL] = 1.0 / np.array(level.pull_s)
-    blocks[row, RATIO] = np.array(level.velocity_m_s) / np.array(level.position_m)
-    scalars[row, KEEP] = math.exp(-dt_s / level.correlation_s)
+def set_level(error: Record, level: ErrorLevel, bias_draw: Array, dt_s: float) -> None:
+    """Aim one vehicle's processes at a level; `bias_draw` (3,) standard normal scales the bias."""
+    error["std_position_goal"] = level.position_m
+    error["std_velocity_goal"] = level.velocity_m_s
+    error["bias_goal"] = bias_draw * level.bias_m
+    error["pull"] = 1.0 / np.array(level.pull_s)
+    error["ratio"] = np.array(level.velocity_m_s) / np.array(level.position_m)
+    error["keep"] = math.exp(-dt_s / level.correlation_s)
 
 
-def advance(
-    blocks: Array, scalars: Array, draws: Array, dt_s: float, position: Array, velocity: Array, yaw_keep: float
-) -> None:
+@compiled
+def _advance_motion(e: Record, draws: Array, dt_s: float, position: Array, velocity: Array) -> None:
+    blend = dt_s / BLEND_S
+    spread = math.sqrt(1.0 - e.keep * e.keep)
+    for k in range(3):
+        unit = e.keep * e.unit_velocity[k] + spread * draws[k]
+        e.unit_velocity[k] = unit
+        e.unit_position[k] += dt_s * (e.ratio[k] * unit - e.pull[k] * e.unit_position[k])
+        e.std_position[k] += blend * (e.std_position_goal[k] - e.std_position[k])
+        e.std_velocity[k] += blend * (e.std_velocity_goal[k] - e.std_velocity[k])
+        e.bias[k] += blend * (e.bias_goal[k] - e.bias[k])
+        drift = e.drift_velocity[k] + dt_s * e.drift_acceleration[k] if e.is_drifting else 0.0
+        e.drift_velocity[k] = drift
+        e.offset[k] += dt_s * drift
+        e.base[k] = position[k] + e.offset[k]
+        e.position[k] = e.base[k] + e.bias[k] + e.std_position[k] * e.unit_position[k]
+        e.velocity[k] = velocity[k] + drift + e.std_velocity[k] * unit
+
+
+@compiled
+def _advance_heading(e: Record, draw: float, dt_s: float, yaw_keep: float) -> None:
+    lag = 1.0 - yaw_keep if e.is_flying else 0.0
+    e.yaw_smooth += lag * (_ROOT_TWO * e.yaw_unit - e.yaw_smooth)
+    e.yaw_unit = (1.0 - lag) * e.yaw_unit + math.sqrt(1.0 - (1.0 - lag) * (1.0 - lag)) * draw
+    e.yaw_share += dt_s / BLEND_S * (e.yaw_share_goal - e.yaw_share)
+    compass = e.yaw_mean + e.yaw_std * e.yaw_smooth
+    e.yaw_error = e.yaw_share * compass + (1.0 - e.yaw_share) * e.vision_yaw
+
+
+@compiled
+def advance(errors: Records, draws: Array, dt_s: float, position: Array, velocity: Array, yaw_keep: float) -> None:
     """Advance all errors by `dt_s` and form the estimates from the true motion relative to the origin.
 
     Args:
-        blocks, scalars: (n, BLOCKS, 3) and (n, SCALARS), updated.
-        draws: (n, 4) standard normal numbers.
+        errors: (n,) records ERRORS, updated. draws: (n, 4) standard normal numbers.
         position, velocity: (n, 3) truth, NED, position relative to the origin of the local frame.
-        yaw_keep: what a lag of the compass's error keeps over a step.
+        yaw_keep: part of the compass's error that a lag keeps over a step.
     """
-    keep = scalars[:, KEEP, None]
-    unit = blocks[:, UNIT_V] = keep * blocks[:, UNIT_V] + np.sqrt(1.0 - keep * keep) * draws[:, :3]
-    blocks[:, UNIT_P] += dt_s * (blocks[:, RATIO] * unit - blocks[:, PULL] * blocks[:, UNIT_P])
-    blend = dt_s / BLEND_S
-    for present, goal in ((STD_P, STD_P_GOAL), (STD_V, STD_V_GOAL), (BIAS, BIAS_GOAL)):
-        blocks[:, present] += blend * (blocks[:, goal] - blocks[:, present])
-    drifts = scalars[:, DRIFTS, None]
-    blocks[:, DRIFT_V] = drifts * (blocks[:, DRIFT_V] + dt_s * blocks[:, DRIFT_A])
-    blocks[:, OFFSET] += dt_s * blocks[:, DRIFT_V]
-    blocks[:, BASE] = position + blocks[:, OFFSET]
-    blocks[:, POSITION] = blocks[:, BASE] + blocks[:, BIAS] + blocks[:, STD_P] * blocks[:, UNIT_P]
-    blocks[:, VELOCITY] = velocity + blocks[:, DRIFT_V] + blocks[:, STD_V] * unit
-    lag = scalars[:, FLIES] * (1.0 - yaw_keep)
-    scalars[:, YAW_SMOOTH] += lag * (math.sqrt(2.0) * scalars[:, YAW_UNIT] - scalars[:, YAW_SMOOTH])
-    scalars[:, YAW_UNIT] = (1.0 - lag) * scalars[:, YAW_UNIT] + np.sqrt(1.0 - (1.0 - lag) ** 2) * draws[:, 3]
-    scalars[:, YAW_SHARE] += blend * (scalars[:, YAW_SHARE_GOAL] - scalars[:, YAW_SHARE])
-    compass = scalars[:, YAW_MEAN] + scalars[:, YAW_STD] * scalars[:, YAW_SMOOTH]
-    share = scalars[:, YAW_SHARE]
-    scalars[:, YAW_ERROR] = share * compass + (1.0 - share) * scalars[:, VISION_YAW]
+    for i in range(errors.shape[0]):
+        _advance_motion(errors[i], draws[i], dt_s, position[i], velocity[i])
+        _advance_heading(errors[i], draws[i, 3], dt_s, yaw_keep)

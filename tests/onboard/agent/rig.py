@@ -80,7 +80,7 @@ class Rig:
     _snapshot: Snapshot = field(default_factory=Snapshot)
 
     def __post_init__(self) -> None:
-        self.core.readiness.is_warm = True
+        self.core.preflight.is_warm = True
         self.core.handle(ev.ParamsRead(()), self.now_ns)
         self.core.handle(ev.NodeSeen("ground-1", True), self.now_ns)
 

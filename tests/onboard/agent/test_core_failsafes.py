@@ -9,7 +9,7 @@ import pytest
 
 from onboard import events as ev
 from onboard.flight.types import Step
-from onboard.localization.pose_validator import PoseWatch
+from onboard.localization.pose_validator import PoseValidator
 from onboard.supervision.conditions import BUS_LOST_S
 from onboard.types import AttitudeSetpoint
 from tests.onboard.agent.rig import HOVER, Rig
@@ -134,7 +134,7 @@ def test_outside_the_fence_it_holds_inside_and_then_lands() -> None:
     rig = Rig()
     rig.fly()
     rig.position = np.array([4.1, 0.0, 1.0])  # blown out; the estimator takes it for a jump at first
-    rig.core.own._memory, rig.core.own.watch = None, PoseWatch()
+    rig.core.own._memory, rig.core.own.validator = None, PoseValidator()
     rig.run(0.2)
     assert rig.core.flight.state == "holding"
     assert rig.core.flight.goal_position_enu_m[0] < 4.0
@@ -145,7 +145,7 @@ def test_nobody_is_sent_anywhere_while_the_table_asks_to_hold_and_anywhere_again
     rig.fly()
     there = rig.position.copy()
     rig.position = np.array([4.1, 0.0, 1.0])
-    rig.core.own._memory, rig.core.own.watch = None, PoseWatch()
+    rig.core.own._memory, rig.core.own.validator = None, PoseValidator()
     rig.run(0.2)
     answer = rig.order("move", position_enu_m=(1.0, 0.0, 1.0))
     assert not answer.is_accepted
@@ -153,7 +153,7 @@ def test_nobody_is_sent_anywhere_while_the_table_asks_to_hold_and_anywhere_again
     assert "Order it again" in answer.reason
     assert rig.core.flight.state == "holding"
     rig.position, rig.velocity = there, np.zeros(3)
-    rig.core.own._memory, rig.core.own.watch = None, PoseWatch()
+    rig.core.own._memory, rig.core.own.validator = None, PoseValidator()
     rig.run(0.5)
     assert rig.order("move", position_enu_m=(1.0, 0.0, 1.0)).is_accepted
 

@@ -14,7 +14,7 @@ from onboard import events as ev
 from onboard.flight.context import FlightContext
 from onboard.flight.types import Step
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
-from onboard.supervision.conditions import Watch
+from onboard.supervision.conditions import ConditionMonitor
 from tests.onboard.agent.rig import Rig
 
 # what the table's actions leave of a flight, by rank; a vehicle that PX4 has landed has ended it
@@ -51,7 +51,7 @@ class Broken:
 
     def __init__(self, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
         self.holds: set[Condition] = set()
-        monkeypatch.setattr(Watch, "conditions", lambda *_: set(self.holds))
+        monkeypatch.setattr(ConditionMonitor, "conditions", lambda *_: set(self.holds))
         self.rig = rig
 
 

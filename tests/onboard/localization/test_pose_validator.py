@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from onboard.localization.pose_validator import Fault, PoseWatch
+from onboard.localization.pose_validator import PoseValidator, PoseVerdict
 
 TICK_NS = 20_000_000
 START_NS = 10**9
@@ -25,40 +25,40 @@ def circle(tick: int, rng: np.random.Generator, noise_m: float = 0.003) -> tuple
     return vec3(np.array([math.cos(angle), math.sin(angle), 1.0]) + noise_m * rng.normal(size=3))
 
 
-def hear(watch: PoseWatch, tick: int, position: tuple[float, float, float], **changes: object) -> Fault:
+def hear(watch: PoseValidator, tick: int, position: tuple[float, float, float], **changes: object) -> PoseVerdict:
     stamp_ns = int(changes.pop("stamp_ns", START_NS + tick * TICK_NS))  # type: ignore[call-overload]
     received_ns = int(changes.pop("received_ns", stamp_ns + TICK_NS))  # type: ignore[call-overload]
     attitude, is_contradicted = changes.pop("attitude", LEVEL), bool(changes.pop("is_contradicted", False))
     return watch.hear(position, attitude, stamp_ns, received_ns, is_contradicted=is_contradicted)  # type: ignore[arg-type]
 
 
-def settled(ticks: int = 100, seed: int = 0, noise_m: float = 0.003) -> tuple[PoseWatch, np.random.Generator]:
-    rng, watch = np.random.default_rng(seed), PoseWatch()
+def settled(ticks: int = 100, seed: int = 0, noise_m: float = 0.003) -> tuple[PoseValidator, np.random.Generator]:
+    rng, watch = np.random.default_rng(seed), PoseValidator()
     for tick in range(ticks):
         hear(watch, tick, circle(tick, rng, noise_m))
     return watch, rng
 
 
 def test_ordinary_flight_is_believed_for_minutes_and_over_lost_samples() -> None:
-    rng, watch = np.random.default_rng(1), PoseWatch()
+    rng, watch = np.random.default_rng(1), PoseValidator()
     for tick in range(10_000):
         if rng.random() > 0.2:
-            assert hear(watch, tick, circle(tick, rng)) is Fault.NONE
+            assert hear(watch, tick, circle(tick, rng)) is PoseVerdict.ACCEPTED
 
 
 def test_a_noisier_capture_is_learned_within_two_seconds() -> None:
     watch, rng = settled(100, noise_m=0.03)
-    assert sum(hear(watch, tick, circle(tick, rng, 0.03)) is not Fault.NONE for tick in range(100, 600)) < 5
+    assert sum(hear(watch, tick, circle(tick, rng, 0.03)) is not PoseVerdict.ACCEPTED for tick in range(100, 600)) < 5
 
 
 @pytest.mark.parametrize("way_m", [0.12, 0.2, 0.5, 2.0])
 def test_a_jump_is_called_one_at_its_first_sample_and_leaves_the_expectation(way_m: float) -> None:
     watch, rng = settled()
     x, y, z = circle(100, rng)
-    assert hear(watch, 100, (x + way_m, y, z)) is Fault.JUMPED
+    assert hear(watch, 100, (x + way_m, y, z)) is PoseVerdict.JUMPED
     assert watch.jumps == 1
     assert watch.jumped_to_enu_m == (x + way_m, y, z)
-    assert hear(watch, 101, circle(101, rng)) is Fault.NONE
+    assert hear(watch, 101, circle(101, rng)) is PoseVerdict.ACCEPTED
     assert watch.jumps == 0
 
 
@@ -69,14 +69,14 @@ def test_after_a_jump_for_good_the_new_place_is_believed_only_where_nobody_contr
         for tick in range(100, 250):
             x, y, z = circle(tick, rng)
             faults.append(hear(watch, tick, (x + 1.0, y - 1.0, z), is_contradicted=is_contradicted))
-        assert (faults[-1] is Fault.JUMPED) == is_contradicted
+        assert (faults[-1] is PoseVerdict.JUMPED) == is_contradicted
 
 
 def test_a_single_wild_sample_costs_none_of_the_good_ones_after_it_whatever_another_source_says() -> None:
     watch, rng = settled()
-    assert hear(watch, 100, (9.0, 9.0, 1.0)) is Fault.JUMPED
+    assert hear(watch, 100, (9.0, 9.0, 1.0)) is PoseVerdict.JUMPED
     for tick in range(101, 110):
-        assert hear(watch, tick, circle(tick, rng), is_contradicted=True) is Fault.NONE
+        assert hear(watch, tick, circle(tick, rng), is_contradicted=True) is PoseVerdict.ACCEPTED
 
 
 def test_a_jump_that_lasts_is_three_in_a_row_within_a_tenth_of_a_second() -> None:
@@ -88,34 +88,36 @@ def test_a_jump_that_lasts_is_three_in_a_row_within_a_tenth_of_a_second() -> Non
 
 
 def test_a_body_that_hits_the_floor_is_believed_all_the_way_and_when_it_lies_there() -> None:
-    watch, rng = PoseWatch(), np.random.default_rng(0)
+    watch, rng = PoseValidator(), np.random.default_rng(0)
     for tick in range(100):
         fallen_s = max(0.0, 0.02 * (tick - 50))
         height_m = max(0.0, 1.0 - 4.9 * fallen_s**2)
         position = vec3(np.array([0.0, 0.0, height_m]) + 0.003 * rng.normal(size=3))
-        assert hear(watch, tick, position) is Fault.NONE
+        assert hear(watch, tick, position) is PoseVerdict.ACCEPTED
 
 
 def test_after_a_gap_a_body_is_believed_where_it_can_have_flown() -> None:
     watch, rng = settled()
-    assert hear(watch, 150, circle(150, rng)) is Fault.NONE
+    assert hear(watch, 150, circle(150, rng)) is PoseVerdict.ACCEPTED
 
 
 def test_a_body_that_turns_round_between_two_samples_is_another_one() -> None:
     watch, rng = settled()
     half = math.sqrt(0.5)
-    assert hear(watch, 100, circle(100, rng), attitude=(half, 0.0, 0.0, half)) is Fault.JUMPED
-    assert hear(watch, 101, circle(101, rng), attitude=(-1.0, 0.0, 0.0, 0.0)) is Fault.NONE  # the same attitude
+    assert hear(watch, 100, circle(100, rng), attitude=(half, 0.0, 0.0, half)) is PoseVerdict.JUMPED
+    assert (
+        hear(watch, 101, circle(101, rng), attitude=(-1.0, 0.0, 0.0, 0.0)) is PoseVerdict.ACCEPTED
+    )  # the same attitude
 
 
 def test_identical_samples_are_frozen_within_a_tenth_of_a_second() -> None:
     watch, rng = settled()
     stuck = circle(100, rng)
     faults = [hear(watch, tick, stuck) for tick in range(100, 110)]
-    assert faults[0] is Fault.NONE
-    first = faults.index(Fault.FROZEN)
+    assert faults[0] is PoseVerdict.ACCEPTED
+    first = faults.index(PoseVerdict.FROZEN)
     assert (first - 1) * 20 <= 100  # ms after the first repetition
-    assert all(fault is Fault.FROZEN for fault in faults[first:])
+    assert all(fault is PoseVerdict.FROZEN for fault in faults[first:])
     assert watch.is_frozen
     hear(watch, 110, circle(110, rng))
     assert not watch.is_frozen

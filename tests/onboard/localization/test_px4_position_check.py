@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.autopilot import Landed, Snapshot, Vec3
-from onboard.localization.px4_position_check import SecondOpinion
+from onboard.localization.px4_position_check import Px4PositionCheck
 from tests.onboard.agent.rig import Rig
 
 _TENTH_NS = 100_000_000
@@ -26,9 +26,9 @@ def _seen(tenth: int, enu_m: Vec3, **changes: object) -> Snapshot:
     return replace(seen, **changes)  # type: ignore[arg-type]
 
 
-def _flown(tenths: int = 20) -> SecondOpinion:
+def _flown(tenths: int = 20) -> Px4PositionCheck:
     """Flying north at 0.5 m/s, believed all the time, by a PX4 whose frame lies 2 m further west."""
-    opinion = SecondOpinion()
+    opinion = Px4PositionCheck()
     for tenth in range(1, tenths + 1):
         opinion.look(_seen(tenth, (2.0, 0.05 * tenth, 1.0)), (0.0, 0.05 * tenth, 1.0), tenth * _TENTH_NS)
     return opinion
@@ -57,7 +57,7 @@ def test_it_has_no_say_once_it_is_old_or_has_been_blind_for_long() -> None:
 
 
 def test_on_the_ground_before_a_flight_it_has_no_say() -> None:
-    opinion = SecondOpinion()
+    opinion = Px4PositionCheck()
     for tenth in range(1, 20):
         opinion.look(
             _seen(tenth, (0.0, 0.0, 0.0), is_armed=False, landed=Landed.ON_GROUND), (0.0, 0.0, 0.0), tenth * _TENTH_NS

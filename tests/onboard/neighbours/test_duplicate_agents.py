@@ -7,7 +7,7 @@ import msgspec
 from onboard import events as ev
 from onboard.agent.core import AgentCore
 from onboard.bus.schema import Telemetry
-from onboard.neighbours.duplicate_agents import Lives
+from onboard.neighbours.duplicate_agents import DuplicateAgents
 from tests.onboard.agent.rig import Rig, fleet
 
 S = 1_000_000_000
@@ -29,7 +29,7 @@ def hear(rig: Rig, message: Telemetry) -> None:
 
 
 def test_a_restart_is_one_life_after_the_other_and_two_voices_are_two() -> None:
-    lives = Lives()
+    lives = DuplicateAgents()
     for boot_id in (1, 1, 2, 2, 3, 3):
         lives.hear("mav1", boot_id, 5 * S)
     assert lives.doubled(5 * S) == ()
@@ -41,7 +41,7 @@ def test_a_restart_is_one_life_after_the_other_and_two_voices_are_two() -> None:
 
 
 def test_a_thousand_lives_are_not_kept() -> None:
-    lives = Lives()
+    lives = DuplicateAgents()
     for boot_id in range(1000):
         lives.hear("mav1", boot_id, S)
     assert max(map(len, lives._before.values())) < 100

@@ -164,7 +164,7 @@ def test_a_reader_of_the_log_that_hangs_does_not_hold_up_who_logs() -> None:
 def test_the_loop_goes_first_where_it_may_its_helpers_next_and_what_it_starts_later_does_not() -> None:
     program = """
 import os, threading
-from onboard.agent import process
+from onboard.process import realtime as process
 there, end = threading.Event(), threading.Event()
 before = threading.Thread(target=lambda: (there.set(), end.wait()))
 before.start(); there.wait()

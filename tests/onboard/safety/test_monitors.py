@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from onboard.safety.autopilot_monitor import AutopilotWatch
-from onboard.safety.battery_monitor import BatteryWatch
-from onboard.safety.separation import PromiseWatch, smallest_distance_m
-from onboard.safety.tracking_monitor import AnswerWatch
+from onboard.safety.autopilot_monitor import AutopilotMonitor
+from onboard.safety.battery_monitor import BatteryMonitor
+from onboard.safety.separation import PredictionMonitor, smallest_distance_m
+from onboard.safety.tracking_monitor import TrackingMonitor
 
 TICK_NS = 20_000_000
 START_NS = 10**9
@@ -20,7 +20,7 @@ class Px4:
     """A PX4 that is looked at every tick; its clock and its packets can be stopped."""
 
     def __init__(self) -> None:
-        self.watch, self.now_ns, self.boot_ns = AutopilotWatch(), START_NS, 5 * 10**9
+        self.watch, self.now_ns, self.boot_ns = AutopilotMonitor(), START_NS, 5 * 10**9
         self.packet_ns = self.attitude_ns = self.heartbeat_ns = START_NS
 
     def run(self, seconds: float, *, clock: float = 1.0, speaks: bool = True, beats: bool = True) -> None:
@@ -115,10 +115,10 @@ def tilted(degrees: float) -> tuple[float, float, float, float]:
 
 
 def answer(
-    asked: object, flown: object, seconds: float, watch: AnswerWatch | None = None, **extra: float
-) -> AnswerWatch:
+    asked: object, flown: object, seconds: float, watch: TrackingMonitor | None = None, **extra: float
+) -> TrackingMonitor:
     """``asked(t)`` and ``flown(t)`` give tilts in degrees."""
-    watch = watch or AnswerWatch(lag_s=0.27, largest_frac=0.98)
+    watch = watch or TrackingMonitor(lag_s=0.27, largest_frac=0.98)
     numbers = {"thrust_frac": 0.5, "below_m": 0.0, "climb_m_s": 0.0, **extra}
     for tick in range(round(seconds / 0.02)):
         t = 0.02 * tick
@@ -155,8 +155,8 @@ def test_full_thrust_is_saturated_and_sinking_with_it_is_worse() -> None:
     assert answer(lambda t: 0.0, lambda t: 0.0, 2.0, thrust_frac=0.98, below_m=0.3, climb_m_s=-0.1).is_sinking
 
 
-def discharge(rate_1_s: float, from_frac: float = 0.9, height_m: float = 1.5, drop: float = 0.0) -> BatteryWatch:
-    watch = BatteryWatch()
+def discharge(rate_1_s: float, from_frac: float = 0.9, height_m: float = 1.5, drop: float = 0.0) -> BatteryMonitor:
+    watch = BatteryMonitor()
     for tick in range(600):
         t = 0.1 * tick
         frac = round(from_frac - rate_1_s * t - (drop if t > 20.0 else 0.0), 2)  # PX4 tells whole percents
@@ -178,7 +178,7 @@ def test_a_cell_that_fails_and_a_battery_that_runs_out_before_it_is_down_fall() 
 
 
 def test_a_voltage_that_sags_falls_and_numbers_that_px4_does_not_tell_say_nothing() -> None:
-    watch = BatteryWatch()
+    watch = BatteryMonitor()
     for tick in range(40):
         watch.look(0.1 * tick, math.nan, math.nan, land_frac=0.2, height_m=1.0)
     assert not watch.is_falling
@@ -203,7 +203,7 @@ def test_what_is_left_when_both_brake(apart: tuple[float, float], closing: tuple
 
 
 def test_a_promise_is_kept_by_who_accelerates_as_it_said_and_broken_by_who_does_not() -> None:
-    kept, broken = PromiseWatch(), PromiseWatch()
+    kept, broken = PredictionMonitor(), PredictionMonitor()
     for tick in range(60):
         stamp_ns, t = START_NS + tick * 100_000_000, 0.1 * tick
         speed = math.sin(t)

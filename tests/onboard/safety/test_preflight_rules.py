@@ -13,14 +13,14 @@ import pytest
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.safety import preflight_rules
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
-from onboard.safety.preflight_judgements import Facts
+from onboard.safety.preflight_judgements import PreflightFacts
 from onboard.safety.preflight_rules import RULES
 
 FLEET = load_fleet("configs/fleets/paper.toml")
 VEHICLE = FLEET.vehicles["mav1"]
 BARE = msgspec.structs.replace(VEHICLE, mocap_required=False)
 OUTSIDE = msgspec.structs.replace(VEHICLE, start_enu_m=(9.0, 0.0, 0.0))
-FINE = Facts(
+FINE = PreflightFacts(
     autopilot_age_s=0.01,
     heartbeat_age_s=0.4,
     attitude_hz=50.0,
@@ -50,7 +50,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("px4", "silent"): ({"autopilot_age_s": 0.5}, "udpin://127.0.0.1:14541"),
     ("link", "slow"): ({"attitude_hz": 9.0}, "only 9 Hz"),
     ("link", "thin"): ({"attitude_hz": 30.0}, "30 Hz"),
-    ("alone", "twin"): ({"has_twin": True}, "Another agent speaks for mav1"),
+    ("alone", "duplicate"): ({"has_duplicate": True}, "Another agent speaks for mav1"),
     ("health", "failsafe"): ({"is_failsafe": True}, "failsafe"),
     ("health", "unhealthy"): ({"unhealthy": (("gyroscope", True), ("satellites", False))}, "unhealthy: gyroscope."),
     ("health", "unneeded"): ({"unhealthy": (("satellites", False),)}, "satellites"),
@@ -109,7 +109,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
 }
 
 
-def judged(fleet: FleetConfig = FLEET, **changes: Any) -> tuple[preflight_rules.Check, ...]:
+def judged(fleet: FleetConfig = FLEET, **changes: Any) -> tuple[preflight_rules.PreflightCheck, ...]:
     vehicle = changes.pop("vehicle", VEHICLE)
     return preflight_rules.checks(dataclasses.replace(FINE, **changes), fleet, vehicle)
 

@@ -39,7 +39,7 @@ def refusals(rig: Rig) -> dict[str, str]:
 def ready(**px4_params: float) -> Rig:
     rig = Rig(AgentCore(fleet(("mav0", "mav1", "mav2"), px4_params=px4_params), "mav0", boot_id=7))
     rig.run(2.5)
-    assert rig.core.flight.state == "ready", rig.core.readiness.not_ready
+    assert rig.core.flight.state == "ready", rig.core.preflight.not_ready
     return rig
 
 

@@ -161,7 +161,7 @@ class Judge:
     def _check_action(self, name: str) -> None:
         """The table's action, and nothing else: what is done follows from what holds and from orders alone."""
         core = self.flight.agents[name].core
-        flight, conditions = core.flight, core.guard.conditions
+        flight, conditions = core.flight, core.failsafes.conditions
         self.seen[name].update(conditions)
         order = flight.order.order_id if flight.order is not None else ""
         if order and order != self._order_of.get(name):

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from sitl.emulator.emulator import Emulator
-from sitl.physics import contacts as world_module
-from sitl.physics import frames, kernels
+from sitl.physics import contacts, frames
 from sitl.physics.contacts import SpawnError, World
+from sitl.physics.jit import records
+from sitl.physics.step import MOTION
 from sitl.physics.wind import Wind, WindSettings
 from sitl.px4.modes import Mode
+from tests.oracles import emulated_vehicles
 from tests.sitl.sitl_flying import SIH, emulator, height_m, run_for, streamer, until
 
 
@@ -78,22 +80,22 @@ def test_who_flies_below_another_is_pushed_down_and_less_so_farther_away() -> No
     assert sinks[3] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_pairs_are_judged_alike_by_the_loop_and_by_numpy() -> None:
+def test_collisions_and_downwash_of_pairs_are_those_of_the_oracle() -> None:
     rng = np.random.default_rng(5)
-    for _ in range(50):
+    for case in range(50):
         n = int(rng.integers(1, 12))
-        position = rng.uniform(-1.0, 1.0, (n, 3))
-        lift = rng.uniform(0.0, 1.5, n)
-        ground = rng.random(n) < 0.3
+        motion = records(n, MOTION)
+        motion["position"] = rng.uniform(-1.0, 1.0, (n, 3))
+        motion["lift_share"] = rng.uniform(0.0, 1.5, n)
+        motion["on_ground"] = rng.random(n) < 0.3
         touched = np.triu(rng.random((n, n)) < 0.3, k=1)
         results = []
-        for function in (world_module.meet, kernels.meet):
-            seen, push, found = touched.copy(), np.ones((n, 3)), np.zeros((200, 2), dtype=np.int64)
-            count = function(position, lift, ground, seen, 0.5, 0.25, 3.0, 0.2, push, found)
-            results.append((count, seen, push, found[:count]))
-        assert results[0][0] == results[1][0]
-        for one, other in zip(results[0][1:], results[1][1:], strict=True):
-            np.testing.assert_allclose(one, other, atol=1e-12)
+        for function in (contacts.meet, emulated_vehicles.meet):
+            met, push, pairs = touched.copy(), np.ones((n, 3)), np.zeros((200, 2), dtype=np.int64)
+            count = function(motion, met, 0.5, 3.0, 0.2, push, pairs)
+            results.append((count, met, push, pairs[:count]))
+        for one, other in zip(*results, strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-12, err_msg=f"case {case}")
 
 
 def test_wind_has_its_mean_its_strength_and_its_correlation_time() -> None:

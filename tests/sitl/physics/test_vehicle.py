@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from sitl.physics import frames
-from sitl.physics.vehicle import GRAVITY_M_S2, STEP_S, Commands, VehicleProfile, Vehicles
+from sitl.physics import step as physics
+from sitl.physics.vehicle import GRAVITY_M_S2, STEP_S, Commands, VehicleProfile, Vehicles, VehicleStates
+from tests.oracles import emulated_vehicles
 from tests.sitl.sitl_flying import ARDRONE, SIH
 
 
@@ -142,7 +147,8 @@ def test_a_quadratic_thrust_curve_hovers_at_the_same_command_and_has_less_below(
     assert lifts[1] == pytest.approx(0.25, rel=1e-2)
 
 
-def test_the_compiled_loop_computes_what_numpy_computes() -> None:
+def tumultuous_flight() -> VehicleStates:
+    """Eight different vehicles under random commands, with failing motors, wind and a push."""
     rng = np.random.default_rng(2)
     n = 8
     profiles = [
@@ -159,8 +165,7 @@ def test_the_compiled_loop_computes_what_numpy_computes() -> None:
         )
         for _ in range(n)
     ]
-    start = rng.uniform(-3.0, 0.0, (n, 3))
-    twins = [Vehicles(profiles, start, np.zeros(n), seed=3, uses_numba=uses) for uses in (True, False)]
+    vehicles = Vehicles(profiles, rng.uniform(-3.0, 0.0, (n, 3)), np.zeros(n), seed=3)
     commands = Commands.level(np.zeros(n))
     for k in range(600):
         if k % 60 == 0:
@@ -171,16 +176,31 @@ def test_the_compiled_loop_computes_what_numpy_computes() -> None:
             commands.thrust_frac[:] = rng.uniform(0.0, 1.0, n)
             commands.motors_on[:] = rng.random(n) < 0.9
         if k == 200:
-            for vehicles in twins:
-                vehicles.set_motor(0, 1, 0.0)
-                vehicles.set_motor(1, 4, 0.7)
-                vehicles.air_ned_m_s[:] = [1.0, -2.0, 0.3]
-                vehicles.push_ned_m_s2[2] = [0.0, 0.0, 2.0]
-        for vehicles in twins:
-            vehicles.step(commands)
+            vehicles.set_motor(0, 1, 0.0)
+            vehicles.set_motor(1, 4, 0.7)
+            vehicles.air_ned_m_s[:] = [1.0, -2.0, 0.3]
+            vehicles.push_ned_m_s2[2] = [0.0, 0.0, 2.0]
+        vehicles.step(commands)
+    return vehicles.states
+
+
+def test_vehicles_move_as_the_oracle_in_numpy_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    states = tumultuous_flight()
+    monkeypatch.setattr(physics, "step", emulated_vehicles.step)
+    expected = tumultuous_flight()
     for name in ("position_ned_m", "velocity_ned_m_s", "attitude", "tilt_rate_rad_s", "on_ground", "motors_dead"):
-        one, other = (getattr(vehicles.states, name) for vehicles in twins)
-        np.testing.assert_allclose(one, other, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(getattr(states, name), getattr(expected, name), atol=1e-9, err_msg=name)
+
+
+def test_without_numba_the_same_flight_is_interpreted() -> None:
+    program = (
+        "import sys; sys.modules['numba'] = None\n"
+        "from tests.sitl.physics.test_vehicle import tumultuous_flight\n"
+        "print(tumultuous_flight().position_ned_m.ravel().tolist())"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    expected = tumultuous_flight().position_ned_m.ravel()
+    np.testing.assert_allclose(json.loads(done.stdout), expected, atol=1e-9)
 
 
 def test_the_weak_vehicle_never_reaches_the_tilt_it_is_asked_for() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sitl.physics import kernels
 from sitl.physics.vehicle import STEP_S
 from sitl.px4 import estimator_errors
 from sitl.px4.estimator import (
@@ -25,6 +24,7 @@ from sitl.px4.estimator import (
     Z,
     vision_level,
 )
+from tests.oracles import emulated_vehicles
 
 DT_S = ESTIMATE_EVERY_STEPS * STEP_S
 VISION_S = 0.02
@@ -81,11 +81,9 @@ def test_position_and_velocity_err_as_much_and_as_slowly_as_measured(level: Erro
     free = samples - samples.mean(axis=0) if level.correlation_s < 1.0 else samples
     if level is GPS:
         # What is constant is an error of the origin, and drawn for each vehicle.
-        bias = hovering.estimator._blocks[:, estimator_errors.BIAS] + hovering.estimator.offset_ned_m
+        bias = hovering.estimator.bias_ned_m + hovering.estimator.offset_ned_m
         free = samples - np.hstack([bias, np.zeros_like(bias)])
-        np.testing.assert_allclose(
-            hovering.estimator._blocks[:, estimator_errors.BIAS].std(axis=0), level.bias_m, rtol=0.35
-        )
+        np.testing.assert_allclose(hovering.estimator.bias_ned_m.std(axis=0), level.bias_m, rtol=0.35)
     np.testing.assert_allclose(free[..., :3].std(axis=(0, 1)), level.position_m, rtol=0.15)
     np.testing.assert_allclose(free[..., 3:].std(axis=(0, 1)), level.velocity_m_s, rtol=0.15)
     velocity = samples[..., 3:].reshape(len(samples), -1) / np.tile(level.velocity_m_s, count)
@@ -115,14 +113,15 @@ def test_errors_are_each_vehicles_own_or_common_to_all() -> None:
     assert np.abs(common[0, 3:]).max() > 0.01
 
 
-def test_equal_seeds_give_equal_errors_and_the_loop_gives_those_of_numpy() -> None:
-    def fly(uses_numba: bool) -> np.ndarray:
-        hovering = on_vision(4, uses_numba=uses_numba)
+def test_equal_seeds_give_equal_errors_and_those_of_the_oracle(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fly() -> np.ndarray:
+        hovering = on_vision(4)
         return np.concatenate([hovering.fly(2.0, (0.1, 0.2, -0.1)), hovering.fly(3.0)])
 
-    np.testing.assert_array_equal(fly(False), fly(False))
-    if kernels.HAS_NUMBA:
-        np.testing.assert_allclose(fly(True), fly(False), atol=1e-12)
+    errors = fly()
+    np.testing.assert_array_equal(errors, fly())
+    monkeypatch.setattr(estimator_errors, "advance", emulated_vehicles.advance)
+    np.testing.assert_allclose(errors, fly(), atol=1e-12)
 
 
 def test_without_errors_the_estimate_is_right() -> None:

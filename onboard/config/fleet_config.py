@@ -1,0 +1,200 @@
+"""The values of a fleet file, frozen: the fleet's, each vehicle's, and both together."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from typing import Literal
+
+import msgspec
+
+from onboard.config import obstacles
+from onboard.config.law import LawConfig
+from onboard.config.mocap import MocapConfig
+from onboard.config.sitl import SitlProfile
+from onboard.config.toml_reading import ConfigError
+
+Vec3 = tuple[float, float, float]
+
+
+class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Global origin of the fleet frame outdoors."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+
+class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Box in fleet ENU; each axis is (low, high) in metres."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    z: tuple[float, float]
+
+    def contains(self, position_enu_m: Vec3, margin_m: float = 0.0) -> bool:
+        """Whether a point lies in the box.
+
+        Args:
+            position_enu_m: the point.
+            margin_m: by so much the box is shrunk, horizontally and at the top.
+        Returns:
+            True inside; below the floor there is a tolerance of 0.5 m.
+        """
+        x, y, z = position_enu_m
+        return (
+            self.x[0] + margin_m <= x <= self.x[1] - margin_m
+            and self.y[0] + margin_m <= y <= self.y[1] - margin_m
+            and self.z[0] - 0.5 <= z <= self.z[1] - margin_m
+        )
+
+
+class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``[fleet]``: values for all vehicles."""
+
+    name: str
+    geofence_m: Geofence
+    origin: Literal["mocap"] | Origin = "mocap"
+    safety_distance_m: float = 0.80
+    body_diameter_m: float = 0.50
+    battery_warning_pct: float = 30.0
+    battery_land_pct: float = 20.0
+    direct_command_timeout_s: float = 0.3
+    bus_lost_land_s: float = 5.0
+    simulator: str | None = None
+
+    @property
+    def global_origin(self) -> Origin | None:
+        """Position of the fleet frame on Earth; None where the file does not give one."""
+        return self.origin if isinstance(self.origin, Origin) else None
+
+
+class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One vehicle with its type's and the defaults' values merged in."""
+
+    name: str
+    index: int
+    system_id: int
+    start_enu_m: Vec3
+    agent: str
+    autopilot: str
+    direct: str | None = None
+    mocap_body: str | None = None
+    type: str = ""
+    enabled: bool | Literal["scan"] = True
+    mass_kg: float = 1.0
+    hover_thrust_frac: float = 0.5
+    attitude_delay_s: float = 0.04
+    attitude_wn_rad_s: float = 11.0
+    attitude_zeta: float = 0.6
+    drag_1_s: float = 0.0
+    max_tilt_deg: float = 25.0
+    max_speed_m_s: float = 1.0
+    max_acceleration_m_s2: float = 1.5
+    mocap_required: bool = True
+    px4_params: dict[str, float | int] = {}
+    sitl: SitlProfile = SitlProfile()
+
+    @property
+    def body(self) -> str | None:
+        """Name of this vehicle's mocap body; None if it flies without a mocap."""
+        return self.mocap_body or (self.name if self.mocap_required else None)
+
+    @property
+    def lag_s(self) -> float:
+        """Time over which the law predicts: dead time plus 2 zeta / wn of the attitude response."""
+        return self.attitude_delay_s + 2.0 * self.attitude_zeta / self.attitude_wn_rad_s
+
+
+class FleetConfig(msgspec.Struct, frozen=True):
+    """A whole fleet file, resolved."""
+
+    path: str
+    fleet: FleetSection
+    law: LawConfig
+    formations: dict[str, dict[str, Vec3]]
+    vehicles: dict[str, Vehicle]
+    text: str
+    obstacles: tuple[obstacles.Obstacle, ...] = ()
+    mocap: MocapConfig = MocapConfig()
+
+    @property
+    def namespace(self) -> str:
+        """Key prefix on the bus."""
+        return f"covey/{self.fleet.name}"
+
+    @property
+    def config_hash(self) -> str:
+        """Hash of all values: equal on all vehicles that read the same ones; differing hashes refuse take-off."""
+        parts = [self.fleet, self.law, self.formations, self.vehicles, self.obstacles, self.mocap]
+        values = msgspec.json.encode(parts, order="deterministic")
+        return hashlib.sha256(values).hexdigest()[:12]
+
+    @property
+    def enabled_names(self) -> tuple[str, ...]:
+        """Vehicles that take part, in the order of the file."""
+        return tuple(name for name, vehicle in self.vehicles.items() if vehicle.enabled is not False)
+
+    @property
+    def simulator_endpoint(self) -> str:
+        """Endpoint at which an emulator listens on the bus; by default the port below the lowest agent's."""
+        if self.fleet.simulator:
+            return self.fleet.simulator
+        ports = [int(vehicle.agent.rsplit(":", 1)[1]) for vehicle in self.vehicles.values()]
+        return f"tcp/127.0.0.1:{min(ports) - 1}"
+
+    def select(self, vehicles: str | None, exclude: str | None = None) -> tuple[str, ...]:
+        """Select vehicles by name or by index in the file.
+
+        Args:
+            vehicles: ``a,b``, ``0-2`` or ``all``; None or empty for all that are enabled.
+            exclude: in the same form.
+        Returns:
+            names without doubles, in the order given.
+        Raises:
+            ConfigError: an unknown name or index.
+        """
+        selected = self.enabled_names if vehicles in (None, "", "all") else self._names(str(vehicles))
+        excluded = self._names(exclude) if exclude else ()
+        return tuple(name for name in selected if name not in excluded)
+
+    def _names(self, text: str) -> tuple[str, ...]:
+        order = list(self.vehicles)
+        names: list[str] = []
+        for part in (piece.strip() for piece in text.split(",")):
+            span = re.fullmatch(r"(\d+)(?:-(\d+))?", part)
+            if part in self.vehicles:
+                names.append(part)
+            elif part == "all":
+                names.extend(self.enabled_names)
+            elif span:
+                first, last = int(span[1]), int(span[2] or span[1])
+                if first > last or last >= len(order):
+                    raise ConfigError(
+                        f"'{part}' selects no vehicle: vehicles are counted from 0 to {len(order) - 1}, lower first."
+                    )
+                names.extend(order[first : last + 1])
+            else:
+                raise ConfigError(f"'{part}' is not a vehicle of fleet '{self.fleet.name}': it has {', '.join(order)}.")
+        return tuple(dict.fromkeys(names))
+
+
+def parking_distance_m(config: FleetConfig) -> float:
+    """Smallest spacing at which two vehicles can hover next to each other under the configured law.
+
+    Paper-exact law: sqrt(d_inf^2 + d_inf v_perp / kappa_3), since (8) forbids to hover closer. Covey's law: the design
+    distance plus 0.10 m (measured: slots nearer than that are reached late or never).
+
+    Args:
+        config: the fleet.
+    Returns:
+        horizontal distance [m] between centres.
+    """
+    law, d_inf = config.law, config.fleet.safety_distance_m
+    if law.name == "paper":
+        return math.sqrt(d_inf**2 + d_inf * law.paper_v_perp_m_s / law.paper_kappa_3_1_s)
+    if law.name == "off":
+        return config.fleet.body_diameter_m
+    slowest_s = max((vehicle.lag_s for vehicle in config.vehicles.values()), default=0.0)
+    return d_inf + law.margin_m(slowest_s) + 0.10

@@ -1,0 +1,121 @@
+"""TOML files as typed values; everything wrong with one is a ConfigError that names file, key and remedy."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import tomllib
+from collections.abc import Mapping
+from typing import Any, get_args
+
+import msgspec
+
+SCHEMA = 1
+
+
+class ConfigError(ValueError):
+    """Wrong input from a person: a sentence with file, key, bound and what to do. Exit status 2."""
+
+
+def read_toml(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], str]:
+    """Read a TOML file.
+
+    Args:
+        path: of the file.
+        kind: of file, for the sentences: "fleet file" or "mission file".
+    Returns:
+        its data and its text.
+    Raises:
+        ConfigError: file missing, not readable, or not TOML.
+    """
+    name = os.fspath(path)
+    try:
+        with open(name, encoding="utf-8") as file:
+            text = file.read()
+        return tomllib.loads(text), text
+    except FileNotFoundError:
+        folder = "missions" if kind.startswith("mission") else "fleets"
+        raise ConfigError(
+            f"{name}: there is no such {kind}. Give the path of an existing one, such as configs/{folder}/paper.toml."
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(
+            f"{name}: this {kind} cannot be read ({error}). Check the path and its permissions."
+        ) from None
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{name}: not valid TOML: {error}. Correct that line.") from None
+
+
+def check_schema(data: Mapping[str, Any], path: str) -> None:
+    """Refuse files of another schema version.
+
+    Args:
+        data: of the file.
+        path: of the file, for the sentence.
+    Raises:
+        ConfigError: another version, or none.
+    """
+    if data.get("schema") != SCHEMA:
+        raise ConfigError(
+            f"{path}: schema is {data.get('schema', 'missing')!r}, this version reads schema = {SCHEMA}. "
+            f"Put 'schema = {SCHEMA}' on the first line."
+        )
+
+
+def convert(value: Any, kind: Any, path: str, key: str) -> Any:
+    """Convert a value of a file to a type.
+
+    Args:
+        value: as TOML gives it.
+        kind: type to convert to.
+        path: of the file, for the sentence.
+        key: key path of the value, for the sentence.
+    Returns:
+        the value as ``kind``.
+    Raises:
+        ConfigError: unknown key or wrong type.
+    """
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        message, _, position = str(error).partition(" - at `")
+        unknown = re.search(r"unknown field `(.+?)`", message)
+        tail = position.rstrip("`").lstrip("$")
+        if unknown:
+            full = f"{key}{tail}.{unknown[1]}"
+            inner = kind if not tail else next(iter(get_args(kind)), None) if re.fullmatch(r"\[\d+\]", tail) else None
+            names = ", ".join(getattr(inner, "__struct_fields__", ()))
+            known = f" Known keys here: {names}." if names else ""
+            raise ConfigError(f"{path}: unknown key '{full}'.{known} Remove or correct it.") from None
+        raise ConfigError(f"{path}: '{key}{tail}': {message}. Correct the value.") from None
+
+
+def table(value: Any, path: str, key: str) -> dict[str, Any]:
+    """Return a value that must be a table.
+
+    Raises:
+        ConfigError: it is something else.
+    """
+    if not isinstance(value, dict):
+        raise ConfigError(f"{path}: '{key}' must be a table, not {type(value).__name__}.")
+    return value
+
+
+def tables(value: Any, path: str, key: str) -> dict[str, dict[str, Any]]:
+    """Return a value that must be a table of tables.
+
+    Raises:
+        ConfigError: it, or one of its values, is something else.
+    """
+    return {name: table(inner, path, f"{key}.{name}") for name, inner in table(value, path, key).items()}
+
+
+def check_bound(path: str, key: str, value: float, low: float, high: float) -> None:
+    """Refuse a number outside of its bounds.
+
+    Raises:
+        ConfigError: with file, key, value and bounds.
+    """
+    if not (math.isfinite(value) and low <= value <= high):
+        raise ConfigError(f"{path}: '{key}' is {value}; it must lie between {low:g} and {high:g}.")

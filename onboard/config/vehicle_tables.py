@@ -1,0 +1,68 @@
+"""One vehicle of a fleet file: its own keys over its type's over the defaults."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from onboard.config.fleet_config import Vehicle
+from onboard.config.sitl import SitlProfile
+from onboard.config.toml_reading import ConfigError, convert
+
+_VEHICLE_ONLY = {"system_id", "start_enu_m", "agent", "autopilot", "direct", "mocap_body"}
+_DERIVED = {"name", "index"}
+
+
+def vehicle_from_tables(
+    name: str,
+    index: int,
+    own: dict[str, Any],
+    types: dict[str, dict[str, Any]],
+    defaults: dict[str, Any],
+    path: str,
+) -> Vehicle:
+    """Merge the tables of one vehicle.
+
+    Args:
+        name: of the vehicle.
+        index: its position in the fleet file.
+        own: its own table.
+        types: all vehicle types of the file.
+        defaults: the file's ``[defaults]``.
+        path: of the file, for the sentences.
+    Returns:
+        the vehicle.
+    Raises:
+        ConfigError: unknown or missing key, unknown type, wrong kind of value.
+    """
+    key = f"vehicles.{name}"
+    if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", name):
+        raise ConfigError(f"{path}: '{key}': a name has 1 to 40 of the characters A-Z a-z 0-9 _ -. Rename the vehicle.")
+    type_name = own.get("type", defaults.get("type", ""))
+    if type_name and type_name not in types:
+        raise ConfigError(
+            f"{path}: '{key}.type' is {type_name!r}, but there is no [types.{type_name}]. "
+            f"Types of this file: {', '.join(types) or 'none'}."
+        )
+    type_table = types.get(type_name, {})
+    known = set(Vehicle.__struct_fields__) - _DERIVED
+    for prefix, table, allowed in (
+        ("defaults", defaults, known - _VEHICLE_ONLY),
+        (f"types.{type_name}", type_table, known - _VEHICLE_ONLY - {"type"}),
+        (key, own, known),
+    ):
+        for entry in table:
+            if entry not in allowed:
+                raise ConfigError(
+                    f"{path}: unknown key '{prefix}.{entry}'. Known keys here: {', '.join(sorted(allowed))}."
+                )
+    for entry in ("system_id", "start_enu_m", "agent", "autopilot"):
+        if entry not in own:
+            raise ConfigError(f"{path}: '{key}.{entry}' is missing. Every vehicle needs one of its own.")
+    merged: dict[str, Any] = {"type": type_name}
+    for table in (defaults, type_table, own):
+        for entry, value in table.items():
+            nested = entry in ("px4_params", "sitl") and isinstance(value, dict)
+            merged[entry] = {**merged.get(entry, {}), **value} if nested else value
+    convert(merged.get("sitl", {}), SitlProfile, path, f"{key}.sitl")  # names the keys that are known there
+    return convert({**merged, "name": name, "index": index}, Vehicle, path, key)  # type: ignore[no-any-return]
