@@ -164,49 +164,68 @@ def step(
         motion is not finite the thrust is level and the published prediction NaN.
     Properties: rotation- and translation-equivariant about the vertical; independent of the neighbours' order.
     """
-    thrust, compensation = baseline.thrust.thrust_enu_m_s2, baseline.compensation_enu_m_s2
-    is_sound = is_plausible(thrust) and is_plausible(predicted.position_enu_m)
-    is_sound = is_sound and is_plausible(predicted.velocity_enu_m_s)
-    is_compensated = is_plausible(compensation)
-    f = thrust if is_sound else _LEVEL
-    s = horizontal(compensation) if is_compensated else ZERO_2
-    radius = horizontal_limit(f.z, params)
-    own = Own(
-        clipped(predicted.position_enu_m),
-        clipped(predicted.velocity_enu_m_s),
-        clipped(baseline.intent_enu_m_s),
-        margin_2(state.position_std_m, state.velocity_std_m_s, params.spacing),
-        into_disc(Vec2(f.x + s.x, f.y + s.y), radius),
-        s,
-        radius,
-    )
+    own = own_at(baseline, predicted, state, params)
     if params.law == COVEY:
         answer = saturate(own, neighbours, obstacles, memory.held_s < 0.0, params)
     elif params.law == PAPER:
         answer = saturate_pair(own, state, neighbours, params)
     else:
         answer = Answer(own.thrust_m_s2, _INACTIVE, 0.0, 0.0, NOBODY)
-    status = answer.status if is_sound and is_compensated else _INFEASIBLE
-    safe = Vec3(answer.thrust_m_s2.x - s.x, answer.thrust_m_s2.y - s.y, f.z)
-    command = Vec3(safe.x, safe.y, safe.z - GRAVITY_M_S2)
-    change = Vec2(answer.thrust_m_s2.x - own.thrust_m_s2.x, answer.thrust_m_s2.y - own.thrust_m_s2.y)
-    relaxed = 1.0 if status == _RELAXED else 0.0
+    output = output_of(answer, own, baseline, predicted, params)
+    relaxed = 1.0 if output.status == _RELAXED else 0.0
     relaxed_share = memory.relaxed_share + relaxed_blend(dt_s) * (relaxed - memory.relaxed_share)
-    held_s = held(memory.held_s, own, answer.active >= 0, dt_s)
-    output = LawOutput(
-        Thrust(safe),
-        predicted.position_enu_m if is_sound else _UNKNOWN,
-        predicted.velocity_enu_m_s if is_sound else _UNKNOWN,
+    held_s = held(memory.held_s, own, output.active_neighbour >= 0, dt_s)
+    commands = remembered(memory.commands, output.commanded_acceleration_enu_m_s2, dt_s)
+    return LawMemory(commands, relaxed_share, held_s), output
+
+
+def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParams) -> Own:
+    """Return this vehicle at t + L as the rows take it, with every number finite."""
+    f, compensation = baseline.thrust.thrust_enu_m_s2, baseline.compensation_enu_m_s2
+    if not is_sound(baseline, predicted):
+        f = _LEVEL
+    s = horizontal(compensation) if is_plausible(compensation) else ZERO_2
+    radius = horizontal_limit(f.z, params)
+    return Own(
+        clipped(predicted.position_enu_m),
+        clipped(predicted.velocity_enu_m_s),
+        clipped(baseline.intent_enu_m_s),
+        margin_2(state.position_std_m, state.velocity_std_m_s, params.spacing),
+        into_disc(Vec2(f.x + s.x, f.y + s.y), radius),
+        f.z,
+        s,
+        radius,
+    )
+
+
+def output_of(answer: Answer, own: Own, baseline: Baseline, predicted: Motion, params: LawParams) -> LawOutput:
+    """Return the output for an answer; one that rests on input that cannot be used is INFEASIBLE."""
+    u, s = answer.thrust_m_s2, own.compensation_m_s2
+    command = Vec3(u.x - s.x, u.y - s.y, own.thrust_z_m_s2 - GRAVITY_M_S2)
+    has_motion = is_sound(baseline, predicted)
+    is_usable = has_motion and is_plausible(baseline.compensation_enu_m_s2)
+    return LawOutput(
+        Thrust(Vec3(command.x, command.y, own.thrust_z_m_s2)),
+        predicted.position_enu_m if has_motion else _UNKNOWN,
+        predicted.velocity_enu_m_s if has_motion else _UNKNOWN,
         command,
-        status,
-        length_2(change),
+        answer.status if is_usable else _INFEASIBLE,
+        length_2(Vec2(u.x - own.thrust_m_s2.x, u.y - own.thrust_m_s2.y)),
         answer.slack_m_s2,
         answer.crowd_count,
         answer.active,
         params.lead_time_s,
         Vec3(own.intent_m_s.x, own.intent_m_s.y, bounded(baseline.intent_enu_m_s.z)),
     )
-    return LawMemory(remembered(memory.commands, command, dt_s), relaxed_share, held_s), output
+
+
+def is_sound(baseline: Baseline, predicted: Motion) -> bool:
+    """Whether the own motion and the baseline's thrust can be used."""
+    return (
+        is_plausible(baseline.thrust.thrust_enu_m_s2)
+        and is_plausible(predicted.position_enu_m)
+        and is_plausible(predicted.velocity_enu_m_s)
+    )
 
 
 def saturate(
@@ -220,7 +239,7 @@ def saturate(
         own: this vehicle at t + L.
         is_roundabout: whether this vehicle has been held for long and calls for a roundabout.
     """
-    pairs, crowd_count, is_sound = nearest_pairs(own, neighbours, params)
+    pairs, crowd_count, are_sound = nearest_pairs(own, neighbours, params)
     if is_roundabout:
         crowd_count = max(crowd_count, float(params.gains.crowd_count))
     constraints = [neighbour_constraint(own, pair, crowd_count, params) for pair in pairs]
@@ -234,15 +253,15 @@ def saturate(
             worst, active = constraint.violation_m_s2, constraint.table_index
     is_avoiding = active != NOBODY
     if not is_avoiding and params.policies.rotation != ROTATION_ALWAYS:
-        status = _INACTIVE if is_sound else _INFEASIBLE
+        status = _INACTIVE if are_sound else _INFEASIBLE
         return Answer(own.thrust_m_s2, status, 0.0, crowd_count, NOBODY)
     hard = [c.row for c in constraints if can_bind(c.row, own.radius_m_s2)]
     soft = [c.turn for c in constraints if c.is_turning]  # the last one is dropped first, the speed row never before
     if is_avoiding and length_2(own.velocity_m_s) > _STANDING_M_S:
         speed = speed_row(own.velocity_m_s, params.top_speed_m_s)
-        soft = [compensated(speed, own.compensation_m_s2)] + soft
+        soft = [compensated(speed, own.compensation_m_s2), *soft]
     point, status, slack = project(own.thrust_m_s2, hard, soft, own.radius_m_s2)
-    return Answer(point, status if is_sound else _INFEASIBLE, slack, crowd_count, active)
+    return Answer(point, status if are_sound else _INFEASIBLE, slack, crowd_count, active)
 
 
 def neighbour_constraint(own: Own, pair: Pair, crowd_count: float, params: LawParams) -> Constraint:

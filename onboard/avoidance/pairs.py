@@ -29,6 +29,7 @@ class Own(NamedTuple):
     intent_m_s: Vec2  # velocity that it would fly if it were alone
     margin_2_m2: float  # its own part of the square of the accuracy margin
     thrust_m_s2: Vec2  # F_d / m of the baseline with the compensation, within the radius
+    thrust_z_m_s2: float  # vertical thrust, which passes as it is
     compensation_m_s2: Vec2  # added to the command against drag and disturbance
     radius_m_s2: float  # largest horizontal thrust
 

@@ -123,7 +123,7 @@ class LawParams(NamedTuple):
 
 
 class VehicleLimits(NamedTuple):
-    """Properties of the vehicle and its room that shape the law; the defaults are those of a quick small quadrotor."""
+    """Properties of the vehicle and its room that shape the law."""
 
     lag_s: float = 0.15
     vertical_lag_s: float = 0.09
@@ -133,6 +133,9 @@ class VehicleLimits(NamedTuple):
     max_tilt_rad: float = math.radians(25.0)
     max_thrust_m_s2: float = 2.0 * GRAVITY_M_S2
     fence_enu_m: tuple[float, float, float, float] = OPEN_FENCE  # x low, x high, y low, y high
+
+
+QUICK_VEHICLE = VehicleLimits()
 
 
 def law_params(fleet: FleetConfig, vehicle_name: str, law: str | None = None) -> LawParams:
@@ -172,7 +175,7 @@ def obstacles(fleet: FleetConfig) -> tuple[Capsule, ...]:
     )
 
 
-def params_of(config: LawConfig, limits: VehicleLimits = VehicleLimits()) -> LawParams:
+def params_of(config: LawConfig, limits: VehicleLimits = QUICK_VEHICLE) -> LawParams:
     """Return the law's numbers for values of ``[law]`` and a vehicle.
 
     A fleet file may say 1 for 1.0, but compiled code is made for kinds of numbers: all are converted here.

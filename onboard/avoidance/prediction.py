@@ -67,7 +67,7 @@ def remembered(commands: list[Command], acceleration_enu_m_s2: Vec3, duration_s:
             a.y if math.isfinite(a.y) else 0.0,
             a.z if math.isfinite(a.z) else 0.0,
         )
-    return [Command(a, duration_s)] + commands[:-1]
+    return [Command(a, duration_s), *commands[:-1]]
 
 
 def predict_own(commands: list[Command], now: Motion, window_s: float, window_z_s: float) -> Motion:

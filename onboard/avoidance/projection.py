@@ -13,7 +13,7 @@ import math
 from typing import NamedTuple
 
 from onboard.avoidance.half_planes import EXACT, HalfPlane, corner, foot, in_disc, on_circle, unit_row
-from onboard.avoidance.relaxation import least_slack
+from onboard.avoidance.relaxation import largest_violation, least_slack
 from onboard.types import LawStatus
 from onboard.vectors import Vec2, dot_2, length_2
 
@@ -52,7 +52,7 @@ def project(u: Vec2, hard: list[HalfPlane], soft: list[HalfPlane], radius: float
     Properties: rotation-equivariant; homogeneous; independent of the order of the hard rows; a point that satisfies
         everything comes back bit for bit.
     """
-    if dot_2(u, u) <= radius * radius * (1.0 + 1e-12) and satisfies(u, hard) and satisfies(u, soft):
+    if dot_2(u, u) <= radius * radius * (1.0 + 1e-12) and largest_violation(u, hard + soft) <= _TOLERANCE:
         return Projection(u, INACTIVE, 0.0)
     rows = [unit_row(row) for row in hard] + [unit_row(row) for row in soft]
     found = nearest(u, rows, radius)
@@ -82,14 +82,6 @@ def relaxed(u: Vec2, hard: list[HalfPlane], radius: float) -> Projection:
                 point = best.point  # several points have the least slack: the nearest of them
             break
     return Projection(point, RELAXED, slack)
-
-
-def satisfies(u: Vec2, rows: list[HalfPlane]) -> bool:
-    """Whether a point satisfies all rows up to the tolerance."""
-    for normal, bound in rows:
-        if normal.x * u.x + normal.y * u.y < bound - _TOLERANCE:
-            return False
-    return True
 
 
 def nearest(u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:

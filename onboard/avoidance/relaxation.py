@@ -45,18 +45,18 @@ def least_slack_of(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
     best, u = math.inf, Vec2(0.0, 0.0)
     for point in candidates(rows, radius):
         if in_disc(point, radius):
-            slack = slack_at(point, rows)
+            slack = largest_violation(point, rows)
             if slack < best:
                 best, u = slack, point
     return best, u
 
 
-def slack_at(u: Vec2, rows: list[HalfPlane]) -> float:
-    """Return by how much a point misses the row that it misses most."""
-    slack = -math.inf
+def largest_violation(u: Vec2, rows: list[HalfPlane]) -> float:
+    """Return by how much a point misses the row that it misses most; negative where it satisfies all."""
+    largest = -math.inf
     for normal, bound in rows:
-        slack = max(slack, bound - normal.x * u.x - normal.y * u.y)
-    return slack
+        largest = max(largest, bound - normal.x * u.x - normal.y * u.y)
+    return largest
 
 
 def candidates(rows: list[HalfPlane], radius: float) -> list[Vec2]:
