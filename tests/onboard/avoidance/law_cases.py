@@ -1,0 +1,108 @@
+"""Values for tests of the law: vehicles, neighbours, random encounters, and the world turned, shifted and scaled."""
+
+import math
+
+import numpy as np
+
+from onboard.avoidance import oist
+from onboard.avoidance.params import Capsule, VehicleLimits, params_of
+from onboard.config.law import LawConfig
+from onboard.types import GRAVITY_M_S2, Neighbour, State, Thrust
+from onboard.vectors import ZERO_3, Vec2, Vec3
+
+FENCE = (-3.0, 3.0, -3.0, 3.0)
+CAPSULES = tuple(
+    Capsule(Vec2(*begin), Vec2(*end), radius)
+    for begin, end, radius in (
+        ((1.0, 1.0), (1.0, 1.0), 0.4),
+        ((-2.0, -1.0), (-1.0, 2.0), 0.0),
+        ((0.0, -2.0), (2.0, -2.0), 0.0),
+    )
+)
+
+
+def vec(values):
+    return Vec3(*map(float, values))
+
+
+def law_of(limits=None, **config):
+    """LawParams for values of [law]; ``limits`` of the vehicle."""
+    return params_of(LawConfig(**config), VehicleLimits(**(limits or {})))
+
+
+def state_of(position, velocity, std=(0.0, 0.0)):
+    return State(vec(position), vec(velocity), ZERO_3, 0.0, 0.0, *map(float, std))
+
+
+def neighbour_of(position, velocity=ZERO_3, command=ZERO_3, **changes):
+    """One that cooperates, with a fresh message; ``changes`` replace fields."""
+    p, v, u = vec(position), vec(velocity), vec(command)
+    unknown = Vec3(math.nan, math.nan, math.nan)
+    made = Neighbour(p, v, u, p, v, u, unknown, 0.0, math.nan, 0.0, 0.0, 0.0, True, True, 0)
+    return made._replace(**changes)
+
+
+def neighbours_of(positions, velocities=None, commands=None):
+    """Neighbours in this order; the first one is the ring's successor."""
+    still = [ZERO_3] * len(positions)
+    return [
+        neighbour_of(p, v, u, is_paper_obstacle=k == 0, table_index=k)
+        for k, (p, v, u) in enumerate(zip(positions, velocities or still, commands or still, strict=True))
+    ]
+
+
+def run(
+    position, velocity, accel, neighbours, params, *, std=(0.0, 0.0), compensation=ZERO_3, intent=None, obstacles=()
+):
+    """Output of one tick of a vehicle without past commands, whose baseline asks for an acceleration."""
+    memory, state = oist.initial(), state_of(position, velocity, std)
+    predicted = oist.predict(memory, state, params)
+    intent = predicted.velocity_enu_m_s if intent is None else vec(intent)
+    baseline = oist.Baseline(thrust_of(accel), vec(compensation), intent)
+    return oist.step(memory, baseline, predicted, state, neighbours, obstacles, params, 0.02)[1]
+
+
+def thrust_of(accel):
+    x, y, z = map(float, accel)
+    return Thrust(Vec3(x, y, z + GRAVITY_M_S2))
+
+
+def random_case(seed, count=4):
+    """Position, velocity, acceleration and neighbours around them, often too near."""
+    rng = np.random.default_rng(seed)
+    spots = rng.normal(size=(count, 3)) * 0.8
+    spots[:, :2] += np.sign(spots[:, :2]) * 0.5
+    velocities, commands = rng.normal(size=(count, 3)) * 0.3, rng.normal(size=(count, 3)) * 0.5
+    neighbours = neighbours_of(list(spots), list(velocities), list(commands))
+    return rng.normal(size=3) * 0.1, rng.normal(size=3) * 0.3, rng.normal(size=3) * 1.5, neighbours
+
+
+def random_neighbour(rng, index, spread):
+    """Any message: another lag, some age, uncertain, perhaps not cooperative, perhaps without an intent."""
+    position, velocity = rng.normal(size=3) * spread, rng.normal(size=3) * 0.5
+    return Neighbour(
+        vec(position),
+        vec(velocity),
+        vec(rng.normal(size=3)),
+        vec(position + 0.15 * velocity),
+        vec(velocity + 0.1 * rng.normal(size=3)),
+        vec(rng.normal(size=3)),
+        vec(rng.normal(size=3) * 0.4) if rng.random() < 0.8 else Vec3(math.nan, math.nan, math.nan),
+        abs(rng.normal()) * 0.1,
+        abs(rng.normal()) * 0.2 if rng.random() < 0.9 else math.nan,
+        abs(rng.normal()) * 0.02,
+        abs(rng.normal()) * 0.05,
+        float(rng.integers(0, 6)),
+        bool(rng.random() < 0.8),
+        bool(rng.random() < 0.5),
+        index,
+    )
+
+
+def mapped(neighbour, function):
+    """The neighbour with function(name, value) in place of each value."""
+    return Neighbour(*(function(name, value) for name, value in zip(Neighbour._fields, neighbour, strict=True)))
+
+
+def horizontal(vector):
+    return np.array(vector[:2])

@@ -1,0 +1,198 @@
+"""The law for N neighbours in numpy: all rows at once as README.md of the avoidance writes them, then every active set.
+
+Sound input only. ``p`` are LawParams, ``own`` is a mapping of horizontal vectors.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from onboard.avoidance import params as numbers
+from tests.oracles.half_planes import least_common_slack, nearest_in_rows_and_disc
+
+INACTIVE, SATURATED, RELAXED = 0, 1, 2
+
+
+def dot(a, b):
+    return (a * b).sum(-1)
+
+
+def cross(a, b):
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def columns(neighbours):
+    """One array for each field; vectors horizontal, (K, 2)."""
+    fields = neighbours[0]._fields
+    arrays = {name: np.array([getattr(n, name) for n in neighbours], float) for name in fields}
+    return {name: array[:, :2] if array.ndim == 2 else array for name, array in arrays.items()}
+
+
+def carried(n, lead_s):
+    """Line P3: positions, velocities and commands (K, 2) of the neighbours at the own t + L."""
+    age = np.clip(n["age_s"], 0.0, 0.3)
+    cooperative = n["is_cooperative"] > 0
+    their_lead = np.clip(np.where(np.isfinite(n["lead_time_s"]), n["lead_time_s"], lead_s), 0.0, 1.0)
+    ahead = (age + lead_s - their_lead)[:, None]
+    forth, back = np.clip(ahead, 0.0, 0.25), np.minimum(ahead, 0.0)
+    p, v = n["predicted_position_enu_m"], n["predicted_velocity_enu_m_s"]
+    u = n["commanded_acceleration_enu_m_s2"]
+    mean = (v - n["velocity_enu_m_s"]) / np.maximum(their_lead, 1e-3)[:, None]
+    q = p + ahead * v + forth * (ahead - 0.5 * forth) * u + 0.5 * back**2 * mean
+    w = v + forth * u + back * mean
+    plain = n["position_enu_m"] + (age + lead_s)[:, None] * n["velocity_enu_m_s"]
+    pick = cooperative[:, None]
+    return np.where(pick, q, plain), np.where(pick, w, n["velocity_enu_m_s"]), np.where(pick, u, 0.0)
+
+
+def design_distances(own, n, s):
+    """Distances (K,) to keep."""
+    variance = s.sigma_position**2 * (own["position_std"] ** 2 + n["position_std_m"] ** 2)
+    variance = variance + s.sigma_velocity_s**2 * (own["velocity_std"] ** 2 + n["velocity_std_m_s"] ** 2)
+    margin = np.full(len(n["age_s"]), s.margin_m)
+    if s.sigma_position > 0:
+        margin = np.clip(s.margin_floor_m + np.sqrt(variance), s.margin_m, 5.0)
+    return s.safety_distance_m + margin + np.where(n["is_cooperative"] > 0, 0.0, s.uncooperative_margin_m)
+
+
+def need(e, w, d, k_1, k_2):
+    """(20) halved, for something that does not accelerate."""
+    return -dot(w, w) - (k_1 + k_2) * dot(e, w) - 0.5 * k_1 * k_2 * (dot(e, e) - d * d)
+
+
+def turn(e, w, v, d, v_perp, sign, g):
+    """(21)."""
+    outside = dot(e, e) - d * d
+    inner = sign * cross(e, v) - d * v_perp + g.kappa_3_1_s * outside
+    return -sign * cross(w, v) - 2.0 * g.kappa_3_1_s * dot(e, w) - g.kappa_4_1_s * inner
+
+
+def sides(e, intent, d, is_crowded, direction):
+    """+1 or -1 (K,)."""
+    is_left = cross(e, intent) < -0.25 * d * np.maximum(np.sqrt(dot(intent, intent)), 0.1)
+    is_fixed = is_crowded & (direction >= numbers.DIRECTION_CROWD)
+    return np.where(is_left & ~is_fixed & (direction != numbers.DIRECTION_FIXED), -1.0, 1.0)
+
+
+def neighbour_rows(own, neighbours, p, is_roundabout):
+    """Lines D, R: distance rows, rotation rows, the neighbours' indices (K,), and the own crowd count."""
+    n, g, policies = columns(neighbours), p.gains, p.policies
+    q, their_v, u = carried(n, p.lead_time_s)
+    e, w = own["position"] - q, own["velocity"] - their_v
+    cooperative = n["is_cooperative"] > 0
+    has_intent = (policies.direction == numbers.DIRECTION_INTENT) & cooperative
+    has_intent = has_intent & np.isfinite(n["intent_enu_m_s"]).all(-1)
+    intent = np.where(has_intent[:, None], own["intent"] - n["intent_enu_m_s"], w)
+    is_settled = has_intent & (np.sqrt(dot(n["intent_enu_m_s"], n["intent_enu_m_s"])) <= 0.1)
+    d = design_distances(own, n, p.spacing)
+    in_range = dot(e, e) <= p.spacing.range_m**2
+    crowd = max((in_range & ~is_settled & (dot(e, e) < 4.0 * d * d)).sum(), g.crowd_count if is_roundabout else 0)
+    order = np.argsort(np.where(in_range, dot(e, e), np.inf), kind="stable")[
+        : min(p.spacing.max_neighbours, in_range.sum())
+    ]
+    e, w, u, d, intent, cooperative = (a[order] for a in (e, w, u, d, intent, cooperative))
+    theirs = np.nan_to_num(n["crowd_count"][order])
+    needed, pulled = need(e, w, d, g.kappa_1_1_s, g.kappa_2_1_s), dot(e, u)
+    is_full = ~cooperative | (policies.responsibility == numbers.RESPONSIBILITY_FULL)
+    gamma = g.shortfall_gain if policies.responsibility == numbers.RESPONSIBILITY_SHORTFALL else 0.0
+    bound = np.where(is_full, needed + pulled, 0.5 * needed + gamma * np.maximum(0.0, 0.5 * needed + pulled))
+    is_crowded = np.maximum(crowd, theirs) >= g.crowd_count
+    sign = sides(e, intent, d, is_crowded, policies.direction)
+    v_perp = np.where(is_crowded & (policies.direction >= numbers.DIRECTION_CROWD), g.v_perp_crowd_m_s, g.v_perp_m_s)
+    v = own["velocity"] if policies.responsibility == numbers.RESPONSIBILITY_FULL else w
+    turning = np.where(is_full, turn(e, w, v, d, v_perp, sign, g), 0.5 * turn(e, w, w, d, 2.0 * v_perp, sign, g))
+    around = np.stack([-e[:, 1], e[:, 0]], -1) * sign[:, None]
+    scale = d[:, None]
+    rows, turns = (e / scale, bound / d), (around / scale, turning / d)
+    return rows, turns, n["table_index"][order].astype(int), crowd
+
+
+def obstacle_rows(own, capsules, p):
+    """The same for the nearest static obstacles."""
+    c = np.array([(*a, *b, r) for a, b, r in capsules]).reshape(-1, 5)
+    along = c[:, 2:4] - c[:, :2]
+    offset = own["position"] - c[:, :2]
+    share = dot(offset, along) / np.where(dot(along, along) > 0, dot(along, along), 1.0)
+    e = offset - np.clip(share, 0.0, 1.0)[:, None] * along
+    order = np.argsort(np.sqrt(dot(e, e)) - c[:, 4], kind="stable")[:6]
+    e, share, radius = e[order], share[order], c[order, 4]
+    v = np.broadcast_to(own["velocity"], e.shape)
+    towards = (dot(e, v) / dot(e, e))[:, None] * e
+    w = np.where(((share > 0) & (share < 1))[:, None], towards, v)
+    d, g = radius + p.spacing.clearance_m, p.gains
+    bound = need(e, w, d, g.static_kappa_1_1_s, g.kappa_2_1_s)
+    sign = sides(e, np.broadcast_to(own["intent"], e.shape), d, np.zeros(len(e), bool), p.policies.direction)
+    turning = turn(e, w, v, d, g.v_perp_m_s, sign, g)
+    around = np.stack([-e[:, 1], e[:, 0]], -1) * sign[:, None]
+    return (e / d[:, None], bound / d), (around / d[:, None], turning / d)
+
+
+def wall_rows(own, p):
+    """The four walls: inward acceleration at least -(k_1 + k_2) h' - k_1 k_2 h."""
+    g, f = p.gains, p.fence
+    inward = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+    (x, y), k_1, k_2 = own["position"], g.static_kappa_1_1_s, g.kappa_2_1_s
+    gap = np.array([x - f.low_x_m, y - f.low_y_m, f.high_x_m - x, f.high_y_m - y])
+    return inward, -(k_1 + k_2) * inward @ own["velocity"] - k_1 * k_2 * gap
+
+
+def law(own, neighbours, capsules, p, is_roundabout=False):
+    """Thrust, status, slack, crowd count and active index; own: position, velocity, intent, thrust, compensation,
+    radius, position_std, velocity_std."""
+    rotation, u = p.policies.rotation, own["thrust"]
+    parts, turn_parts, indices, crowd = [], [], [], least_crowd(p, is_roundabout)
+    if neighbours:
+        rows, turns, indexes, crowd = neighbour_rows(own, neighbours, p, is_roundabout)
+        parts.append(rows)
+        turn_parts.append((*turns, True))
+        indices.extend(indexes)
+    if capsules:
+        rows, turns = obstacle_rows(own, capsules, p)
+        parts.append(rows)
+        turn_parts.append((*turns, False))
+        indices.extend([-2] * len(rows[1]))
+    parts.append(wall_rows(own, p))
+    indices.extend([-2] * 4)
+    normals, bounds = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+    bounds = bounds + normals @ own["compensation"]
+    missing = bounds - normals @ u
+    is_avoiding = bool((missing > 1e-10).any())
+    active = int(np.array(indices)[np.argmax(missing)]) if is_avoiding else -1
+    if not is_avoiding and rotation != numbers.ROTATION_ALWAYS:
+        return u, INACTIVE, 0.0, crowd, active
+    soft = []
+    speed = np.hypot(*own["velocity"])
+    if is_avoiding and speed > 1e-6:
+        normal = -own["velocity"] / speed
+        soft.append((normal, -4.0 * (p.top_speed_m_s - speed) + normal @ own["compensation"]))
+    start = 0
+    for turn_normals, turn_bounds, has_fade in turn_parts:
+        for k, normal in enumerate(turn_normals):
+            bound, lack, given = turn_bounds[k] + normal @ own["compensation"], missing[start + k], normal @ u
+            if rotation == numbers.ROTATION_ALWAYS:
+                soft.append((normal, bound))
+            elif rotation == numbers.ROTATION_VIOLATED and lack > 1e-10:
+                strength = min(1.0, lack / p.gains.rotation_fade_m_s2) if has_fade else 1.0
+                soft.append((normal, given + strength * (bound - given)))
+        start += len(turn_normals)
+    is_hard = np.isfinite(bounds)
+    return (*projection(u, normals[is_hard], bounds[is_hard], soft, own["radius"]), crowd, active)
+
+
+def least_crowd(p, is_roundabout):
+    return float(p.gains.crowd_count) if is_roundabout else 0.0
+
+
+def projection(u, normals, bounds, soft, radius):
+    """Line Q: point, status and slack, by trying every active set."""
+    can_bind = bounds > -radius * np.hypot(*normals.T)  # the others hold in all of the disc
+    normals, bounds = normals[can_bind], bounds[can_bind]
+    for kept in range(len(soft), -1, -1):
+        n = np.concatenate([normals, *(row[0][None] for row in soft[:kept])])
+        b = np.concatenate([bounds, [row[1] for row in soft[:kept]]])
+        point = nearest_in_rows_and_disc(u, n, b, radius)
+        if point is not None:
+            is_same = np.abs(point - u).max() <= 1e-10
+            return point, INACTIVE if is_same else SATURATED, 0.0
+    slack = least_common_slack(normals, bounds, radius)
+    return nearest_in_rows_and_disc(u, normals, bounds - slack - 1e-10, radius), RELAXED, slack
