@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from groundstation.identification.flight_log import MEMORY_S, Fit, Log, jackknife, tilt_vector_rad
-from onboard.types import Array
+from onboard.arrays import Array
 
 _CLUSTER_S = 1.0
 _GRID_DELAYS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2)

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from onboard.frames import body_up
-from onboard.types import Array, IntArray
+from onboard.arrays import Array, IntArray
 
 MEMORY_S = 2.0  # after which a command is forgotten by the attitude
 
@@ -50,10 +49,11 @@ class Fit:
 
 def tilt_vector_rad(quaternion_wxyz: Array) -> Array:
     """Where the thrust leans (..., 2): angle from the vertical times its horizontal direction in ENU."""
-    up = body_up(quaternion_wxyz)
-    horizontal = np.sqrt(up[..., 0] ** 2 + up[..., 1] ** 2)
-    angle = np.arctan2(horizontal, up[..., 2])
-    return np.asarray(up[..., :2] * np.where(horizontal > 1e-9, angle / np.maximum(horizontal, 1e-9), 1.0)[..., None])
+    w, x, y, z = np.moveaxis(quaternion_wxyz, -1, 0)
+    up = np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x)], axis=-1)  # horizontal part of the body's z axis
+    horizontal = np.hypot(up[..., 0], up[..., 1])
+    angle = np.arctan2(horizontal, 1.0 - 2.0 * (x * x + y * y))
+    return np.asarray(up * np.where(horizontal > 1e-9, angle / np.maximum(horizontal, 1e-9), 1.0)[..., None])
 
 
 def jackknife(jacobian: Array, residual: Array, cluster: IntArray) -> tuple[Array, int]:

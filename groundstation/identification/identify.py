@@ -21,7 +21,8 @@ import numpy as np
 from groundstation.identification.attitude_fit import fit_attitude, unexplained_times_s
 from groundstation.identification.flight_log import MEMORY_S, Log, TooLittleFlown, tilt_vector_rad
 from groundstation.identification.motion_fit import POSITION_NOISE_M, WINDOW_S, fit_horizontal, fit_vertical
-from onboard.types import GRAVITY_M_S2, Array, BoolArray
+from onboard.arrays import Array, BoolArray
+from onboard.types import GRAVITY_M_S2
 
 MIN_DURATION_S = 8.0
 MIN_TILT_RMS_DEG = 0.5

@@ -9,7 +9,8 @@ import numpy as np
 
 from groundstation.identification.attitude_fit import asked_tilt, response
 from groundstation.identification.flight_log import Fit, Log, TooLittleFlown, jackknife
-from onboard.types import GRAVITY_M_S2, Array, IntArray
+from onboard.arrays import Array, IntArray
+from onboard.types import GRAVITY_M_S2
 
 WINDOW_S = 2.0
 _GRID_S = 0.005

@@ -10,8 +10,8 @@ import numpy as np
 
 from groundstation.identification.flight_log import Log
 from groundstation.recording.reader import Sample, read
+from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
-from onboard.types import Array
 
 _LOW_M = 0.3  # below, the ground bears part of the weight
 _GAP_S = 0.1

@@ -10,8 +10,8 @@ from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from onboard.arrays import Array, BoolArray, IntArray
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import MocapPose, StateMessage, Telemetry
 from onboard.config.fleet import FleetConfig
@@ -19,10 +19,6 @@ from onboard.neighbours import subscription
 from onboard.neighbours.mocap_tracker import POSITION_STD_M, VELOCITY_STD_M_S, BodyTracker
 from onboard.types import Neighbour
 from onboard.vectors import Vec3
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 SILENT_S = 0.25  # with two ticks of confirmation a silence is acted on within 0.3 s
 STALE_S = 0.15

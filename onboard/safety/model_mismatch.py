@@ -12,14 +12,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from onboard.arrays import Array
 from onboard.feasibility.bounds import LAG_ERROR_S
 from onboard.frames import Quaternion, body_up
 from onboard.types import GRAVITY_M_S2
 from onboard.vectors import Vec3
-
-Array = NDArray[np.float64]
 
 _FORGET_S = 30.0
 _LEAST_S = 8.0

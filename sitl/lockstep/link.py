@@ -18,7 +18,7 @@ import numpy as np
 
 from onboard.autopilot import Landed, Snapshot, Vec3, Vec4
 from onboard.config.fleet import Vehicle
-from onboard.frames import changed_frame_wxyz
+from onboard.frames import ned_frd_from_enu_flu, ned_from_enu, yaw_from_quaternion
 from onboard.px4 import modes
 from onboard.px4.required_params import differences, required_params
 from onboard.types import AttitudeSetpoint
@@ -35,7 +35,6 @@ _BATTERY_EVERY_STEPS = 125
 _HEARTBEAT_EVERY_STEPS = 250
 _HALF_NOISE_RAD = 0.5 * np.radians([0.06, 0.06, 0.11])  # of roll, pitch and yaw on the wire
 _TYPE_MASK_ATTITUDE_AND_THRUST = 7
-_SQRT_HALF = math.sqrt(0.5)
 _NO_RATES = [0.0, 0.0, 0.0]
 
 Fields = dict[str, Any]
@@ -209,9 +208,8 @@ class EmulatedLink:
 
     def send_attitude(self, setpoint: AttitudeSetpoint) -> None:
         """SET_ATTITUDE_TARGET with attitude and thrust."""
-        w, x, y, z = setpoint.quaternion_wxyz.tolist()
-        q = list(changed_frame_wxyz((w, x, y, z)))
-        thrust, take, index = float(setpoint.thrust_frac), self._bank.emulator.attitude_setpoint, self._index
+        q = list(ned_frd_from_enu_flu(setpoint.quaternion_wxyz))
+        thrust, take, index = setpoint.thrust_frac, self._bank.emulator.attitude_setpoint, self._index
         self._bank.send(index, lambda: take(index, q, _NO_RATES, thrust, _TYPE_MASK_ATTITUDE_AND_THRUST))
 
     def set_offboard(self) -> None:
@@ -242,13 +240,10 @@ class EmulatedLink:
         self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float, reset_count: int = 0
     ) -> None:
         """ODOMETRY with the mocap's position and heading."""
-        east, north, up = position_enu_m
-        w, x, y, z = changed_frame_wxyz(quaternion_enu_flu_wxyz)
-        yaw_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        position_ned_m = np.array(ned_from_enu(position_enu_m))
+        yaw_rad = yaw_from_quaternion(ned_frd_from_enu_flu(quaternion_enu_flu_wxyz))
         take, index = self._bank.emulator.vision, self._index
-        self._bank.send(
-            index, lambda: take(index, np.array([north, east, -up]), yaw_rad=yaw_rad, reset_count=reset_count)
-        )
+        self._bank.send(index, lambda: take(index, position_ned_m, yaw_rad=yaw_rad, reset_count=reset_count))
 
     def connect(self) -> tuple[str, ...]:
         """What the shell does when PX4 answers: origin and parameters; returns what is still wrong with these."""
@@ -284,5 +279,5 @@ def _measured(attitude: list[float], yaw_error_rad: float, half_noise_rad: list[
         y + w * b + z * a - x * d,
         z + w * d + x * b - y * a,
     )
-    size = _SQRT_HALF / math.sqrt(w * w + x * x + y * y + z * z)
-    return size * (w + z), size * (x + y), size * (x - y), size * (w - z)
+    size = math.sqrt(w * w + x * x + y * y + z * z)
+    return enu_flu_from_ned_frd((w / size, x / size, y / size, z / size))

@@ -11,7 +11,8 @@ import pytest
 from groundstation.identification.attitude_fit import step_response
 from groundstation.identification.flight_log import Log, TooLittleFlown, tilt_vector_rad
 from groundstation.identification.identify import Identified, identify
-from onboard.types import GRAVITY_M_S2, Array
+from onboard.arrays import Array
+from onboard.types import GRAVITY_M_S2
 
 TICK_S, STEP_S, MOTOR_LAG_S = 0.02, 0.005, 0.05
 

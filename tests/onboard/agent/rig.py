@@ -15,7 +15,7 @@ from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import Event, MocapPose, Order, OrderKind, OrderReply, StateMessage, Telemetry
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
-from onboard.frames import body_up, quaternion_from_yaw, quaternion_multiply
+from onboard.frames import Quaternion, body_up, quaternion_from_yaw, quaternion_multiply
 from onboard.types import GRAVITY_M_S2, AttitudeSetpoint
 
 DT_NS = 20_000_000
@@ -146,7 +146,7 @@ class Rig:
             stamp_ns=self.now_ns,
             is_tracked=True,
             position_enu_m=position,
-            quaternion_enu_flu_wxyz=tuple(self._true(np.asarray(self._snapshot.quaternion_enu_flu_wxyz)).tolist()),
+            quaternion_enu_flu_wxyz=self._true(self._snapshot.quaternion_enu_flu_wxyz),
         )
         sample = msgspec.structs.replace(sample, **changes)
         self.take(self.core.handle(ev.PoseArrived(sample, self.now_ns), self.now_ns))
@@ -176,16 +176,17 @@ class Rig:
                 case ev.Publish(Topic.STATE, StateMessage() as state):
                     self.state = state
 
-    def _true(self, believed: np.ndarray) -> np.ndarray:
+    def _true(self, believed: Quaternion) -> Quaternion:
         """PX4's attitude with the error of its heading taken out."""
         return quaternion_multiply(quaternion_from_yaw(self.heading_error_rad), believed)
 
     def _move(self) -> None:
         acceleration = np.array([0.0, 0.0, -GRAVITY_M_S2])
         if self.is_armed and self.mode == "OFFBOARD" and self._setpoint is not None and self.has_lift:
-            believed = np.asarray(self._setpoint.quaternion_wxyz)
-            acceleration += float(self._setpoint.thrust_frac) / HOVER * GRAVITY_M_S2 * body_up(self._true(believed))
-            self._snapshot = replace(self._snapshot, quaternion_enu_flu_wxyz=tuple(believed.tolist()))
+            believed = self._setpoint.quaternion_wxyz
+            thrust_m_s2 = self._setpoint.thrust_frac / HOVER * GRAVITY_M_S2
+            acceleration += thrust_m_s2 * np.array(body_up(self._true(believed)))
+            self._snapshot = replace(self._snapshot, quaternion_enu_flu_wxyz=believed)
         elif self.is_armed and self.mode == "LAND":
             acceleration = np.array([0.0, 0.0, -0.5]) - self.velocity * 1.0
         self.velocity = self.velocity + 0.02 * acceleration

@@ -61,7 +61,7 @@ class Listener:
         for command in commands:
             match command:
                 case ev.SendAttitude(setpoint):
-                    q, thrust = np.asarray(setpoint.quaternion_wxyz), float(setpoint.thrust_frac)
+                    q, thrust = np.asarray(setpoint.quaternion_wxyz), setpoint.thrust_frac
                     assert np.isfinite(q).all()
                     assert 0.0 <= thrust <= 1.0
                     assert 1.0 - 2.0 * (q[1] ** 2 + q[2] ** 2) >= self.tilt_cos

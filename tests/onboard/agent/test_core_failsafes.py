@@ -121,7 +121,7 @@ def test_a_landing_that_rises_again_or_that_px4_does_not_see_is_left_to_px4(thru
         rig.step()
     rig.obeys = False
     assert rig._setpoint is not None
-    rig._setpoint = AttitudeSetpoint(rig._setpoint.quaternion_wxyz, np.asarray(thrust_of_hover * HOVER))
+    rig._setpoint = AttitudeSetpoint(rig._setpoint.quaternion_wxyz, thrust_of_hover * HOVER)
     rig.sees_ground = False
     rig.run(9.0)
     assert rig.mode == "LAND"

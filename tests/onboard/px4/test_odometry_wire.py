@@ -83,7 +83,7 @@ def wire() -> Iterator[tuple[Px4Link, _Decoder]]:
 def test_a_pose_goes_out_in_px4s_axes_with_its_variance_and_its_count_and_without_a_velocity(wire) -> None:
     link, decoder = wire
     # facing 30 degrees north of east; not quite a unit quaternion, as mocaps give them
-    facing = tuple((1.01 * quaternion_from_yaw(math.radians(30.0))).tolist())
+    facing = tuple(1.01 * part for part in quaternion_from_yaw(math.radians(30.0)))
     link.send_odometry((1.0, 2.0, 3.0), facing, 0.02, 255)
     sent = decoder.wait("ODOMETRY")
     assert (sent.x, sent.y, sent.z) == pytest.approx((2.0, 1.0, -3.0))  # north, east, down

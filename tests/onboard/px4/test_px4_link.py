@@ -10,12 +10,11 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from onboard.autopilot import Landed, LinkError, Snapshot
 from onboard.config.fleet import load_fleet
-from onboard.frames import quaternion_from_yaw, quaternion_multiply
+from onboard.frames import Quaternion, quaternion_from_yaw, quaternion_multiply
 from onboard.px4.mavsdk_link import Px4Link
 from onboard.px4.required_params import differences, required_params
 from onboard.types import AttitudeSetpoint
@@ -144,10 +143,10 @@ def test_a_flight_follows_the_setpoints_and_a_silent_loop_is_silence_on_the_wire
     yaw = 0.5 * math.pi  # PX4's north, where the emulated vehicle's nose points at the start
     level = quaternion_from_yaw(yaw)
 
-    def fly(seconds: float, thrust_frac: float, q: np.ndarray = level) -> None:
+    def fly(seconds: float, thrust_frac: float, q: Quaternion = level) -> None:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            link.send_attitude(AttitudeSetpoint(q, np.asarray(thrust_frac)))
+            link.send_attitude(AttitudeSetpoint(q, thrust_frac))
             time.sleep(0.02)
 
     link.apply_params({"COM_OF_LOSS_T": 0.3, "COM_OBL_RC_ACT": 4})
@@ -163,7 +162,7 @@ def test_a_flight_follows_the_setpoints_and_a_silent_loop_is_silence_on_the_wire
     assert link.snapshot().landed is Landed.IN_AIR
     assert link.snapshot().position_local_ned_m[2] < -0.3
     # tilt the thrust to fleet east: left of a nose that points north is west, so the left side has to rise
-    east = quaternion_multiply(level, np.array([math.cos(0.08), math.sin(0.08), 0.0, 0.0]))
+    east = quaternion_multiply(level, (math.cos(0.08), math.sin(0.08), 0.0, 0.0))
     fly(0.8, 0.5, east)
     assert link.snapshot().velocity_local_ned_m_s[1] > 0.3
     # From here on nothing is sent although this process lives: PX4's own failsafe has to notice.
@@ -208,7 +207,7 @@ def test_nobody_there_is_no_error() -> None:
     found.start()
     try:
         assert not found.connect(0.2)
-        found.send_attitude(AttitudeSetpoint(np.array([1.0, 0.0, 0.0, 0.0]), np.asarray(0.5)))
+        found.send_attitude(AttitudeSetpoint((1.0, 0.0, 0.0, 0.0), 0.5))
         assert found.snapshot() == Snapshot()
     finally:
         found.stop()

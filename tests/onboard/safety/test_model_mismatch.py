@@ -10,6 +10,7 @@ import pytest
 from onboard.safety import model_mismatch
 from onboard.safety.model_mismatch import ResponseMemory
 from onboard.types import GRAVITY_M_S2
+from onboard.vectors import ZERO_3, Vec3
 
 DT_S = 0.02
 
@@ -29,7 +30,7 @@ def flown(
         half = 0.5 * math.acos(up[2])
         axis = np.array([-up[1], up[0]]) / max(math.hypot(up[0], up[1]), 1e-12)
         quaternion = np.array([math.cos(half), *(math.sin(half) * axis), 0.0])
-        memory = model_mismatch.update(memory, model, rate, quaternion, dt_s)
+        memory = model_mismatch.update(memory, Vec3(*model, 0.0), Vec3(*rate, 0.0), tuple(quaternion), dt_s)
     return memory
 
 
@@ -58,14 +59,14 @@ def test_nothing_is_said_before_there_was_anything_to_see() -> None:
     assert model_mismatch.differences(flown(0.2, seconds=4.0), 0.15, 0.7, 0.5) == {}
     still = model_mismatch.initial()
     for _ in range(1000):
-        still = model_mismatch.update(still, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), DT_S)
+        still = model_mismatch.update(still, ZERO_3, ZERO_3, (1.0, 0.0, 0.0, 0.0), DT_S)
     assert model_mismatch.late_s(still)[1] == math.inf
 
 
 def test_bad_input_changes_nothing() -> None:
     memory = flown(0.0)
-    level, upside_down = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0, 0.0])
-    nan = np.full(3, np.nan)
-    assert model_mismatch.update(memory, nan, np.zeros(3), level, DT_S) is memory
-    assert model_mismatch.update(memory, np.zeros(3), np.zeros(3), upside_down, DT_S) is memory
-    assert model_mismatch.update(memory, np.zeros(3), np.zeros(3), np.full(4, np.nan), DT_S) is memory
+    level, upside_down = (1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)
+    nan = Vec3(math.nan, math.nan, math.nan)
+    assert model_mismatch.update(memory, nan, ZERO_3, level, DT_S) is memory
+    assert model_mismatch.update(memory, ZERO_3, ZERO_3, upside_down, DT_S) is memory
+    assert model_mismatch.update(memory, ZERO_3, ZERO_3, (math.nan,) * 4, DT_S) is memory

@@ -284,7 +284,7 @@ def test_reports_come_once_a_second_on_the_ground_and_never_in_flight() -> None:
 def test_a_heading_that_px4_takes_from_the_mocap_may_be_off_by_a_little() -> None:
     rig = ready()
     small = quaternion_from_yaw(math.radians(10.0))
-    assert quaternion_multiply(small, np.array([1.0, 0.0, 0.0, 0.0])) == pytest.approx(small)
+    assert quaternion_multiply(small, (1.0, 0.0, 0.0, 0.0)) == pytest.approx(small)
     rig.heading_error_rad = math.radians(10.0)
     rig.run(3.0)
     assert refusals(rig) == {}

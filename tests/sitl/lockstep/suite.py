@@ -116,7 +116,7 @@ class Judge:
         self.outcome_wrong.setdefault(sentence)
 
     def _check_setpoint(self, name: str, send: object, setpoint: AttitudeSetpoint) -> None:
-        q, thrust = np.asarray(setpoint.quaternion_wxyz), float(setpoint.thrust_frac)
+        q, thrust = np.asarray(setpoint.quaternion_wxyz), setpoint.thrust_frac
         limit_deg = self.flight.config.vehicles[name].max_tilt_deg + _TILT_SLACK_DEG
         if not (np.isfinite(q).all() and math.isfinite(thrust)):
             self.wrong(f"{name} sends what is not finite")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from onboard.frames import (
-    quaternion_enu_flu_from_ned_frd,
+    enu_flu_from_ned_frd,
     quaternion_from_yaw,
     quaternion_multiply,
 )
@@ -21,8 +21,8 @@ def test_turns_in_floats_are_those_of_the_frames() -> None:
         q = rng.normal(size=4)
         q /= np.linalg.norm(q)
         yaw, half = rng.normal(), 0.01 * rng.normal(size=3)
-        turned = quaternion_multiply(quaternion_multiply(quaternion_from_yaw(yaw), q), np.array([1.0, *half]))
-        expected = quaternion_enu_flu_from_ned_frd(turned / np.linalg.norm(turned))
+        turned = np.array(quaternion_multiply(quaternion_multiply(quaternion_from_yaw(yaw), q), (1.0, *half)))
+        expected = enu_flu_from_ned_frd(turned / np.linalg.norm(turned))
         np.testing.assert_allclose(link._measured(q.tolist(), yaw, half.tolist()), expected, atol=1e-12)
 
 
