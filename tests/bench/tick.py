@@ -1,0 +1,68 @@
+"""Processor time of one tick of one vehicle: mocap sample to attitude setpoint, as an agent computes it.
+
+python -m tests.bench.tick [--ticks 2000]
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import random
+import statistics
+import time
+
+from onboard.config.fleet import load_fleet
+from onboard.control import pipeline
+from onboard.control.pipeline import Phase
+from onboard.estimation import kalman
+from onboard.types import Goal, Neighbour
+from onboard.vectors import ZERO_3, Vec3
+
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+START = Vec3(0.0, 0.0, 1.0)
+
+
+def neighbours(count: int, seed: int = 2) -> list[Neighbour]:
+    """Vehicles at random within 0.9 to 3 m, slowly moving."""
+    rng = random.Random(seed)
+    out = []
+    for index in range(count):
+        angle, distance = rng.uniform(-math.pi, math.pi), rng.uniform(0.9, 3.0)
+        p = Vec3(distance * math.cos(angle), distance * math.sin(angle), 1.0)
+        v = Vec3(rng.gauss(0.0, 0.3), rng.gauss(0.0, 0.3), 0.0)
+        u = Vec3(rng.gauss(0.0, 0.5), rng.gauss(0.0, 0.5), 0.0)
+        out.append(Neighbour(p, v, ZERO_3, p, v, u, v, 0.04, 0.15, 0.003, 0.02, 1.0, True, False, index))
+    return out
+
+
+def tick_times_s(count: int, ticks: int) -> list[float]:
+    """Processor time of each tick with ``count`` neighbours, sorted."""
+    params = pipeline.pipeline_params(load_fleet("configs/fleets/paper.toml"), "mav0")
+    filter_params, around = kalman.KalmanParams(), neighbours(count)
+    own, memory = kalman.initial(START, filter_params), pipeline.initial(params, START)
+    goal, times_s = Goal(Vec3(3.0, 0.0, 1.0), 0.0, 1), []
+    for _ in range(ticks):
+        begin_s = time.process_time()
+        own = kalman.drive(own, LEVEL, 0.5, 0.5, filter_params, 0.02, False)
+        own = kalman.correct(own, START, 0.02, filter_params)
+        state = kalman.state(own, 0.0, 0.0, 0.0)
+        memory, _ = pipeline.step(memory, state, goal, around, (), Phase.FLYING, params, 0.02)
+        times_s.append(time.process_time() - begin_s)
+    return sorted(times_s)
+
+
+def main() -> int:
+    """Print the shortest and the median tick with 0, 2, 6 and 12 neighbours."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--ticks", type=int, default=2000)
+    options = parser.parse_args()
+    for count in (0, 2, 6, 12):
+        times_s = tick_times_s(count, options.ticks)
+        print(
+            f"{count:2d} neighbours: shortest {1e3 * times_s[0]:.3f} ms, median {1e3 * statistics.median(times_s):.3f} ms"
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
