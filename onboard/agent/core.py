@@ -49,8 +49,9 @@ from onboard.neighbours.subscription import CHOOSE_TICKS
 from onboard.neighbours.table import NeighbourTable
 from onboard.px4.required_params import required_params
 from onboard.safety.failsafe_table import Action, Situation
+from onboard.safety.limits import POSITION_LOST_S
 from onboard.safety.setpoint_check import is_sendable
-from onboard.supervision.conditions import PERIOD_S, POSITION_LOST_S, TickContext
+from onboard.supervision.conditions import PERIOD_S, TickContext
 from onboard.supervision.failsafe_executor import FailsafeExecutor
 from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
 from onboard.supervision.preflight_reporter import PreflightReporter
@@ -358,7 +359,7 @@ class AgentCore:
             doing.below_m = tick.setpoint.position_enu_m.z - self._view.position_enu_m[2]
         self.failsafes.tick(self._view, doing)
         if flight.situation is Situation.GROUND:
-            self.preflight.look(
+            self.preflight.update(
                 self._view,
                 self._period_s,
                 is_airborne=self._is_airborne,

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-SILENT_S = 0.3
+from onboard.safety.limits import AUTOPILOT_SILENT_S
+
 FROZEN_S = 0.3
 HEARTBEAT_LOST_S = 3.2  # three of them, at 1 Hz
 STANDSTILL_S = 0.15
@@ -44,7 +45,7 @@ class AutopilotMonitor:
             packet_ns, attitude_ns, heartbeat_ns: arrival of the newest packet, attitude and heartbeat; 0 never.
             boot_ms: PX4's clock in its newest attitude.
         """
-        is_silent = now_ns - packet_ns > SILENT_S * 1e9
+        is_silent = now_ns - packet_ns > AUTOPILOT_SILENT_S * 1e9
         self._silent_ticks = self._silent_ticks + 1 if is_silent else 0
         if boot_ms != self._boot_ms:
             if boot_ms + REBOOT_MS < self._boot_ms:

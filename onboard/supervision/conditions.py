@@ -21,11 +21,11 @@ from onboard.safety.autopilot_monitor import AutopilotMonitor
 from onboard.safety.battery_monitor import BatteryMonitor
 from onboard.safety.failsafe_table import Condition, Situation
 from onboard.safety.geofence import Fence
+from onboard.safety.limits import POSITION_LOST_S, POSITION_STALE_S
 from onboard.safety.tracking_monitor import TrackingMonitor
 from onboard.supervision.neighbour_conditions import NeighbourMonitor
 from onboard.types import GRAVITY_M_S2, LawStatus
 
-POSITION_STALE_S, POSITION_LOST_S = 0.2, 0.5
 STALE_FOR_S = 0.3  # a position that stays this old is lost, however regularly it comes
 LATE_S, STALLED_S, STALLED_LONG_S = 0.005, 0.2, 0.3  # PX4 lands after COM_OF_LOSS_T = 0.3 s without setpoints
 PERIOD_S = 0.02

@@ -180,7 +180,7 @@ def test_a_second_agent_for_this_vehicle_refuses_until_it_is_gone() -> None:
         twin(rig)
         rig.run(0.02)
     assert set(refusals(rig)) == {"alone"}
-    assert "Another agent speaks for mav0" in rig.order("takeoff", height_m=1.0).reason
+    assert "Another agent runs for mav0" in rig.order("takeoff", height_m=1.0).reason
     rig.run(4.5)
     assert refusals(rig) == {}
 

@@ -9,12 +9,12 @@ ROUNDS = [
     [
         ("mocap_lost", {}, "position", "mocap body 'mav0'"),
         ("mocap_late", {"delay_s": 2.0}, "clock", "in the past"),
-        ("link_loss", {"share": 1.0, "direction": "out"}, "px4", "Nothing is heard"),
+        ("link_loss", {"share": 1.0, "direction": "out"}, "px4", "PX4 is not heard"),
     ],
     [
         ("mocap_frozen", {}, "failsafe", "Mocap repeats itself"),
-        ("vision_jump", {"east_m": 2.0}, "agreement", "from where the mocap sees it"),
-        ("autopilot_hang", {}, "px4", "Nothing is heard"),
+        ("vision_jump", {"east_m": 2.0}, "agreement", "from where the mocap measures"),
+        ("autopilot_hang", {}, "px4", "PX4 is not heard"),
     ],
 ]
 

@@ -1,0 +1,76 @@
+"""Facts about a vehicle on the ground that the rules of preflight judge. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from onboard.config.fleet import Vec3
+from onboard.safety.failsafe_table import Condition
+from onboard.safety.limits import AUTOPILOT_SILENT_S, POSITION_STALE_S
+
+HEARTBEAT_SILENT_S = 3.0
+OLDEST_SAMPLE_S, FUTURE_S = 0.5, 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class PreflightFacts:
+    """Facts about one vehicle at one tick. Ages are in seconds and infinite before the first message."""
+
+    # PX4
+    autopilot_age_s: float
+    heartbeat_age_s: float
+    # own position
+    position_age_s: float
+    position_enu_m: Vec3
+    battery_frac: float  # NaN while PX4 has not published it
+    # the other vehicles
+    missing_neighbours: tuple[str, ...]  # not heard on the bus
+    other_hashes: Mapping[str, str]  # vehicle -> its configuration hash, where it differs
+    config_hash: str
+    param_problems: tuple[str, ...] | None  # sentences; None while PX4's parameters are not read yet
+    is_law_warm: bool  # the control pipeline has run once
+    is_airborne: bool
+    battery_voltage_v: float = math.nan
+    attitude_hz: float | None = None  # arrival rate of PX4's attitude; None in the first second
+    is_armed: bool = False
+    is_failsafe: bool = False
+    unhealthy: tuple[tuple[str, bool], ...] = ()  # sensors that PX4 calls unhealthy, and whether this flight needs them
+    has_rc: bool | None = None  # PX4 hears a radio control; None while it is not known
+    has_duplicate: bool = False  # another agent publishes for this vehicle
+    # mocap
+    sample_delay_s: float | None = None  # arrival of the newest sample minus its stamp; None without one
+    sample_age_s: float = math.inf  # since that arrival
+    source_problem: str = ""  # of the mocap that is read on this computer, as a sentence
+    speed_m_s: float = 0.0  # highest of the last second
+    px4_position_enu_m: Vec3 | None = None  # PX4's own estimate
+    heading_miss_rad: float = 0.0  # the mocap's heading minus PX4's
+    tilt_miss_rad: float = 0.0  # angle between the directions of up, by mocap and by PX4, in the body's axes
+    has_wrong_tilt: bool = False  # these directions differed when the vehicle was last tilted by hand
+    fuses_position: bool = False  # by its required parameters PX4 takes the position from the mocap
+    fuses_heading: bool = False  # by its required parameters PX4 takes the heading from the mocap
+    has_flown: bool = False  # since this agent started, so that the vehicle may stand anywhere
+    hover_frac: float = math.nan  # learned in flight
+    clock_bounds_s: Mapping[str, float] = field(default_factory=dict)  # node -> error of its clock; inf: not measured
+    law: str = "covey"
+    law_refusals: tuple[tuple[str, str, str], ...] = ()  # (name, sentence, remedy) of the findings that refuse
+    loop_p99_ms: float = 0.0  # 99 % of the control loop's periods are shorter
+    has_recorder: bool = False
+    conditions: frozenset[Condition] = frozenset()  # of the failsafe table that hold
+
+    @property
+    def has_autopilot(self) -> bool:
+        """Whether PX4 and its heartbeat are heard."""
+        return self.autopilot_age_s < AUTOPILOT_SILENT_S and self.heartbeat_age_s < HEARTBEAT_SILENT_S
+
+    @property
+    def has_wrong_clock(self) -> bool:
+        """Whether mocap samples arrive whose stamps cannot be of our clock."""
+        delay = self.sample_delay_s
+        return delay is not None and self.sample_age_s < POSITION_STALE_S and not -FUTURE_S <= delay <= OLDEST_SAMPLE_S
+
+    @property
+    def has_position(self) -> bool:
+        """Whether the position is fresh."""
+        return self.position_age_s < POSITION_STALE_S

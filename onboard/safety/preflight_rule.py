@@ -1,0 +1,76 @@
+"""One rule of preflight: its judgement of the facts, and the words for each result. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from onboard.config.fleet import FleetConfig, Vec3, Vehicle
+from onboard.safety.preflight_facts import PreflightFacts
+
+OK, SKIP = "ok", "skip"
+Judgement = tuple[str, Mapping[str, object]]  # OK, SKIP or the key of a fault; and the numbers for its sentence
+FINE: Judgement = (OK, {})
+NO_PX4: Judgement = (SKIP, {"reason": "while PX4 is silent"})
+NO_POSITION: Judgement = (SKIP, {"reason": "without a fresh position"})
+NO_MOCAP: Judgement = (SKIP, {"reason": "for a vehicle that flies on PX4's own position"})
+
+
+@dataclass(frozen=True, slots=True)
+class PreflightCheck:
+    """Answer of one rule."""
+
+    name: str
+    is_ok: bool  # not ok refuses take-off
+    sentence: str
+    remedy: str = ""  # ok with a remedy is advice
+
+
+@dataclass(frozen=True, slots=True)
+class RuleFault:
+    """One fault that a rule can name: sentence and remedy as templates."""
+
+    sentence: str
+    remedy: str
+    is_advice: bool = False  # does not refuse take-off
+
+
+@dataclass(frozen=True, slots=True)
+class PreflightRule:
+    """One line of the preflight page."""
+
+    name: str
+    demand: str  # what must be true, for docs/preflight.md
+    passes: str  # sentence when it is true, as a template
+    faults: Mapping[str, RuleFault]
+    judge: Callable[[PreflightFacts, FleetConfig, Vehicle], Judgement]
+
+    def check(self, facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> PreflightCheck:
+        """Judge the facts and put the result into words.
+
+        Args:
+            facts: about the vehicle, at one tick.
+            fleet: the fleet file.
+            vehicle: the vehicle of that file.
+        Returns:
+            the answer.
+        """
+        key, words = self.judge(facts, fleet, vehicle)
+        words = {"name": vehicle.name, "autopilot": vehicle.autopilot, "body": vehicle.body, **words}
+        if key == OK:
+            return PreflightCheck(self.name, True, self.passes.format(**words))
+        if key == SKIP:
+            return PreflightCheck(self.name, True, "Not judged {reason}.".format(**words))
+        fault = self.faults[key]
+        return PreflightCheck(self.name, fault.is_advice, fault.sentence.format(**words), fault.remedy.format(**words))
+
+
+def coordinates(position: Vec3) -> str:
+    """Write a position for a sentence.
+
+    Args:
+        position: ENU [m].
+    Returns:
+        for instance "(1.00, 2.00, 0.00) m".
+    """
+    return "(" + ", ".join(f"{value:.2f}" for value in position) + ") m"

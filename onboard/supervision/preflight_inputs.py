@@ -1,0 +1,81 @@
+"""Newest reports of the agent's other parts and of the bus, as far as preflight judges them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from onboard.autopilot import Vec4
+from onboard.bus.schema import Telemetry
+from onboard.events import (
+    ClocksCompared,
+    EventIn,
+    LoopTimed,
+    NeighbourHeard,
+    NodeSeen,
+    ParamsRead,
+    PoseArrived,
+    SourceTold,
+)
+from onboard.neighbours.duplicate_agents import DuplicateAgents
+
+RECORDER = "recorder"  # first word of the bus node of a recorder
+_DUPLICATE_FOR_NS = 3_000_000_000
+
+
+class MocapSample(NamedTuple):
+    """Newest mocap sample of the own body."""
+
+    quaternion_enu_flu_wxyz: Vec4
+    received_ns: int
+    delay_s: float  # from its stamp to its arrival
+
+
+@dataclass(slots=True)
+class PreflightInputs:
+    """Newest input of each kind; ``hear`` every event of the agent."""
+
+    vehicle: str
+    body: str | None  # mocap body of this vehicle
+    boot_id: int  # of this agent
+    sample: MocapSample | None = None
+    param_problems: tuple[str, ...] | None = None  # None until PX4's parameters are read
+    loop_p99_ms: float = 0.0
+    source_problem: str = ""  # of the mocap that is read here
+    clock_bounds_s: dict[str, float] = field(default_factory=dict)  # node on another host -> error of its clock
+    duplicates: DuplicateAgents = field(default_factory=DuplicateAgents)
+    _recorders: set[str] = field(default_factory=set)
+    _duplicate_ns: int | None = None
+
+    @property
+    def has_recorder(self) -> bool:
+        """Whether a recorder is on the bus."""
+        return bool(self._recorders)
+
+    def has_duplicate(self, now_ns: int) -> bool:
+        """Whether another agent has published for this vehicle in the last seconds."""
+        return self._duplicate_ns is not None and now_ns - self._duplicate_ns < _DUPLICATE_FOR_NS
+
+    def hear(self, event: EventIn) -> None:
+        """Take an event; most kinds change nothing here."""
+        match event:
+            case PoseArrived(pose, received_ns) if pose.body == self.body and pose.is_tracked:
+                delay_s = (received_ns - pose.stamp_ns) * 1e-9
+                self.sample = MocapSample(pose.quaternion_enu_flu_wxyz, received_ns, delay_s)
+            case NeighbourHeard(message, received_ns) if message.vehicle == self.vehicle:
+                if message.boot_id != self.boot_id:
+                    self._duplicate_ns = received_ns
+            case NeighbourHeard(Telemetry() as message, received_ns):
+                self.duplicates.hear(message.vehicle, message.boot_id, received_ns)
+                if self.vehicle in message.doubles:
+                    self._duplicate_ns = received_ns
+            case ClocksCompared(bounds_s):
+                self.clock_bounds_s = {node: bound for node, bound in bounds_s.items() if not node.startswith("ground")}
+            case NodeSeen(node, is_alive) if node.partition("-")[0] == RECORDER:
+                (self._recorders.add if is_alive else self._recorders.discard)(node)
+            case ParamsRead(problems):
+                self.param_problems = problems
+            case LoopTimed():
+                self.loop_p99_ms = event.p99_ms
+            case SourceTold(sentence):
+                self.source_problem = sentence
