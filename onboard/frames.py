@@ -44,11 +44,6 @@ def ned_frd_from_enu_flu(q_enu_flu: Quaternion) -> Quaternion:
     return enu_flu_from_ned_frd(q_enu_flu)
 
 
-def yaw_enu_from_ned_rad(yaw_ned_rad: float) -> float:
-    """Return the heading counterclockwise from east of one clockwise from north, wrapped; its own inverse."""
-    return wrap_rad(0.5 * math.pi - yaw_ned_rad)
-
-
 def wrap_rad(angle_rad: float) -> float:
     """Return the angle in [-pi, pi)."""
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi

@@ -1,7 +1,7 @@
 """Values that pass between two stages of the pipeline: frozen, of plain floats, in fleet ENU.
 
-One value belongs to one vehicle. A batch of flights holds the same values in arrays and knows how to read and write them
-(:mod:`onboard.rollout.batch`).
+One value belongs to one vehicle. A batch of flights holds the same values in arrays, and knows how to read and write
+them (:mod:`onboard.rollout.batch`).
 """
 
 from __future__ import annotations

@@ -13,7 +13,6 @@ from typing import NamedTuple
 from onboard.types import GRAVITY_M_S2, AttitudeSetpoint, Thrust
 from onboard.vectors import Vec3, is_finite, length
 
-
 MAX_THRUST_FRAC = 0.98
 
 

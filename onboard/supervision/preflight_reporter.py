@@ -12,6 +12,7 @@ from onboard.events import EventIn
 from onboard.flight import takeover
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
+from onboard.frames import enu_from_ned
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.duplicate_agents import DuplicateAgents
 from onboard.neighbours.table import NeighbourTable
@@ -122,7 +123,7 @@ class PreflightReporter:
 
     def _gather(self, view: FlightView, is_airborne: bool, hover_frac: float) -> PreflightFacts:
         now_ns, snapshot, own, inputs = view.now_ns, view.snapshot, self._own, self._inputs
-        sample, north, east, down = inputs.sample, *snapshot.position_local_ned_m
+        sample = inputs.sample
         return PreflightFacts(
             autopilot_age_s=_age_s(now_ns, snapshot.last_packet_ns),
             heartbeat_age_s=_age_s(now_ns, snapshot.heartbeat_ns),
@@ -139,7 +140,7 @@ class PreflightReporter:
             sample_delay_s=None if sample is None else sample.delay_s,
             sample_age_s=math.inf if sample is None else _age_s(now_ns, sample.received_ns),
             source_problem=inputs.source_problem,
-            px4_position_enu_m=(east, north, -down) if snapshot.local_position_ns else None,
+            px4_position_enu_m=enu_from_ned(snapshot.position_local_ned_m) if snapshot.local_position_ns else None,
             heading_miss_rad=own.heading_offset_rad,
             tilt_miss_rad=self._tilt.difference_rad,
             has_wrong_tilt=self._tilt.has_wrong_tilt,

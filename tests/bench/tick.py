@@ -58,9 +58,8 @@ def main() -> int:
     options = parser.parse_args()
     for count in (0, 2, 6, 12):
         times_s = tick_times_s(count, options.ticks)
-        print(
-            f"{count:2d} neighbours: shortest {1e3 * times_s[0]:.3f} ms, median {1e3 * statistics.median(times_s):.3f} ms"
-        )
+        shortest_ms, median_ms = 1e3 * times_s[0], 1e3 * statistics.median(times_s)
+        print(f"{count:2d} neighbours: shortest {shortest_ms:.3f} ms, median {median_ms:.3f} ms")
     return 0
 
 

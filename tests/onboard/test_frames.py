@@ -84,8 +84,3 @@ def test_rotate_and_multiply_agree_with_matrices() -> None:
 def test_yaw_survives_the_way_through_a_quaternion() -> None:
     for yaw in np.linspace(-3.1, 3.1, 41):
         assert frames.yaw_from_quaternion(frames.quaternion_from_yaw(yaw)) == pytest.approx(yaw, abs=1e-12)
-
-
-@pytest.mark.parametrize(("ned_deg", "enu_deg"), [(0, 90), (90, 0), (180, -90), (-90, -180)])
-def test_compass_heading_becomes_mathematical_heading(ned_deg: float, enu_deg: float) -> None:
-    assert math.degrees(frames.yaw_enu_from_ned_rad(math.radians(ned_deg))) == pytest.approx(enu_deg)
