@@ -1,16 +1,32 @@
 """Prediction over the own lag and over the age of a message."""
 
-import numpy as np
+import math
 
-from onboard.avoidance import prediction
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from onboard.avoidance import oist, prediction
+from onboard.avoidance.prediction import Motion
+from onboard.vectors import ZERO_3, Vec3
+from tests.onboard.avoidance.law_cases import law_of, neighbour_of, state_of, vec
+
+NUMBER = st.floats(-5, 5)
+VECTOR = st.builds(Vec3, NUMBER, NUMBER, NUMBER)
+COMMANDS = st.lists(VECTOR, min_size=1, max_size=12)
 
 
 def history_of(commands, dt_s=0.02):
     """Oldest command first."""
-    history = prediction.initial(commands[0].shape[:-1])
+    history = prediction.no_commands()
     for command in commands:
-        history = prediction.record(history, command, dt_s)
+        history = prediction.remembered(history, vec(command), dt_s)
     return history
+
+
+def predicted(history, position, velocity, window_s, window_z_s=None):
+    motion = Motion(vec(position), vec(velocity))
+    return prediction.predict_own(history, motion, window_s, window_s if window_z_s is None else window_z_s)
 
 
 def integrate(commands, position, velocity, dt_s):
@@ -22,98 +38,136 @@ def integrate(commands, position, velocity, dt_s):
 
 def test_whole_ticks_equal_step_by_step_integration_oldest_first():
     rng = np.random.default_rng(0)
-    commands = list(rng.normal(size=(12, 3)))
-    p, v = rng.normal(size=3), rng.normal(size=3)
-    history = history_of(commands)
-    predicted = prediction.predict_own(history, p, v, np.array(0.16))
-    np.testing.assert_allclose(predicted, integrate(commands[-8:], p, v, 0.02), atol=1e-12)
+    commands, (p, v) = list(rng.normal(size=(12, 3))), rng.normal(size=(2, 3))
+    result = predicted(history_of(commands), p, v, 0.16)
+    np.testing.assert_allclose(result, integrate(commands[-8:], p, v, 0.02), atol=1e-12)
 
 
 def test_a_window_between_ticks_uses_the_part_of_the_oldest_command_that_is_inside():
-    u_old, u_new = np.array([1.0, 0, 0]), np.array([0, 2.0, 0])
-    history = history_of([u_old, u_new])
-    p, v = prediction.predict_own(history, np.zeros(3), np.zeros(3), np.array(0.03))
-    p_ref, v_ref = integrate([u_old], np.zeros(3), np.zeros(3), 0.01)
-    p_ref, v_ref = integrate([u_new], p_ref, v_ref, 0.02)
-    np.testing.assert_allclose(p, p_ref, atol=1e-15)
-    np.testing.assert_allclose(v, v_ref, atol=1e-15)
+    u_old, u_new, zero = np.array([1.0, 0, 0]), np.array([0, 2.0, 0]), np.zeros(3)
+    p, v = integrate([u_old], zero, zero, 0.01)
+    reference = integrate([u_new], p, v, 0.02)
+    np.testing.assert_allclose(predicted(history_of([u_old, u_new]), zero, zero, 0.03), reference, atol=1e-15)
 
 
 def test_unequal_ticks_are_counted_by_their_time():
-    u = np.array([1.0, 0.0, 0.0])
-    history = prediction.initial(())
+    u, history = Vec3(1.0, 0.0, 0.0), prediction.no_commands()
     for dt in (0.02, 0.005, 0.035, 0.01):
-        history = prediction.record(history, u, dt)
-    p, v = prediction.predict_own(history, np.zeros(3), np.zeros(3), np.array(0.06))
-    np.testing.assert_allclose(v, 0.06 * u, atol=1e-15)
-    np.testing.assert_allclose(p, 0.5 * 0.06**2 * u, atol=1e-15)
+        history = prediction.remembered(history, u, dt)
+    p, v = predicted(history, ZERO_3, ZERO_3, 0.06)
+    np.testing.assert_allclose(v, 0.06 * np.array(u), atol=1e-15)
+    np.testing.assert_allclose(p, 0.5 * 0.06**2 * np.array(u), atol=1e-15)
+
+
+def test_the_history_has_the_same_length_for_ever():
+    history = history_of(np.ones((3 * prediction.SLOTS, 3)))
+    assert len(history) == prediction.SLOTS
 
 
 def test_no_commands_predict_constant_velocity():
-    p, v = prediction.predict_own(prediction.initial(()), np.ones(3), np.array([1.0, 2.0, 3.0]), np.array(0.5))
+    p, v = predicted(prediction.no_commands(), np.ones(3), [1.0, 2.0, 3.0], 0.5)
     np.testing.assert_allclose(p, [1.5, 2.0, 2.5])
     np.testing.assert_allclose(v, [1.0, 2.0, 3.0])
 
 
-def test_batch_equals_loop_with_a_window_each():
-    rng = np.random.default_rng(1)
-    commands = list(rng.normal(size=(6, 4, 3)))
-    p, v, window = rng.normal(size=(4, 3)), rng.normal(size=(4, 3)), np.array([0.0, 0.03, 0.1, 9.0])
-    together = prediction.predict_own(history_of(commands), p, v, window)
-    for k in range(4):
-        alone = prediction.predict_own(history_of([c[k] for c in commands]), p[k], v[k], window[k])
-        np.testing.assert_allclose(np.array(alone), np.array(together)[:, k], atol=1e-13)
+def test_vertical_axis_obeys_its_own_lag_and_then_flies_straight_on():
+    history = history_of(np.tile([0.0, 0.0, 2.0], (8, 1)))
+    p, v = predicted(history, ZERO_3, [0.0, 0.0, 1.0], 0.15, 0.09)
+    at_z = 0.09 + 0.5 * 2.0 * 0.09**2
+    np.testing.assert_allclose(v.z, 1.0 + 2.0 * 0.09, atol=1e-12)
+    np.testing.assert_allclose(p.z, at_z + 0.06 * v.z, atol=1e-12)
 
 
-def test_turning_the_world_turns_the_prediction():
-    rng = np.random.default_rng(2)
-    commands, p, v = rng.normal(size=(9, 3)), rng.normal(size=3), rng.normal(size=3)
+@settings(max_examples=60, deadline=None)
+@given(COMMANDS, VECTOR, VECTOR, st.floats(0, 0.24))
+def test_translation_and_rotation_equivariant(commands, p, v, window_s):
     turn = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1.0]])
-    plain = prediction.predict_own(history_of(list(commands)), p, v, np.array(0.13))
-    turned = prediction.predict_own(history_of(list(commands @ turn.T)), turn @ p, turn @ v, np.array(0.13))
-    np.testing.assert_allclose(np.array(turned), np.array(plain) @ turn.T, atol=1e-13)
+    plain = np.array(predicted(history_of(commands), p, v, window_s))
+    turned = predicted(history_of(np.array(commands) @ turn.T), turn @ p + 3.0, turn @ v, window_s)
+    np.testing.assert_allclose(turned, plain @ turn.T + [[3.0] * 3, [0.0] * 3], atol=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(COMMANDS, st.floats(-3, 3), st.floats(0, 0.24))
+def test_linear_in_the_commands(commands, factor, window_s):
+    plain = np.array(predicted(history_of(commands), ZERO_3, ZERO_3, window_s))
+    scaled = predicted(history_of(factor * np.array(commands)), ZERO_3, ZERO_3, window_s)
+    np.testing.assert_allclose(scaled, factor * plain, atol=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(COMMANDS, VECTOR, VECTOR, st.integers(0, 12))
+def test_a_window_cut_in_two_gives_the_same(commands, p, v, cut):
+    cut = min(cut, len(commands))
+    whole = predicted(history_of(commands), p, v, 0.02 * len(commands))
+    first = predicted(history_of(commands[:cut]), p, v, 0.02 * cut)
+    second = predicted(history_of(commands[cut:]), *first, 0.02 * (len(commands) - cut))
+    np.testing.assert_allclose(second, whole, atol=1e-9)
 
 
 def test_a_command_that_is_not_finite_counts_as_none():
-    history = history_of([np.array([np.nan, np.inf, 1.0])])
-    p, v = prediction.predict_own(history, np.zeros(3), np.zeros(3), np.array(0.02))
+    history = history_of([[math.nan, math.inf, 1.0]])
+    p, v = predicted(history, ZERO_3, ZERO_3, 0.02)
     assert np.isfinite(p).all()
     np.testing.assert_allclose(v, [0, 0, 0.02])
 
 
+def test_the_law_predicts_over_lag_and_age_unless_the_policy_or_the_paper_says_otherwise():
+    memory, state = oist.initial(), state_of([1, 2, 3], [1, 0, 0])._replace(age_s=0.05)
+    ahead = {
+        name: oist.predict(memory, state, params).position_enu_m.x - 1.0
+        for name, params in (
+            ("lag", law_of()),
+            ("none", law_of(prediction="none")),
+            ("paper", law_of(name="paper")),
+            ("unknown age", law_of()),
+        )
+    }
+    np.testing.assert_allclose([ahead["lag"], ahead["none"], ahead["paper"]], [0.2, 0.0, 0.0])
+    unknown = oist.predict(memory, state._replace(age_s=math.nan), law_of())
+    np.testing.assert_allclose(unknown.position_enu_m.x, 1.15)
+
+
 def carried(position, velocity, command, age, *, plain=None, lead=0.15, own_lead=0.15):
-    position, velocity, command = (np.array([x], float) for x in (position, velocity, command))
-    plain = velocity if plain is None else np.array([plain], float)
-    result = prediction.predict_neighbour(
-        position, velocity, command, plain, np.array([age]), np.array([lead]), own_lead
-    )
-    return np.array(result)[:, 0]
+    neighbour = neighbour_of(position, velocity if plain is None else plain, command, age_s=age, lead_time_s=lead)
+    neighbour = neighbour._replace(predicted_velocity_enu_m_s=vec(velocity))
+    received = prediction.receive(neighbour, own_lead)
+    assert received.is_usable
+    return np.array(received.position_m), np.array(received.velocity_m_s)
 
 
 def test_neighbour_is_carried_along_its_command_for_the_age_of_its_message():
     q, w = carried([0, 0, 0], [1.0, 0, 0], [0, 2.0, 0], 0.1)
-    np.testing.assert_allclose(q, [0.1, 0.5 * 2.0 * 0.01, 0])
-    np.testing.assert_allclose(w, [1.0, 0.2, 0])
+    np.testing.assert_allclose(q, [0.1, 0.5 * 2.0 * 0.01], atol=1e-15)
+    np.testing.assert_allclose(w, [1.0, 0.2])
 
 
 def test_silent_neighbour_is_not_extrapolated_for_ever():
-    late, later = (carried([0, 0, 0], [1.0, 0, 0], [1.0, 0, 0], age) for age in (0.3, 30.0))
-    np.testing.assert_array_equal(late, later)
+    late, *others = (carried([0, 0, 0], [1.0, 0, 0], [1.0, 0, 0], age) for age in (0.3, 30.0, math.nan, math.inf))
+    for later in others:
+        np.testing.assert_array_equal(late, later)
 
 
 def test_neighbour_with_another_lag_is_carried_to_our_own_time():
     """A neighbour under one constant acceleration, predicted over its own lag, is where it will be after ours."""
     p, v, a = np.array([0.3, -0.2, 1.0]), np.array([0.7, 0.4, 0.0]), np.array([1.5, -2.0, 0.0])
     for lead, own_lead, age in ((0.27, 0.15, 0.04), (0.15, 0.27, 0.04), (0.40, 0.05, 0.0), (0.15, 0.0, 0.02)):
-        told = p + lead * v + 0.5 * lead**2 * a, v + lead * a
-        q, w = carried(*told, a, age, plain=v, lead=lead, own_lead=own_lead)
+        q, w = carried(p + lead * v + 0.5 * lead**2 * a, v + lead * a, a, age, plain=v, lead=lead, own_lead=own_lead)
         then = age + own_lead
-        np.testing.assert_allclose(q, p + then * v + 0.5 * then**2 * a, atol=1e-12)
-        np.testing.assert_allclose(w, v + then * a, atol=1e-12)
+        np.testing.assert_allclose(q, (p + then * v + 0.5 * then**2 * a)[:2], atol=1e-12)
+        np.testing.assert_allclose(w, (v + then * a)[:2], atol=1e-12)
 
 
 def test_lead_that_ends_at_our_time_leaves_the_prediction_as_it_is_from_both_sides():
     for shift in (-1e-9, 0.0, 1e-9):
         q, w = carried([1, 2, 3], [1, 0, 0], [0, 5, 0], 0.05, plain=[3, 3, 3], lead=0.20 + shift, own_lead=0.15)
-        np.testing.assert_allclose(q, [1, 2, 3], atol=1e-7)
-        np.testing.assert_allclose(w, [1, 0, 0], atol=1e-6)
+        np.testing.assert_allclose(q, [1, 2], atol=1e-7)
+        np.testing.assert_allclose(w, [1, 0], atol=1e-6)
+
+
+def test_neighbour_that_does_not_cooperate_is_carried_on_from_its_plain_estimate():
+    neighbour = neighbour_of([1, 2, 3], [1, 0, 0], [5, 5, 0], is_cooperative=False, age_s=0.05)
+    received = prediction.receive(neighbour, 0.15)
+    np.testing.assert_allclose(received.position_m, [1.2, 2.0])
+    assert received.command_m_s2 == (0.0, 0.0)
+    assert not prediction.receive(neighbour._replace(position_enu_m=Vec3(math.nan, 0, 0)), 0.15).is_usable
