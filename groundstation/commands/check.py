@@ -24,7 +24,7 @@ from groundstation.missions.files import (
 )
 from groundstation.orders.grammar import plan
 from onboard.config.fleet import ConfigError, FleetConfig, Vec3, load_fleet, read_toml
-from onboard.control.trajectory import GuidanceParams, shortest_duration_s
+from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
 from onboard.feasibility.bounds import ACCURACIES
 from onboard.feasibility.finding import Finding, least, most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
@@ -191,8 +191,8 @@ def _time(fleet: FleetConfig, step: OrderStep, name: str, spot: Vec3, goal: Vec3
     if isinstance(step, TakeoffStep | LandStep):
         shortest_s = _START_S + abs(goal[2] - spot[2]) / _CLIMB_M_S
     else:
-        bounds = GuidanceParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2)
-        shortest_s = float(shortest_duration_s(math.dist(spot, goal), bounds))
+        bounds = TrajectoryParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2)
+        shortest_s = shortest_duration_s(math.dist(spot, goal), bounds)
         shortest_s = _SETTLE_S + max(shortest_s, getattr(step, "duration_s", 0.0))
     return least(
         f"time, {where}",
