@@ -7,8 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from onboard.avoidance import constraints
-from onboard.avoidance.params import LawParams
 from onboard.config.fleet import ConfigError, fleet_from_mapping
 from onboard.rollout import closed_loop
 from onboard.rollout.vehicle_model import Perturbation
@@ -74,48 +72,6 @@ def test_polygon_and_its_edges_know_inside_from_outside():
     assert box.distance_m((0.0, 0.0)) == pytest.approx(-0.5)
     assert box.distance_m((2.5, 0.0)) == pytest.approx(2.0)
     assert box.distance_m((0.8, 1.0)) == pytest.approx(0.5)
-
-
-def test_row_beside_a_wall_asks_only_for_the_speed_towards_it():
-    n = LawParams().numbers
-    wall = ((-50.0, 0.0, 50.0, 0.0, 0.0),)
-    along = constraints.obstacle_rows(np.array([0.0, 1.0]), np.array([3.0, 0.0]), np.zeros(2), wall, n=n)
-    still = constraints.obstacle_rows(np.array([0.0, 1.0]), np.array([0.0, 0.0]), np.zeros(2), wall, n=n)
-    np.testing.assert_allclose(along[1], still[1])
-    assert (
-        constraints.obstacle_rows(np.array([0.0, 1.0]), np.array([0.0, -1.0]), np.zeros(2), wall, n=n)[1][0]
-        > still[1][0]
-    )
-
-
-def test_rows_of_a_moving_vehicle_are_the_rate_of_the_constraint():
-    """Finite differences: along a motion under u, h'' + (k_1 + k_2) h' + k_1 k_2 h is e.u minus need."""
-    n, rng, step = LawParams().numbers, np.random.default_rng(4), 1e-3
-    for _ in range(50):
-        capsule = (*rng.uniform(-1, 1, 4), rng.uniform(0, 0.5))
-        p, v, u = rng.uniform(-3, 3, 2), rng.normal(size=2), rng.normal(size=2)
-
-        def half_square(t, p=p, v=v, u=u, capsule=capsule):
-            """|e|^2 / 2 from a row's normal: e / d times d."""
-            d = capsule[4] + n.clearance_m
-            e = d * constraints.obstacle_rows(p + t * v + 0.5 * t * t * u, v + t * u, v, (capsule,), n=n)[0][0]
-            return 0.5 * (e @ e - d * d)
-
-        before, now, after = (half_square(t) for t in (-step, 0.0, step))
-        rate, bend = (after - before) / (2 * step), (after - 2 * now + before) / step**2
-        normals, bounds, _, _ = constraints.obstacle_rows(p, v, v, (capsule,), n=n)
-        d = capsule[4] + n.clearance_m
-        k_1, k_2 = n.static_kappa_1_1_s, n.kappa_2_1_s
-        assert d * (normals[0] @ u - bounds[0]) == pytest.approx(bend + (k_1 + k_2) * rate + k_1 * k_2 * now, abs=1e-4)
-
-
-def test_speed_row_holds_an_avoiding_vehicle_below_its_limit_but_never_against_separation():
-    n = LawParams().numbers
-    normal, bound, is_on = constraints.speed_row(np.array([n.top_speed_m_s, 0.0]), n=n)
-    assert is_on.all()
-    assert bound[0] == pytest.approx(0.0)  # at the limit: no further acceleration along the motion
-    assert normal[0] @ np.array([1.0, 5.0]) < 0.0
-    assert not constraints.speed_row(np.zeros(2), n=n)[2].any()
 
 
 WRONG = [
