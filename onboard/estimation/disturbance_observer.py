@@ -48,9 +48,12 @@ class _Axis(NamedTuple):
     rate_m_s3: float
 
 
+_NO_COMMANDS = (ZERO_3,) * HISTORY_TICKS
+
+
 def initial(velocity_enu_m_s: Vec3) -> ObserverMemory:
     """Return the memory of a vehicle at a velocity [m/s], ENU: no disturbance known, commands so far zero."""
-    return ObserverMemory(velocity_enu_m_s, ZERO_3, ZERO_3, ZERO_3, (ZERO_3,) * HISTORY_TICKS)
+    return ObserverMemory(velocity_enu_m_s, ZERO_3, ZERO_3, ZERO_3, _NO_COMMANDS)
 
 
 def step(
