@@ -15,6 +15,7 @@ import numpy as np
 
 from onboard import events as ev
 from onboard.agent.core import AgentCore, Pass
+from onboard.arrays import BoolArray
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessage, Telemetry
 from onboard.bus.topics import Topic
@@ -22,7 +23,8 @@ from onboard.config.fleet import FleetConfig
 from onboard.control.pipeline import PipelineMemory
 from onboard.neighbours.subscription import is_slow
 from onboard.neighbours.table import NeighbourTable
-from onboard.types import Neighbours, Tick
+from onboard.rollout.rows import Rows
+from onboard.types import Tick
 from sitl.lockstep.bus import Node, SimBus
 from sitl.lockstep.link import EmulatedLink
 from sitl.lockstep.neighbour_tables import Round, Tables
@@ -84,8 +86,8 @@ class Hall:
                     agent.hear((one,))
         self.tables.age(now_ns)
 
-    def snapshots(self, tables: Sequence[NeighbourTable], now_ns: int) -> Neighbours:
-        """Of some of the tables, stacked, (n, K, 3)."""
+    def snapshots(self, tables: Sequence[NeighbourTable], now_ns: int) -> tuple[Rows, BoolArray]:
+        """Return the snapshots of some of the tables (n, K) as rows of Neighbour, and which of them are present."""
         return self.tables.snapshots([self._rows[id(table)] for table in tables], now_ns)
 
 

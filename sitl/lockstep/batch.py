@@ -1,14 +1,14 @@
-"""Ticks of many agents at one instant: passes of the pipeline with equal parameters are computed together.
+"""Ticks of many agents at one instant.
 
-The pipeline takes leading batch axes, and a batch gives what a loop gives; so the price of each call of numpy is
-paid once for all agents. The stacked memories stay stacked as long as the same agents tick together.
+Few agents tick one after the other, each as on a drone. From BATCHED_FROM agents on the same pipeline runs compiled
+over all of them at once (:mod:`onboard.rollout.batch`). Their memories stay in rows as long as the same agents tick
+together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, is_dataclass
-from operator import attrgetter
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,74 +16,28 @@ import numpy as np
 from onboard.agent.core import Pass
 from onboard.control import pipeline
 from onboard.control.pipeline import PipelineMemory, PipelineParams
+from onboard.rollout import batch
+from onboard.rollout.rows import Rows
+from onboard.types import Tick
 from sitl.lockstep.agents import AgentShell, Hall
 
-Leaves = tuple[Any, ...]
-
-
-class Stacker:
-    """Stacks frozen values of one kind along a new first axis, and takes them apart again."""
-
-    def __init__(self, example: Any) -> None:
-        names: list[str] = []
-        kinds: dict[str, Any] = {}
-        text = _constructor(example, "", names, kinds)
-        self._build: Callable[[Sequence[Any]], Any] = eval(f"lambda leaves: {text}", kinds)
-        self._leaves: Callable[[Any], Any] = attrgetter(*names)
-
-    def stack(self, values: Sequence[Any]) -> Any:
-        """(N, ...) of N values (...)."""
-        columns = zip(*map(self._leaves, values), strict=True)
-        return self._build([np.array(column) for column in columns])
-
-    def row(self, stacked: Any, place: int) -> Any:
-        """One value (...) of an (N, ...)."""
-        return self._build([leaf[place] for leaf in self._leaves(stacked)])
-
-    def rows(self, stacked: Any) -> list[Any]:
-        """N values (...) of one (N, ...)."""
-        return list(map(self._build, zip(*self._leaves(stacked), strict=True)))
-
-
-def _constructor(example: Any, prefix: str, names: list[str], kinds: dict[str, Any]) -> str:
-    """The expression that makes a value of ``leaves``; notes the dotted names of the leaves in their order, and kinds.
-
-    One expression for the whole tree, because walking it for every agent at every tick takes as long as filling it.
-    """
-    if not is_dataclass(example):
-        names.append(prefix[:-1])
-        return f"leaves[{len(names) - 1}]"
-    kind = type(example)
-    kinds[kind.__name__] = kind
-    parts = [_constructor(getattr(example, f.name), f"{prefix}{f.name}.", names, kinds) for f in fields(example)]
-    return f"{kind.__name__}({', '.join(parts)})"
+BATCHED_FROM = 8  # vehicles
 
 
 @dataclass(frozen=True, slots=True)
-class _Row:
-    """An agent's memory as its core keeps it between two ticks: a place in a stacked one, taken out when it must be."""
+class _RowMemory:
+    """An agent's memory as its core keeps it between two ticks: a row among others, read when it is needed."""
 
-    stacked: PipelineMemory
-    place: int
+    rows: Rows
+    index: int
 
     def __getattr__(self, name: str) -> Any:
-        part = getattr(self.stacked, name)
-        return stacker_of(part).row(part, self.place) if is_dataclass(part) else part[self.place]
+        return getattr(self.value(), name)
 
-    def taken_out(self) -> Any:
-        """The memory by itself."""
-        return stacker_of(self.stacked).row(self.stacked, self.place)
-
-
-_stackers: dict[type, Stacker] = {}
-
-
-def stacker_of(example: Any) -> Stacker:
-    """The stacker for values of this kind, made once."""
-    found = _stackers.get(type(example))
-    if found is None:
-        found = _stackers[type(example)] = Stacker(example)
-    return found
+    def value(self) -> PipelineMemory:
+        """Return the memory by itself."""
+        memory: PipelineMemory = batch.MEMORY.values(self.rows[self.index : self.index + 1])[0]
+        return memory
 
 
 class Batch:
@@ -95,82 +49,68 @@ class Batch:
 
     def __init__(self, hall: Hall | None) -> None:
         self._hall = hall
-        self._kinds: list[PipelineParams] = []
-        self._known: dict[str, tuple[PipelineParams, int]] = {}
+        self._params: tuple[list[PipelineParams], Rows] = [], batch.PARAMS.rows(0)
 
     def tick(self, agents: Sequence[AgentShell], now_ns: int) -> None:
-        """One tick of each agent; what one publishes is heard by the others in later ticks."""
+        """One tick of each agent; a message that one publishes is heard by the others in later ticks."""
         passes = [agent.begin_tick(now_ns) for agent in agents]
-        groups: dict[Any, list[int]] = {}
-        for place, (agent, due) in enumerate(zip(agents, passes, strict=True)):
-            key = (self._kind(agent), due.phase, due.dt_s) if self._hall is not None else place
-            groups.setdefault(key, []).append(place)
-        results: list[Any] = [None] * len(agents)
-        for places in groups.values():
-            params, dues = agents[places[0]].core.params, [passes[place] for place in places]
-            together = self._together(params, dues) if len(dues) > 1 else [_alone(params, dues[0])]
-            for place, result in zip(places, together, strict=True):
-                results[place] = result
+        is_together = len({due.dt_s for due in passes}) == 1  # not so after one of them has stood still
+        if self._hall is not None and is_together and len(agents) >= BATCHED_FROM:
+            results = self._together(self._hall, agents, passes)
+        else:
+            results = [_alone(agent, due) for agent, due in zip(agents, passes, strict=True)]
         for agent, (memory, tick) in zip(agents, results, strict=True):
             agent.end_tick(memory, tick, now_ns)
 
-    def _kind(self, agent: AgentShell) -> int:
-        """A number that is equal for equal parameters."""
-        params = agent.core.params
-        known = self._known.get(agent.name)
-        if known is None or known[0] is not params:
-            if params not in self._kinds:
-                self._kinds.append(params)
-            known = self._known[agent.name] = params, self._kinds.index(params)
-        return known[1]
-
-    def _together(self, params: PipelineParams, dues: list[Pass]) -> list[Any]:
-        first = dues[0]
-        assert self._hall is not None
-        memory, tick = pipeline.step(
-            self._stacked_memory(dues),
-            _stack("state", dues),
-            _stack("goal", dues),
-            self._hall.snapshots([due.table for due in dues], first.now_ns),
-            params=params,
-            dt_s=first.dt_s,
-            phase=first.phase,
+    def _together(self, hall: Hall, agents: Sequence[AgentShell], passes: list[Pass]) -> list[tuple[Any, Tick]]:
+        memories = _rows_of([due.memory for due in passes])
+        neighbours, is_present = hall.snapshots([due.table for due in passes], passes[0].now_ns)
+        ticks = batch.step(
+            memories,
+            batch.STATE.packed([due.state for due in passes]),
+            batch.GOAL.packed([due.goal for due in passes]),
+            neighbours,
+            is_present,
+            batch.OBSTACLE.packed(agents[0].core.obstacles),
+            np.array([int(due.phase) for due in passes]),
+            self._params_of(agents),
+            passes[0].dt_s,
         )
-        ticks = stacker_of(tick).rows(tick)
-        return [(_Row(memory, place), row) for place, row in enumerate(ticks)]
+        values = batch.TICK.values(ticks)
+        return [(_RowMemory(memories, index), tick) for index, tick in enumerate(values)]
 
-    def _stacked_memory(self, dues: list[Pass]) -> PipelineMemory:
-        """As it is when the same agents ticked together last time, else put together anew."""
-        held: list[Any] = [due.memory for due in dues]
-        first = held[0]
-        if isinstance(first, _Row) and len(first.stacked.clock_rate) == len(held):
-            stacked = first.stacked
-            if all(
-                isinstance(one, _Row) and one.stacked is stacked and one.place == place
-                for place, one in enumerate(held)
-            ):
-                return stacked
-        whole = [_taken_out(memory) for memory in held]
-        together: PipelineMemory = stacker_of(whole[0]).stack(whole)
-        return together
+    def _params_of(self, agents: Sequence[AgentShell]) -> Rows:
+        """Return the rows of the agents' parameters, made once for the same agents."""
+        params = [agent.core.params for agent in agents]
+        known, rows = self._params
+        if len(known) != len(params) or any(one is not other for one, other in zip(known, params, strict=True)):
+            rows = batch.PARAMS.packed(params)
+            self._params = params, rows
+        return rows
 
 
-def _alone(params: PipelineParams, due: Pass) -> Any:
+def _rows_of(memories: list[Any]) -> Rows:
+    """Return the memories as rows: those of the last tick when the same agents tick together again."""
+    first = memories[0]
+    if isinstance(first, _RowMemory) and len(first.rows) == len(memories):
+        is_same = (isinstance(one, _RowMemory) and one.rows is first.rows for one in memories)
+        if all(is_same) and all(one.index == index for index, one in enumerate(memories)):
+            return first.rows
+    return batch.MEMORY.packed([_value(memory) for memory in memories])
+
+
+def _alone(agent: AgentShell, due: Pass) -> tuple[PipelineMemory, Tick]:
     return pipeline.step(
-        _taken_out(due.memory),
+        _value(due.memory),
         due.state,
         due.goal,
         due.neighbours,
-        params=params,
-        dt_s=due.dt_s,
-        phase=due.phase,
+        agent.core.obstacles,
+        due.phase,
+        agent.core.params,
+        due.dt_s,
     )
 
 
-def _taken_out(memory: Any) -> Any:
-    return memory.taken_out() if isinstance(memory, _Row) else memory
-
-
-def _stack(name: str, dues: list[Pass]) -> Any:
-    values = [getattr(due, name) for due in dues]
-    return stacker_of(values[0]).stack(values)
+def _value(memory: Any) -> PipelineMemory:
+    return memory.value() if isinstance(memory, _RowMemory) else memory

@@ -18,7 +18,7 @@ import numpy as np
 
 from onboard.autopilot import Landed, Snapshot, Vec3, Vec4
 from onboard.config.fleet import Vehicle
-from onboard.frames import ned_frd_from_enu_flu, ned_from_enu, yaw_from_quaternion
+from onboard.frames import enu_flu_from_ned_frd, ned_frd_from_enu_flu, ned_from_enu, yaw_from_quaternion
 from onboard.px4 import modes
 from onboard.px4.required_params import differences, required_params
 from onboard.types import AttitudeSetpoint

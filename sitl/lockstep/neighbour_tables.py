@@ -5,16 +5,17 @@ For simulations of whole fleets in one process; a drone has one table, and hears
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from onboard.arrays import Array, BoolArray, IntArray
 from onboard.bus.schema import StateMessage
 from onboard.neighbours import subscription
-from onboard.neighbours.table import COLUMNS, COLUMNS_1, NOBODY, WIDTH, NeighbourTable, is_usable, numbers_of
-from onboard.types import Array, BoolArray, IntArray, Neighbours
+from onboard.neighbours.table import COLUMNS, COLUMNS_1, WIDTH, NeighbourTable, is_usable, numbers_of
+from onboard.rollout.batch import NEIGHBOUR
+from onboard.rollout.rows import Rows
 
 _SHARED = ("_heard_ns", "_is_lost", "_numbers", "_stamp_ns", "_newest", "_flags", "_is_followed", "_silent_after_s")
 
@@ -122,24 +123,18 @@ class Tables:
         for table, row, has_one in zip(self.tables, ages_s, has_silent, strict=True):
             table._age(row, now_ns, has_one)
 
-    def snapshots(self, rows: Sequence[int], now_ns: int) -> Neighbours:
-        """The snapshots of some of the tables, (n, K, 3): as stacking them one by one."""
-        if not self.tables[0].names:
-            return Neighbours(
-                **{
-                    f.name: np.repeat(getattr(NOBODY, f.name)[None], len(rows), axis=0)
-                    for f in dataclasses.fields(Neighbours)
-                }
-            )
+    def snapshots(self, rows: Sequence[int], now_ns: int) -> tuple[Rows, BoolArray]:
+        """Return the snapshots of some of the tables (n, K) as rows of Neighbour, and which of them are present."""
         at = np.asarray(rows)
         numbers, flags = self._numbers[at], self._flags[at]
-        ages_s = np.array([self.tables[row].ages_s(now_ns) for row in rows])
-        is_present = flags[:, 0]
-        return Neighbours(
-            age_s=np.where(is_present, ages_s, 0.0),
-            is_present=is_present,
-            is_cooperative=flags[:, 2] & (ages_s <= self._silent_after_s[at]),
-            is_paper_obstacle=self._is_successor[at] & is_present,
-            **{name: numbers[:, :, columns] for name, columns in COLUMNS.items()},
-            **{name: numbers[:, :, column] for name, column in COLUMNS_1.items()},
-        )
+        ages_s = np.array([self.tables[row].ages_s(now_ns) for row in rows]).reshape(flags[:, 0].shape)
+        neighbours = NEIGHBOUR.rows(ages_s.shape)
+        for name, columns in COLUMNS.items():
+            neighbours[name] = numbers[:, :, columns]
+        for name, column in COLUMNS_1.items():
+            neighbours[name] = numbers[:, :, column]
+        neighbours["age_s"] = ages_s
+        neighbours["is_cooperative"] = flags[:, 2] & (ages_s <= self._silent_after_s[at])
+        neighbours["is_paper_obstacle"] = self._is_successor[at]
+        neighbours["table_index"] = np.arange(ages_s.shape[1])
+        return neighbours, flags[:, 0]
