@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from onboard.control.pipeline import PipelineParams
-from onboard.types import Neighbours
+from onboard.rollout.rows import Rows
 from tests.bench.peers.contestants import COVEY, Contestant
 
 _FAR = 1e6
@@ -26,32 +25,35 @@ def _pipeline(title: str, change: Callable[[PipelineParams], PipelineParams]) ->
 
 
 def _without_clock(params: PipelineParams) -> PipelineParams:
-    return replace(params, clock_slack_m=_FAR, clock_stop_m=2.0 * _FAR)
+    return params._replace(clock_slack_m=_FAR, clock_stop_m=2.0 * _FAR)
 
 
 def _without_drag(params: PipelineParams) -> PipelineParams:
-    return replace(params, drag_1_s=0.0, observer=replace(params.observer, drag_1_s=0.0))
+    return params._replace(drag_1_s=0.0, observer=params.observer._replace(drag_1_s=0.0))
 
 
 def _without_observer(params: PipelineParams) -> PipelineParams:
-    return replace(params, observer=replace(params.observer, max_disturbance_m_s2=0.0))
+    return params._replace(observer=params.observer._replace(max_disturbance_m_s2=0.0))
 
 
 def _without_clamp(params: PipelineParams) -> PipelineParams:
-    free = replace(params.backstepping, max_position_error_m=_FAR)
-    return replace(params, backstepping=free, pursuit_speed_m_s=_FAR)
+    free = params.backstepping._replace(max_position_error_m=_FAR)
+    return params._replace(backstepping=free, pursuit_speed_m_s=_FAR)
 
 
 def _margin(added_m: float) -> Callable[[PipelineParams], PipelineParams]:
     def change(params: PipelineParams) -> PipelineParams:
-        margin_m = params.law.config.design_margin_m + added_m
-        return replace(params, law=params.law.changed(design_margin_m=margin_m))
+        spacing = params.law.spacing
+        wider = spacing._replace(margin_m=spacing.margin_m + added_m)
+        return params._replace(law=params.law._replace(spacing=wider))
 
     return change
 
 
-def _measured(neighbours: Neighbours) -> Neighbours:
-    return replace(neighbours, commanded_acceleration_enu_m_s2=neighbours.acceleration_enu_m_s2)
+def _measured(neighbours: Rows) -> Rows:
+    changed = neighbours.copy()
+    changed["commanded_acceleration_enu_m_s2"] = neighbours["acceleration_enu_m_s2"]
+    return changed
 
 
 VARIANTS = {

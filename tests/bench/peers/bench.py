@@ -84,7 +84,7 @@ def gathered(results: Sequence[tuple[Cell, arena.Flights]]) -> dict[tuple[str, s
     out = {}
     for key, parts in rows.items():
         outcomes = [outcome for part in parts for outcome in part.outcomes]
-        cost = 1e6 * sum(part.busy_s for part in parts) / max(1, sum(part.vehicle_steps for part in parts))
+        cost = 1e6 * sum(part.busy_s for part in parts) / max(1, sum(part.calls for part in parts))
         out[key] = (outcomes, summary(outcomes, cost))
     return out
 

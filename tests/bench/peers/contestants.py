@@ -7,22 +7,24 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
+from onboard.arrays import Array, BoolArray, IntArray
 from onboard.avoidance import oist
 from onboard.control import pipeline
 from onboard.control.pipeline import PipelineParams
 from onboard.rollout import batch
-from onboard.types import Array, Goal, LawOutput, Neighbours, State, Thrust, Tick
+from onboard.rollout.rows import Rows
+from onboard.vectors import Vec3
 from tests.bench.peers import stage
 from tests.bench.peers.encounter import Step
 from tests.bench.peers.methods import METHODS, Method
 
-_UNTIMED_CALLS = 5  # what is compiled or cached on first use is none of the method's cost
-_STAGE = "oist"  # the name under which the pipeline knows the law's module
+_UNTIMED_CALLS = 5  # memory that is allocated or cached on first use is none of the method's cost
 
 
 def same(values: Any) -> Any:
@@ -32,92 +34,94 @@ def same(values: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Contestant:
-    """What flies a vehicle.
-
-    law: the product's law whose parameters are taken. sets: values of the fleet file, as ``covey simulate --set`` takes
-    them. change: of the parameters after that. step, values: a peer in the law's place. hear: of what neighbours say.
-    """
+    """A law, or a peer in its place."""
 
     title: str
-    law: str = "covey"
-    sets: tuple[str, ...] = ()
-    change: Callable[[PipelineParams], PipelineParams] = same
-    step: Step | None = None
-    values: Mapping[str, float] = field(default_factory=dict)
-    hear: Callable[[Neighbours], Neighbours] = same
+    law: str = "covey"  # the product's law whose parameters are taken
+    sets: tuple[str, ...] = ()  # values of the fleet file, as ``covey simulate --set`` takes them
+    change: Callable[[PipelineParams], PipelineParams] = same  # of the parameters after that
+    step: Step | None = None  # a peer in the law's place
+    values: Mapping[str, float] = field(default_factory=dict)  # of the peer
+    hear: Callable[[Rows], Rows] = same  # of the neighbours' messages
 
-    def controller(self, params: Sequence[PipelineParams], start_enu_m: Array) -> TimedPipeline:
-        """Flies a batch with this contestant in the law's place."""
-        return TimedPipeline([self.change(own) for own in params], start_enu_m, self)
+    def controller(self, params: Sequence[PipelineParams], start_enu_m: Array) -> batch.Controller:
+        """Return the control of a batch with this contestant in the law's place, compiled where that is possible."""
+        if self.step is not None:
+            return self.interpreted(params, start_enu_m)
+        return HearingPipeline([self.change(own) for own in params], start_enu_m, self.hear)
+
+    def interpreted(self, params: Sequence[PipelineParams], start_enu_m: Array) -> TimedPipeline:
+        """Return the same control, interpreted, with a stop-watch around the law."""
+        changed = [self.change(own) for own in params]
+        return TimedPipeline(changed, start_enu_m, self.law_step(changed), self.hear)
+
+    def law_step(self, params: Sequence[PipelineParams]) -> stage.LawStep:
+        """Return what the pipeline of one vehicle is to call as ``oist.step``."""
+        if self.step is None:
+            return oist.step
+        return stage.law_of(self.step, self.values, max(own.pursuit_speed_m_s for own in params))
 
 
-class TimedPipeline(batch.FleetPipeline):
-    """Everybody's pipeline with the contestant's law in it, and a stop-watch (of CPU time) around the law."""
+class HearingPipeline(batch.FleetPipeline):
+    """The product's pipelines, compiled, with other messages."""
 
-    def __init__(self, params: Sequence[PipelineParams], start_enu_m: Array, contestant: Contestant) -> None:
+    def __init__(self, params: Sequence[PipelineParams], start_enu_m: Array, hear: Callable[[Rows], Rows]) -> None:
         super().__init__(params, start_enu_m)
-        self.contestant, self.law = contestant, _Law(contestant, max(own.pursuit_speed_m_s for own in params))
+        self._hear = hear
 
-    def step(self, state: State, goal: Goal, neighbours: Neighbours, *, dt_s: float) -> Tick:
-        """One tick of everybody."""
-        with _in_place_of_the_law(self.law):
-            return super().step(state, goal, self.contestant.hear(neighbours), dt_s=dt_s)
-
-
-@contextmanager
-def _in_place_of_the_law(law: _Law) -> Iterator[None]:
-    """The pipeline calls ``law`` where it calls ``oist`` otherwise, and no pass that has the law compiled in."""
-    whole_pass = pipeline.fused
-    setattr(pipeline, _STAGE, law)
-    pipeline.fused = _StageByStage  # type: ignore[assignment]
-    try:
-        yield
-    finally:
-        setattr(pipeline, _STAGE, oist)
-        pipeline.fused = whole_pass
+    def step(self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float) -> Rows:
+        """Return the ticks of all vehicles."""
+        return super().step(states, goals, self._hear(neighbours), is_present, dt_s)
 
 
-class _StageByStage:
-    """In place of the module ``onboard.control.fused``: nothing is for its way."""
+class TimedPipeline:
+    """Everybody's pipeline, interpreted vehicle by vehicle, with a stop-watch (of CPU time) around the law.
 
-    @staticmethod
-    def step(*_inputs: Any, **_options: Any) -> None:
-        return None
+    Args:
+        params: N of them. start_enu_m: (F, N, 3). law_step: in place of ``oist.step``. hear: of the neighbours.
+    """
 
-
-class _Law:
-    """The module ``onboard.avoidance.oist`` with another ``saturate``."""
-
-    def __init__(self, contestant: Contestant, speed_m_s: float) -> None:
-        self.contestant, self.speed_m_s = contestant, speed_m_s
-        self.busy_s, self.vehicle_steps, self.calls = 0.0, 0, 0
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(oist, name)
-
-    def saturate(
+    def __init__(
         self,
-        memory: oist.LawMemory,
-        thrust_baseline: Thrust,
-        predicted: tuple[Array, Array],
-        state: State,
-        neighbours: Neighbours,
-        **options: Any,
-    ) -> tuple[oist.LawMemory, LawOutput]:
-        """As the law's own."""
-        inputs = (memory, thrust_baseline, predicted, state, neighbours)
+        params: Sequence[PipelineParams],
+        start_enu_m: Array,
+        law_step: stage.LawStep,
+        hear: Callable[[Rows], Rows],
+    ) -> None:
+        self._params, self._law_step, self._hear = params, law_step, hear
+        self._memories = [
+            [pipeline.initial(own, Vec3(*spot)) for own, spot in zip(params, flight, strict=True)]
+            for flight in start_enu_m.tolist()
+        ]
+        self.busy_s, self.timed_calls = 0.0, -_UNTIMED_CALLS
+
+    def step(self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float) -> Rows:
+        """Return the ticks of all vehicles, as rows like the compiled pipeline's."""
+        shape = states.shape
+        given = zip(batch.STATE.values(states.ravel()), batch.GOAL.values(goals.ravel()), strict=True)
+        near = self._hear(neighbours).reshape(states.size, -1)
+        present = is_present.reshape(states.size, -1)
+        ticks = []
+        with stage.in_place_of_the_law(self._timed):
+            for m, (state, goal) in enumerate(given):
+                flight, vehicle = divmod(m, shape[1])
+                around = batch.NEIGHBOUR.values(near[m][present[m]])
+                memory, own = self._memories[flight][vehicle], self._params[vehicle]
+                memory, tick = pipeline.step(memory, state, goal, around, (), pipeline.Phase.FLYING, own, dt_s)
+                self._memories[flight][vehicle] = memory
+                ticks.append(tick)
+        return batch.TICK.packed(ticks).reshape(shape)
+
+    def keep(self, flights: IntArray) -> None:
+        """Go on with these flights of the batch only."""
+        self._memories = [self._memories[flight] for flight in np.asarray(flights).tolist()]
+
+    def _timed(self, *inputs: Any) -> Any:
         begun = time.thread_time()
-        if self.contestant.step is None:
-            result = oist.saturate(*inputs, **options)
-            ended = time.thread_time()
-        else:
-            answer = stage.answer(self.contestant.step, self.contestant.values, inputs, options, self.speed_m_s)
-            ended = time.thread_time()
-            result = stage.sent(answer, inputs, options)
-        self.calls += 1
-        if self.calls > _UNTIMED_CALLS:
-            self.busy_s += ended - begun
-            self.vehicle_steps += result[1].status.size
+        result = self._law_step(*inputs)
+        self.timed_calls += 1
+        if self.timed_calls > 0:
+            self.busy_s += time.thread_time() - begun
         return result
 
 
@@ -141,7 +145,9 @@ def ring(values: Mapping[str, float] = RING_CHOSEN) -> Contestant:
     changed = {"force_ring": "true", "kappa_1_1_s": kappa, "kappa_2_1_s": kappa, "v_perp_m_s": v_perp}
 
     def with_margin(params: PipelineParams) -> PipelineParams:  # d_inf is the design distance, as for everybody
-        return replace(params, law=replace(params.law, safety_distance_m=params.law.d_design_m))
+        spacing = params.law.spacing
+        d_design_m = spacing.safety_distance_m + spacing.margin_m
+        return params._replace(law=params.law._replace(paper=params.law.paper._replace(d_inf_m=d_design_m)))
 
     sets = tuple(f"law.paper_{key}={value}" for key, value in changed.items())
     return Contestant("the paper's ring", law="paper", sets=sets, change=with_margin, values=values)

@@ -9,10 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from onboard.avoidance import constraints
-from onboard.avoidance.params import LawParams
-from onboard.avoidance.projection import Rows, no_rows, project
+from onboard.avoidance.constraints import distance_row
+from onboard.avoidance.pairs import Pair
+from onboard.avoidance.params import params_of
+from onboard.avoidance.projection import project
 from onboard.config.fleet import load_fleet
+from onboard.config.law import LawConfig
+from onboard.vectors import ZERO_2, Vec2
 from tests.bench.peers import arena, ideal_ring, pictures
 from tests.bench.peers.ablation import VARIANTS
 from tests.bench.peers.contestants import COVEY, PEERS, Contestant
@@ -46,20 +49,19 @@ def draw(folder: Path) -> list[Path]:
 
 def half_planes(path: Path) -> None:
     """One tick in which a vehicle is asked to fly between two neighbours that come nearer."""
-    numbers = LawParams().numbers
-    gap = np.array([[-1.15, -0.50], [-0.15, 1.10]])  # own minus neighbour's
-    closing = np.array([[0.50, 0.25], [0.20, -0.30]])
-    d = np.full(2, numbers.safety_distance_m + numbers.margin_m)
-    normals, bounds = constraints.distance_rows(gap, closing, d, np.zeros((2, 2)), np.zeros(2, bool), n=numbers)
-    wanted, radius = np.array([3.5, -1.9]), 4.5
-    found = project(
-        wanted[None],
-        Rows(normals[None], bounds[None], np.ones((1, 2), bool)),
-        no_rows((1,)),
-        radius_m_s2=np.array([radius]),
-    ).point_m_s2[0]
+    params = params_of(LawConfig())
+    d = params.spacing.safety_distance_m + params.spacing.margin_m
+    gaps = (Vec2(-1.15, -0.50), Vec2(-0.15, 1.10))  # own minus neighbour's
+    closing = (Vec2(0.50, 0.25), Vec2(0.20, -0.30))
+    rows = [
+        distance_row(Pair(e, w, ZERO_2, w, d, 0.0, 0.0, True, True, 0), params)
+        for e, w in zip(gaps, closing, strict=True)
+    ]
+    radius, wanted = 4.5, Vec2(3.5, -1.9)
+    found = np.array(project(wanted, rows, [], radius).point)
+    normals, bounds = np.array([row.normal for row in rows]), np.array([row.bound_m_s2 for row in rows])
     names = ["forbidden by neighbour 1", "forbidden by neighbour 2"]
-    pictures.half_planes(wanted, found, normals, bounds, names, radius, path)
+    pictures.half_planes(np.array(wanted), found, normals, bounds, names, radius, path)
 
 
 def nearest(track: tuple[Array, Array]) -> tuple[Array, Array]:

@@ -6,13 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from onboard.avoidance.oist_paper import PaperLawParams, saturate_thrust
+from onboard.avoidance.oist_paper import PlanarState, saturate_thrust
+from onboard.avoidance.params import PaperParams
 from onboard.config.fleet import FleetConfig
 from onboard.control import backstepping, trajectory
 from onboard.types import GRAVITY_M_S2, Goal
+from onboard.vectors import Vec2, Vec3
 from tests.bench.peers.encounter import Array, length
 
-RING = np.array([1, 2, 0])  # the one whom each avoids
+RING = np.array([1, 2, 0])  # the one that each avoids
+PRINTED = PaperParams(2.0, 2.0, 1.5, 1.5, 0.1, 0.8, 1.0)
 CENTRE_ENU_M, LEG_S = np.array([0.0, 1.2, 1.0]), 7.0
 
 
@@ -21,6 +24,11 @@ def starts_and_slots(fleet: FleetConfig) -> tuple[Array, Array]:
     starts = np.array([vehicle.start_enu_m for vehicle in fleet.vehicles.values()])
     slots = np.array([fleet.formations["triangle"][name] for name in fleet.vehicles])
     return starts + CENTRE_ENU_M * [0.0, 0.0, 1.0], slots + CENTRE_ENU_M
+
+
+def planar(position: Array, velocity: Array, acceleration: Array) -> PlanarState:
+    """Horizontal motion of one vehicle, from vectors (3,)."""
+    return PlanarState(*(Vec2(*vector[:2].tolist()) for vector in (position, velocity, acceleration)))
 
 
 def fly(
@@ -32,19 +40,23 @@ def fly(
     """
     position, slots = starts_and_slots(fleet)
     velocity, acceleration = np.zeros_like(position), np.zeros_like(position)
-    memory = trajectory.initial(position)
-    limits = trajectory.GuidanceParams(1.0, 1.5, 0.0)
-    goal = Goal(slots[list(order)], np.full(3, LEG_S), np.zeros(3, np.int64))
+    memories = [trajectory.initial(Vec3(*spot)) for spot in position.tolist()]
+    limits, gains = trajectory.TrajectoryParams(1.0, 1.5, 0.0), backstepping.BacksteppingParams()
+    goals = [Goal(Vec3(*slot), LEG_S, 0) for slot in slots[list(order)].tolist()]
     track = []
     for _ in range(round(seconds / tick_s)):
-        memory, setpoint = trajectory.step(memory, goal, params=limits, dt_s=tick_s, clock_rate=np.ones(3))
-        thrust = backstepping.step(position, velocity, setpoint, params=backstepping.BacksteppingParams())
-        wanted = thrust.thrust_enu_m_s2 - [0.0, 0.0, GRAVITY_M_S2]
+        wanted = np.empty_like(position)
+        for k in range(3):
+            memories[k], setpoint = trajectory.step(memories[k], goals[k], limits, tick_s, 1.0)
+            thrust = backstepping.step(Vec3(*position[k].tolist()), Vec3(*velocity[k].tolist()), setpoint, gains)
+            wanted[k] = thrust.thrust_enu_m_s2
+        wanted -= [0.0, 0.0, GRAVITY_M_S2]
         for _ in range(50):
             before, acceleration = acceleration, wanted.copy()
-            own = (position[:, :2], velocity[:, :2], wanted[:, :2])
-            obstacle = (position[RING, :2], velocity[RING, :2], before[RING, :2])
-            acceleration[:, :2] = saturate_thrust(*own, *obstacle, params=PaperLawParams()).thrust_xy_m_s2
+            states = [planar(*motion) for motion in zip(position, velocity, before, strict=True)]
+            for k in range(3):
+                answer = saturate_thrust(states[k], Vec2(*wanted[k, :2].tolist()), states[RING[k]], PRINTED)
+                acceleration[k, :2] = answer.thrust_m_s2
             if np.abs(acceleration - before).max() < 1e-10:
                 break
         track.append(position)

@@ -15,7 +15,9 @@ import daqp
 import numpy as np
 import pyrvo
 
-from onboard.avoidance.projection import Rows, no_rows, project
+from onboard.avoidance.half_planes import HalfPlane
+from onboard.avoidance.projection import project
+from onboard.vectors import Vec2
 from tests.bench.peers.encounter import Array, Encounter, Step, into_disc, keep_right, preferred_velocity
 
 NEIGHBOURS = 12  # the nearest so many count, for every method
@@ -70,10 +72,17 @@ def cells(encounter: Encounter, values: Mapping[str, float]) -> Array:
     asked = preferred_velocity(encounter, values["gain_1_s"])
     target = values["horizon_s"] * asked
     distance = encounter.distance_m
-    rows = Rows(encounter.gap_m / distance[..., None], 0.5 * (encounter.d_m - distance), encounter.is_on)
-    batch = target.shape[:1]
-    found = project(target, rows, no_rows(batch), radius_m_s2=np.full(batch, 100.0)).point_m_s2
+    normals, bounds = encounter.gap_m / distance[..., None], 0.5 * (encounter.d_m - distance)
+    found = np.stack([in_cell(target[m], normals[m, on], bounds[m, on]) for m, on in enumerate(encounter.is_on)])
     return encounter.wanted_m_s2 + values["gain_1_s"] * (found - target) / values["horizon_s"]
+
+
+def in_cell(point: Array, normals: Array, bounds: Array, reach: float = 100.0) -> Array:
+    """The point (2,) nearest to ``point`` with ``normals.u >= bounds`` and within ``reach``; zero normals are no rows."""
+    is_row = np.abs(normals).max(-1, initial=0.0) > 1e-12
+    normals, bounds = normals[is_row], bounds[is_row]
+    rows = [HalfPlane(Vec2(*normal), bound) for normal, bound in zip(normals.tolist(), bounds.tolist(), strict=True)]
+    return np.array(project(Vec2(*point.tolist()), rows, [], reach).point)
 
 
 def certificate_rows(encounter: Encounter, values: Mapping[str, float]) -> tuple[Array, Array]:
