@@ -78,7 +78,7 @@ def cells(encounter: Encounter, values: Mapping[str, float]) -> Array:
 
 
 def in_cell(point: Array, normals: Array, bounds: Array, reach: float = 100.0) -> Array:
-    """The point (2,) nearest to ``point`` with ``normals.u >= bounds`` and within ``reach``; zero normals are no rows."""
+    """The point (2,) nearest to ``point`` with ``normals.u >= bounds``, within ``reach``; zero normals are no rows."""
     is_row = np.abs(normals).max(-1, initial=0.0) > 1e-12
     normals, bounds = normals[is_row], bounds[is_row]
     rows = [HalfPlane(Vec2(*normal), bound) for normal, bound in zip(normals.tolist(), bounds.tolist(), strict=True)]
