@@ -235,15 +235,10 @@ def warm_up() -> bool:
     """
     if _numba() is None:
         return False
-    start = np.zeros((1, 2, 3))
-    still, level = np.zeros((1, 2)), np.array([1.0, 0.0, 0.0, 0.0])
-    states = FleetEstimator([kalman.KalmanParams()] * 2, start).step(level, still, still + 1.0, start, still, 0.0, 0.02)
-    pilots = FleetPipeline([_ZERO_PARAMS] * 2, start)
-    phases = np.zeros(2, np.int64)
-    step(
-        *(pilots._memories, states, GOAL.rows((1, 2)), NEIGHBOUR.rows((1, 2, 1)), np.zeros((1, 2, 1), np.bool_)),
-        *(pilots._obstacles, phases, pilots._params, 0.02),
-    )
+    nobody, none = np.zeros((0, 1)), np.zeros((0, 1, 1))  # types decide what is compiled, not sizes
+    states = FleetEstimator([kalman.KalmanParams()], none).step(none, nobody, nobody, none, nobody, 0.0, 0.0)
+    pilots = FleetPipeline([_ZERO_PARAMS], none)
+    pilots.step(states, GOAL.rows((0, 1)), NEIGHBOUR.rows((0, 1, 1)), none > 0.0, 0.0)
     return True
 
 

@@ -1,193 +1,261 @@
 """The closed loop of the pipeline over emulated vehicles, batched over flights and vehicles.
 
-Each vehicle flies on its own estimate from noisy, late mocap samples, and hears the others late and with losses.
+Each vehicle flies on its own estimate from noisy, late mocap samples, and receives the others late and with losses.
 Flights are repeatable: each draws from its own seed, alone or in a batch.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from onboard.arrays import Array, BoolArray, IntArray
+from onboard.avoidance.params import Capsule, obstacles
 from onboard.config.fleet import FleetConfig
 from onboard.control import pipeline
 from onboard.estimation import kalman
 from onboard.rollout import batch
-from onboard.rollout.vehicle_model import TICK_S, Noise, Perturbation, Plant, World, plant_of
-from onboard.types import GRAVITY_M_S2, Array, BoolArray, Goal, IntArray, LawStatus
+from onboard.rollout.rows import Rows, floats
+from onboard.rollout.vehicle_model import TICK_S, Noise, Perturbation, Plant, VehicleModels, plant_of
+from onboard.types import LawStatus
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """start_enu_m (F, N, 3); legs_enu_m (F, L, N, 3) flown one after the other; duration_s (L,) asked for each.
+    """Legs that F flights of N vehicles fly one after the other; a leg ends when all have arrived, or too late."""
 
-    A leg ends when all have arrived, or after timeout_s. is_parked (N,): who stands on the ground all the while, and
-    does not avoid anybody; nobody where it is empty.
-    """
-
-    start_enu_m: Array
-    legs_enu_m: Array
-    duration_s: Array
-    timeout_s: float = 40.0
-    is_parked: tuple[bool, ...] = ()
+    start_enu_m: Array  # (F, N, 3)
+    legs_enu_m: Array  # (F, L, N, 3) goals
+    duration_s: Array  # (L,) commanded for each leg
+    timeout_s: float = 40.0  # of each leg
+    is_parked: tuple[bool, ...] = ()  # (N,) stands on the ground all the while; empty: nobody does
+    arrival_m: float = 0.15  # a vehicle has arrived when it has stayed so near ...
+    settle_s: float = 1.0  # ... for this long
 
 
 @dataclass(frozen=True, slots=True)
-class Flight:
-    """Outcome per flight (F,): separations are true ones, in the plane.
+class FleetModel:
+    """The vehicles of a fleet as :func:`fly` takes them."""
 
-    arrival_s (F, L): when the last vehicle arrived, after the leg's start (inf: not in time). final_error_m (F, L):
-    largest distance from the slot at the end of the leg. slew_m_s3: rms of the command's change. max_speed_m_s.
-    trace_enu_m (T, F, N, 3): true positions each tick when asked for, else empty.
-    """
+    params: Sequence[pipeline.PipelineParams]  # N
+    plants: Sequence[Plant]  # N
+    obstacles: tuple[Capsule, ...] = ()
+    safety_distance_m: float = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class RolloutResult:
+    """Outcome per flight (F,); separations are true ones, horizontal."""
 
     min_separation_m: Array
-    is_success: BoolArray
-    arrival_s: Array
-    final_error_m: Array
-    violation_s: Array
-    relaxed_share: Array
-    slew_m_s3: Array
+    is_success: BoolArray  # every leg arrived in time
+    arrival_s: Array  # (F, L) when the last vehicle arrived, after the leg's start; inf: not in time
+    final_error_m: Array  # (F, L) largest distance from the goal at the end of the leg
+    violation_s: Array  # time below the safety distance
+    relaxed_share: Array  # of the vehicles' ticks
+    slew_m_s3: Array  # rms of the command's change
     max_speed_m_s: Array
     duration_s: Array
-    trace_enu_m: Array
-    trace_status: IntArray
+    trace_enu_m: Array  # (T, F, N, 3) true positions of each tick where a trace was ordered, else empty
+    trace_status: IntArray  # (T, F, N)
 
 
-def fleet_models(
-    fleet: FleetConfig, names: Sequence[str], *, law: str | None = None
-) -> tuple[list[pipeline.PipelineParams], list[Plant]]:
-    """Parameters and plants of the named vehicles, as :func:`fly` takes them; ``law`` overrides the fleet file's."""
-    params = [pipeline.pipeline_params(fleet, name, law=law) for name in names]
-    return params, [plant_of(fleet.vehicles[name]) for name in names]
+def fleet_model(fleet: FleetConfig, names: Sequence[str], law: str | None = None) -> FleetModel:
+    """Return the named vehicles of a fleet.
+
+    Args:
+        fleet: the fleet file.
+        names: of vehicles.
+        law: "covey", "paper" or "off"; overrides the fleet file's choice.
+    Raises:
+        ValueError: ``law`` is none of these.
+    """
+    return FleetModel(
+        [pipeline.pipeline_params(fleet, name, law) for name in names],
+        [plant_of(fleet.vehicles[name]) for name in names],
+        obstacles(fleet),
+        fleet.fleet.safety_distance_m,
+    )
 
 
 def fly(
     scenario: Scenario,
-    params: Sequence[pipeline.PipelineParams],
-    plants: Sequence[Plant],
+    model: FleetModel,
     seeds: Sequence[int],
-    *,
     perturbation: Perturbation | None = None,
-    safety_distance_m: float = 0.8,
-    arrival_m: float = 0.15,
-    settle_s: float = 1.0,
     has_trace: bool = False,
-) -> Flight:
+) -> RolloutResult:
     """Fly a scenario once per seed, all flights at once.
 
     Args:
         scenario: leading axis F of one entry per seed.
-        params, plants: one per vehicle, N each; vehicles with equal params are computed together.
+        model: N vehicles.
         seeds: F seeds.
-        settle_s: a vehicle has arrived when it has stayed within ``arrival_m`` for this long.
-    Returns:
-        Outcome per flight. Success: every leg arrived in time.
+        perturbation: errors of the flights; by default those of a lab.
+        has_trace: keep true positions and statuses of every tick.
     """
-    noise_values = perturbation if perturbation is not None else Perturbation()
-    dt_s = TICK_S
+    errors = perturbation if perturbation is not None else Perturbation()
     flights, count = scenario.start_enu_m.shape[:2]
-    legs = scenario.legs_enu_m.shape[1]
     noise = Noise(seeds, count)
     start = scenario.start_enu_m.copy()
-    start[..., :2] += noise_values.start_m * noise.starts
-    world = World(start, plants, noise, noise_values)
-    controller = batch.FleetPipeline(params, start)
-    filter_params = kalman.EstimateParams(
-        position_noise_m=noise_values.mocap_noise_m,
-        drag_1_s=np.array([p.drag_1_s for p in params])[None, :].repeat(flights, axis=0),
-    )
-    own = kalman.initial(start, params=filter_params)
-    mocap = [start.copy() for _ in range(noise_values.mocap_delay_ticks + 1)]
-    outbox = [batch.message(kalman.state(own), None) for _ in range(noise_values.message_delay_ticks + 1)]
-    inbox = np.repeat(outbox[0][:, None], count, axis=1)  # (F, receiver, sender, fields)
-    age = np.full((flights, count, count), noise_values.message_delay_ticks * dt_s)
-    others = batch.all_others(count)
-    parked = np.array(scenario.is_parked or [False] * count)
-    is_cooperative = np.broadcast_to(~parked, age.shape)
-    leg = np.zeros(flights, np.int64)
-    leg_time, stay = np.zeros(flights), np.zeros((flights, count))
-    arrival = np.full((flights, legs), np.inf)
-    error = np.full((flights, legs), np.inf)
-    is_open = np.ones(flights, bool)
-    closest = np.full(flights, np.inf)
-    tally = {name: np.zeros(flights) for name in ("violation", "relaxed", "slew", "ticks", "speed")}
-    last = np.zeros((flights, count, 3))
-    upper = np.triu_indices(count, 1)
-    trace: list[Array] = []
-    statuses: list[IntArray] = []
-    rows = np.arange(flights)
-    for _ in range(math.ceil(scenario.timeout_s * legs / dt_s)):
-        mocap_noise, gust_noise, luck = noise.next()
-        # own estimate
-        mocap = [world.position + noise_values.mocap_noise_m * mocap_noise, *mocap[:-1]]
-        own = kalman.predict(
-            own, world.specific_force - np.array([0.0, 0.0, GRAVITY_M_S2]), params=filter_params, dt_s=dt_s
-        )
-        own = kalman.correct(own, mocap[-1], noise_values.mocap_delay_ticks * dt_s, params=filter_params)
-        state = kalman.state(own)
-        # what arrives
-        arrived = luck >= noise_values.message_loss
-        inbox = np.where(arrived[..., None], outbox[-1][:, None], inbox)
-        age = np.where(arrived, noise_values.message_delay_ticks * dt_s, age + dt_s)
-        # one tick of everybody
-        goal_position = scenario.legs_enu_m[rows, np.minimum(leg, legs - 1)]
-        duration = np.broadcast_to(scenario.duration_s[np.minimum(leg, legs - 1)][:, None], (flights, count))
-        sequence = np.broadcast_to(leg[:, None], (flights, count))
-        tick = controller.step(
-            state,
-            Goal(goal_position, duration, sequence),
-            batch.heard(inbox, age, others, is_cooperative),
-            dt_s=dt_s,
-        )
-        outbox = [batch.message(state, tick.law), *outbox[:-1]]
-        status, command = tick.law.status, tick.law.thrust.thrust_enu_m_s2
-        world.advance(tick.attitude, gust_noise, noise_values, dt_s)
-        world.position[:, parked], world.velocity[:, parked] = start[:, parked], 0.0
-        # judged on true positions
-        gap = world.position[:, upper[0], :2] - world.position[:, upper[1], :2]
-        nearest = np.sqrt(np.einsum("fpc,fpc->fp", gap, gap)).min(-1, initial=np.inf)
-        closest = np.where(is_open, np.minimum(closest, nearest), closest)
-        slew = (command - last)[..., :2] / dt_s
-        last = command
-        tally["violation"] += is_open * (nearest < safety_distance_m) * dt_s
-        tally["relaxed"] += is_open * (status == int(LawStatus.RELAXED)).mean(-1)
-        tally["slew"] += is_open * np.einsum("fnc,fnc->f", slew, slew) / count
-        tally["ticks"] += is_open
-        speed = np.sqrt(np.einsum("fnc,fnc->fn", world.velocity, world.velocity)).max(-1)
-        tally["speed"] = np.maximum(tally["speed"], is_open * speed)
+    start[..., :2] += errors.start_m * noise.starts
+    vehicles = VehicleModels(start, model.plants, noise, errors)
+    controller = batch.FleetPipeline(model.params, start, model.obstacles)
+    sensing = _Sensing(model, start, errors)
+    legs, metrics = _Legs(scenario), _Metrics(model.safety_distance_m, flights, count)
+    parked = legs.is_parked
+    radio: _Radio | None = None
+    trace: list[tuple[Array, IntArray]] = []
+    for _ in range(math.ceil(scenario.timeout_s * scenario.legs_enu_m.shape[1] / TICK_S)):
+        mocap_noise, gust_noise, link_draws = noise.next()
+        states = sensing.update(vehicles, mocap_noise)
+        radio = radio or _Radio(states, parked, errors)
+        neighbours, is_present = radio.receive(link_draws)
+        ticks = controller.step(states, legs.goals(), neighbours, is_present, TICK_S)
+        radio.publish(states, ticks)
+        sensing.sent(ticks)
+        vehicles.advance(ticks["attitude"], gust_noise, errors, TICK_S)
+        vehicles.position[:, parked], vehicles.velocity[:, parked] = start[:, parked], 0.0
+        metrics.update(vehicles, ticks, legs.is_open)
         if has_trace:
-            trace.append(world.position.copy())
-            statuses.append(status)
-        away = np.sqrt(((world.position - goal_position) ** 2).sum(-1))
-        stay = np.where(away < arrival_m, stay + dt_s, 0.0)
-        leg_time = leg_time + dt_s
-        is_there = np.asarray((stay >= settle_s)[:, ~parked].all(-1))
-        is_over = is_open & (is_there | (leg_time >= scenario.timeout_s))
-        if is_over.any():
-            done = np.flatnonzero(is_over)
-            arrival[done, leg[done]] = np.where(is_there[done], leg_time[done] - settle_s, np.inf)
-            error[done, leg[done]] = away[done].max(-1)
-            leg[done] += 1
-            leg_time[done] = 0.0
-            stay[done] = 0.0
-            is_open &= leg < legs
-            if not is_open.any():
-                break
-    length = np.maximum(tally["ticks"], 1.0)
-    return Flight(
-        min_separation_m=closest,
-        is_success=np.isfinite(arrival).all(-1),
-        arrival_s=arrival,
-        final_error_m=error,
-        violation_s=tally["violation"],
-        relaxed_share=tally["relaxed"] / length,
-        slew_m_s3=np.sqrt(tally["slew"] / length),
-        max_speed_m_s=tally["speed"],
-        duration_s=tally["ticks"] * dt_s,
-        trace_enu_m=np.array(trace),
-        trace_status=np.array(statuses, dtype=np.int64),
-    )
+            trace.append((vehicles.position.copy(), ticks["law"]["status"].astype(np.int64)))
+        if not legs.advance(vehicles.position):
+            break
+    return metrics.result(legs, trace)
+
+
+class _Sensing:
+    """Mocap samples, late and noisy, through the drone's own filter."""
+
+    def __init__(self, model: FleetModel, start_enu_m: Array, errors: Perturbation) -> None:
+        own = [kalman.KalmanParams(errors.mocap_noise_m, drag_1_s=params.drag_1_s) for params in model.params]
+        self._filters, self._errors = batch.FleetEstimator(own, start_enu_m), errors
+        depth = errors.mocap_delay_ticks + 1
+        self._samples = deque([start_enu_m] * depth, depth)
+        hover = [params.hover_thrust.configured_frac for params in model.params]
+        self._throttle = self._hover = np.broadcast_to(hover, start_enu_m.shape[:2])
+
+    def update(self, vehicles: VehicleModels, mocap_noise: Array) -> Rows:
+        """Return the states (F, N) of this tick."""
+        self._samples.appendleft(vehicles.position + self._errors.mocap_noise_m * mocap_noise)
+        return self._filters.step(
+            *(vehicles.quaternion_wxyz, self._throttle, self._hover, self._samples[-1]),
+            *(np.zeros(self._hover.shape), self._errors.mocap_delay_ticks * TICK_S, TICK_S),
+        )
+
+    def sent(self, ticks: Rows) -> None:
+        """Take the throttle that was sent last and the hover thrust estimated with it."""
+        self._throttle, self._hover = ticks["attitude"]["thrust_frac"], ticks["hover_thrust_frac"]
+
+
+class _Radio:
+    """The newest message of every vehicle at every other one, late and with losses."""
+
+    def __init__(self, states: Rows, is_parked: BoolArray, errors: Perturbation) -> None:
+        first = batch.message(states, None)
+        flights, count = first.shape
+        self._errors, self._delay_s = errors, errors.message_delay_ticks * TICK_S
+        self._sent = deque([first] * (errors.message_delay_ticks + 1), errors.message_delay_ticks + 1)
+        self._inbox = np.repeat(first[:, None], count, axis=1)  # (F, receiver, sender)
+        self._age_s = np.full((flights, count, count), self._delay_s)
+        self._others = batch.all_others(count)
+        self._is_cooperative = np.broadcast_to(~is_parked, self._age_s.shape)
+        self._is_present = np.ones((flights, *self._others.shape), bool)
+
+    def receive(self, link_draws: Array) -> tuple[Rows, BoolArray]:
+        """Return the neighbours (F, N, K) of this tick, and that all of them are known."""
+        is_received = link_draws >= self._errors.message_loss
+        np.copyto(floats(self._inbox), floats(self._sent[-1])[:, None], where=is_received[..., None])
+        self._age_s = np.where(is_received, self._delay_s, self._age_s + TICK_S)
+        return batch.received(self._inbox, self._age_s, self._others, self._is_cooperative), self._is_present
+
+    def publish(self, states: Rows, ticks: Rows) -> None:
+        """Take the messages of this tick."""
+        self._sent.appendleft(batch.message(states, ticks))
+
+
+class _Legs:
+    """Progress of the flights along their legs."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        flights, self.count, vehicles = scenario.legs_enu_m.shape[:3]
+        self._scenario, self._flights = scenario, np.arange(flights)
+        self.is_parked = np.array(scenario.is_parked or [False] * vehicles)
+        self.is_open = np.ones(flights, bool)
+        self.arrival_s, self.error_m = np.full((2, flights, self.count), np.inf)
+        self._leg = np.zeros(flights, np.int64)
+        self._time_s, self._near_s = np.zeros(flights), np.zeros((flights, vehicles))
+
+    def goals(self) -> Rows:
+        """Return the goals (F, N) of this tick."""
+        leg = np.minimum(self._leg, self.count - 1)
+        goals = batch.GOAL.rows(self._near_s.shape)
+        goals["position_enu_m"] = self._scenario.legs_enu_m[self._flights, leg]
+        goals["duration_s"], goals["sequence"] = self._scenario.duration_s[leg][:, None], self._leg[:, None]
+        return goals
+
+    def advance(self, position_enu_m: Array) -> bool:
+        """Take the positions after a tick; returns whether any flight goes on."""
+        scenario = self._scenario
+        goal = scenario.legs_enu_m[self._flights, np.minimum(self._leg, self.count - 1)]
+        away = np.sqrt(((position_enu_m - goal) ** 2).sum(-1))
+        self._near_s = np.where(away < scenario.arrival_m, self._near_s + TICK_S, 0.0)
+        self._time_s = self._time_s + TICK_S
+        has_arrived = np.asarray((self._near_s >= scenario.settle_s)[:, ~self.is_parked].all(-1))
+        done = np.flatnonzero(self.is_open & (has_arrived | (self._time_s >= scenario.timeout_s)))
+        leg = self._leg[done]
+        self.arrival_s[done, leg] = np.where(has_arrived[done], self._time_s[done] - scenario.settle_s, np.inf)
+        self.error_m[done, leg] = away[done].max(-1, initial=0.0)
+        self._leg[done] += 1
+        self._time_s[done] = 0.0
+        self._near_s[done] = 0.0
+        self.is_open = self.is_open & (self._leg < self.count)
+        return bool(self.is_open.any())
+
+
+class _Metrics:
+    """Sums over the ticks of each flight, as long as it is open."""
+
+    def __init__(self, safety_distance_m: float, flights: int, count: int) -> None:
+        self._safety_distance_m = safety_distance_m
+        self._pairs = np.triu_indices(count, 1)
+        self._closest_m = np.full(flights, np.inf)
+        self._violation_s, self._relaxed, self._slew, self._ticks, self._speed = np.zeros((5, flights))
+        self._command = np.zeros((flights, count, 3))
+
+    def update(self, vehicles: VehicleModels, ticks: Rows, is_open: BoolArray) -> None:
+        """Take one tick; ``is_open`` (F,): the flights that still count."""
+        first, second = self._pairs
+        gap = vehicles.position[:, first, :2] - vehicles.position[:, second, :2]
+        nearest = np.sqrt(np.einsum("fpc,fpc->fp", gap, gap)).min(-1, initial=np.inf)
+        self._closest_m = np.where(is_open, np.minimum(self._closest_m, nearest), self._closest_m)
+        self._violation_s += is_open * (nearest < self._safety_distance_m) * TICK_S
+        self._relaxed += is_open * (ticks["law"]["status"] == int(LawStatus.RELAXED)).mean(-1)
+        command = ticks["law"]["thrust"]["thrust_enu_m_s2"]
+        slew = (command - self._command)[..., :2] / TICK_S
+        self._command = command
+        self._slew += is_open * np.einsum("fnc,fnc->f", slew, slew) / command.shape[1]
+        self._ticks += is_open
+        speed = np.sqrt(np.einsum("fnc,fnc->fn", vehicles.velocity, vehicles.velocity)).max(-1)
+        self._speed = np.maximum(self._speed, is_open * speed)
+
+    def result(self, legs: _Legs, trace: list[tuple[Array, IntArray]]) -> RolloutResult:
+        """Return the outcome of all flights."""
+        length = np.maximum(self._ticks, 1.0)
+        return RolloutResult(
+            min_separation_m=self._closest_m,
+            is_success=np.isfinite(legs.arrival_s).all(-1),
+            arrival_s=legs.arrival_s,
+            final_error_m=legs.error_m,
+            violation_s=self._violation_s,
+            relaxed_share=self._relaxed / length,
+            slew_m_s3=np.sqrt(self._slew / length),
+            max_speed_m_s=self._speed,
+            duration_s=self._ticks * TICK_S,
+            trace_enu_m=np.array([position for position, _ in trace]),
+            trace_status=np.array([status for _, status in trace], dtype=np.int64),
+        )

@@ -28,8 +28,8 @@ def paper_mission(fleet, count):
 
 def fly(fleet_name, law, count, seed=0, **options):
     fleet = load_fleet(f"configs/fleets/{fleet_name}.toml")
-    params, plants = closed_loop.fleet_models(fleet, list(fleet.vehicles), law=law)
-    return closed_loop.fly(paper_mission(fleet, count), params, plants, range(seed, seed + count), **options)
+    model = closed_loop.fleet_model(fleet, list(fleet.vehicles), law)
+    return closed_loop.fly(paper_mission(fleet, count), model, range(seed, seed + count), **options)
 
 
 @pytest.mark.parametrize("fleet_name", ["paper", "sih"])
@@ -59,39 +59,39 @@ def test_the_papers_ring_flies_the_mission_with_strong_vehicles_but_does_not_kee
 def test_fleet_of_unequal_vehicles_keeps_its_distance():
     weak, strong = load_fleet("configs/fleets/paper.toml"), load_fleet("configs/fleets/sih.toml")
     names = list(weak.vehicles)
-    params, plants = closed_loop.fleet_models(weak, names)
-    strong_params, strong_plants = closed_loop.fleet_models(strong, names)
-    params[1], plants[1] = strong_params[1], strong_plants[1]
-    result = closed_loop.fly(paper_mission(weak, 24), params, plants, range(24))
+    model, strong_model = closed_loop.fleet_model(weak, names), closed_loop.fleet_model(strong, names)
+    params = [model.params[0], strong_model.params[1], model.params[2]]
+    plants = [model.plants[0], strong_model.plants[1], model.plants[2]]
+    result = closed_loop.fly(paper_mission(weak, 24), closed_loop.FleetModel(params, plants), range(24))
     assert result.min_separation_m.min() >= 0.80
     assert result.is_success.mean() > 0.95
 
 
 def test_a_flight_alone_equals_the_same_flight_in_a_batch():
     fleet = load_fleet("configs/fleets/sih.toml")
-    params, plants = closed_loop.fleet_models(fleet, list(fleet.vehicles))
+    model = closed_loop.fleet_model(fleet, list(fleet.vehicles))
     scenario = replace(paper_mission(fleet, 4), timeout_s=3.0)
-    together = closed_loop.fly(scenario, params, plants, [5, 6, 7, 8], has_trace=True)
+    together = closed_loop.fly(scenario, model, [5, 6, 7, 8], has_trace=True)
     one = closed_loop.Scenario(scenario.start_enu_m[2:3], scenario.legs_enu_m[2:3], scenario.duration_s, 3.0)
-    alone = closed_loop.fly(one, params, plants, [7], has_trace=True)
+    alone = closed_loop.fly(one, model, [7], has_trace=True)
     length = min(len(alone.trace_enu_m), len(together.trace_enu_m))
     np.testing.assert_allclose(alone.trace_enu_m[:length, 0], together.trace_enu_m[:length, 2], atol=1e-6)
 
 
 def test_repeating_a_flight_gives_the_same_bytes():
     fleet = load_fleet("configs/fleets/sih.toml")
-    params, plants = closed_loop.fleet_models(fleet, list(fleet.vehicles))
+    model = closed_loop.fleet_model(fleet, list(fleet.vehicles))
     scenario = replace(paper_mission(fleet, 2), timeout_s=2.0)
-    one, two = (closed_loop.fly(scenario, params, plants, [1, 2], has_trace=True) for _ in range(2))
+    one, two = (closed_loop.fly(scenario, model, [1, 2], has_trace=True) for _ in range(2))
     assert one.trace_enu_m.tobytes() == two.trace_enu_m.tobytes()
 
 
 def test_weak_vehicle_alone_ends_within_5_cm_in_spite_of_static_gain_and_tilt_bias():
     fleet = load_fleet("configs/fleets/paper.toml")
-    params, plants = closed_loop.fleet_models(fleet, ["mav0"])
+    model = closed_loop.fleet_model(fleet, ["mav0"])
     legs = np.array([[[[1.0, 1.5, 1.2]]]])
-    scenario = closed_loop.Scenario(np.array([[[0.0, 0.0, 1.0]]]), legs, np.array([4.0]), 12.0)
-    result = closed_loop.fly(scenario, params, plants, [0], perturbation=STILL, settle_s=3.0, has_trace=True)
+    scenario = closed_loop.Scenario(np.array([[[0.0, 0.0, 1.0]]]), legs, np.array([4.0]), 12.0, settle_s=3.0)
+    result = closed_loop.fly(scenario, model, [0], perturbation=STILL, has_trace=True)
     assert result.is_success.all()
     assert np.hypot(*(result.trace_enu_m[-1, 0, 0] - legs[0, 0, 0])[:2]) < 0.05
     assert abs(result.trace_enu_m[-1, 0, 0, 2] - 1.2) < 0.05
@@ -100,9 +100,9 @@ def test_weak_vehicle_alone_ends_within_5_cm_in_spite_of_static_gain_and_tilt_bi
 
 def test_vehicle_that_cannot_arrive_ends_its_leg_at_the_timeout_and_says_so():
     fleet = load_fleet("configs/fleets/paper.toml")
-    params, plants = closed_loop.fleet_models(fleet, ["mav0"])
+    model = closed_loop.fleet_model(fleet, ["mav0"])
     scenario = closed_loop.Scenario(np.zeros((1, 1, 3)), np.full((1, 1, 1, 3), 50.0), np.array([0.0]), 1.0)
-    result = closed_loop.fly(scenario, params, plants, [0])
+    result = closed_loop.fly(scenario, model, [0])
     assert not result.is_success.any()
     assert np.isinf(result.arrival_s).all()
     assert result.duration_s[0] == pytest.approx(1.0, abs=0.03)
