@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from onboard.config.fleet import ConfigError
-from onboard.rollout import compiled
+from onboard.rollout import batch as rollout_batch
 from sitl.monte_carlo import batch, results, scenarios, settings
 
 EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT, EXIT_INTERRUPTED = 0, 1, 2, 130
@@ -97,7 +97,7 @@ def _warm_up() -> None:
     sentence = "covey: compiling the law for this machine; it is kept, and takes some ten seconds this time only"
     notice = threading.Timer(2.0, print, [sentence], {"file": sys.stderr})
     notice.start()
-    compiled.warm_up()
+    rollout_batch.warm_up()
     notice.cancel()
 
 

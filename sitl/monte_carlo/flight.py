@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from onboard.arrays import Array, BoolArray, IntArray
 from onboard.control import pipeline, trajectory
 from onboard.rollout import batch
-from onboard.types import Array, BoolArray, Goal, IntArray, Neighbours
+from onboard.rollout.rows import Rows
 from sitl.monte_carlo.metrics import Judge, Outcome
 from sitl.monte_carlo.noise import Noise
 from sitl.monte_carlo.radio import Radio
@@ -72,12 +73,13 @@ def straight_line_s(plans: Sequence[Plan], setup: Setup) -> list[float]:
 def _patience_s(plans: Sequence[Plan], setup: Setup) -> list[float]:
     """Time after which a lone flight will not arrive any more."""
     vehicles = setup.fleet(plans[0].count).vehicles.values()
-    params = trajectory.GuidanceParams(
-        min(vehicle.max_speed_m_s for vehicle in vehicles), min(vehicle.max_acceleration_m_s2 for vehicle in vehicles)
+    params = trajectory.TrajectoryParams(
+        float(min(vehicle.max_speed_m_s for vehicle in vehicles)),
+        float(min(vehicle.max_acceleration_m_s2 for vehicle in vehicles)),
     )
     reach = [float(np.linalg.norm(plan.goal_enu_m - plan.start_enu_m, axis=1).max()) for plan in plans]
     return [
-        max(float(trajectory.shortest_duration_s(far, params)), plan.duration_s, plan.earliest_s) + _ALONE_SPARE_S
+        max(trajectory.shortest_duration_s(far, params), plan.duration_s, plan.earliest_s) + _ALONE_SPARE_S
         for far, plan in zip(reach, plans, strict=True)
     ]
 
@@ -111,29 +113,31 @@ def _fly(
     radio: Radio | None = None
     while True:
         normals, luck = noise.next()
-        state = senses.update(truth, normals, throttle, hover)
+        states = senses.update(truth, normals, throttle, hover)
         if radio is None and not is_alone:
-            radio = Radio(state, np.isfinite(scripted).all(-1), setup.perturbation)
+            radio = Radio(states, np.isfinite(scripted).all(-1), setup.perturbation)
         frozen, mute = orders.lost(judge.time_s)
-        neighbours = _nobody(start.shape[:2]) if radio is None else radio.receive(luck, mute, frozen)
-        if radio is not None and frozen.any():  # the autopilot holds by itself, and avoids nobody
-            neighbours = replace(neighbours, is_present=neighbours.is_present & ~frozen[..., None])
-        tick = pilots.step(state, orders.goal(frozen, truth), neighbours, dt_s=TICK_S)
+        neighbours = batch.NEIGHBOUR.rows((*start.shape[:2], 0))
         if radio is not None:
-            radio.publish(state, tick.law)
-        throttle, hover = tick.attitude.thrust_frac, tick.hover_thrust_frac
-        world.advance(tick.attitude, normals)
+            neighbours = radio.receive(luck, mute, frozen)
+        # the autopilot of a frozen one holds by itself, and avoids nobody
+        is_present = np.broadcast_to(~frozen[..., None], neighbours.shape)
+        ticks = pilots.step(states, orders.goals(frozen, truth), neighbours, is_present, TICK_S)
+        if radio is not None:
+            radio.publish(states, ticks)
+        throttle, hover = ticks["attitude"]["thrust_frac"], ticks["hover_thrust_frac"]
+        world.advance(ticks["attitude"]["quaternion_wxyz"], throttle, normals)
         truth = world.truth()
-        active = tick.law.active_neighbour if radio is None else radio.vehicle(tick.law.active_neighbour)
-        going_on = judge.look(truth, tick, active)
+        active = ticks["law"]["active_neighbour"].astype(np.int64)
+        going_on = judge.look(truth, ticks, active if radio is None else radio.vehicle(active))
         if len(going_on) == len(start):
             continue
         if not len(going_on):
             return judge.outcomes
         start, throttle, hover = start[going_on], throttle[going_on], hover[going_on]
-        truth = batch.keep_flights(truth, going_on)
         for part in (noise, senses, pilots, world, judge, orders, *(() if radio is None else (radio,))):
             part.keep(going_on)
+        truth = world.truth()
 
 
 class _Orders:
@@ -157,24 +161,19 @@ class _Orders:
         is_lost = np.asarray(time_s >= self._lost_at)
         return is_lost & self._freezes, is_lost & self._mutes
 
-    def goal(self, frozen: BoolArray, truth: Truth) -> Goal:
-        """The goals of this tick; who has just frozen stops where it comes to rest, and stays."""
+    def goals(self, frozen: BoolArray, truth: Truth) -> Rows:
+        """Return the goals of this tick; a vehicle that has just frozen stops where it comes to rest, and stays."""
         fresh = frozen & (self._sequence == 0)
         if fresh.any():
             self._goal = np.where(fresh[..., None], truth.position_enu_m + _STOP_S * truth.velocity_enu_m_s, self._goal)
             self._duration = np.where(fresh, 0.0, self._duration)
             self._sequence = np.where(fresh, 1, self._sequence)
-        return Goal(self._goal, self._duration, self._sequence)
+        goals = batch.GOAL.rows(self._sequence.shape)
+        goals["position_enu_m"], goals["duration_s"], goals["sequence"] = self._goal, self._duration, self._sequence
+        return goals
 
     def keep(self, flights: IntArray) -> None:
         """Go on with these flights of the batch only."""
         self._goal, self._duration = self._goal[flights], self._duration[flights]
         self._sequence, self._lost_at = self._sequence[flights], self._lost_at[flights]
         self._freezes, self._mutes = self._freezes[flights], self._mutes[flights]
-
-
-def _nobody(shape: tuple[int, ...]) -> Neighbours:
-    vectors, scalars, nobody = np.zeros((*shape, 0, 3)), np.zeros((*shape, 0)), np.zeros((*shape, 0), bool)
-    return Neighbours(
-        *(vectors, vectors, vectors, vectors, vectors, vectors), *(scalars, scalars, scalars), *(nobody, nobody, nobody)
-    )

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from onboard.arrays import Array, IntArray
 from onboard.config.fleet import FleetConfig
-from onboard.types import Array, IntArray, LawStatus, Tick
+from onboard.rollout.rows import Rows
+from onboard.types import LawStatus
 from sitl.monte_carlo.scenarios import Plan
 from sitl.monte_carlo.settings import ErrorClass
 from sitl.monte_carlo.vehicles import TICK_S, Truth
@@ -119,20 +121,26 @@ class Judge:
         self._nearest = np.minimum(self._nearest, nearest)
         self._sums["violation"] += TICK_S * (nearest < self._limit_m)
 
-    def look(self, truth: Truth, tick: Tick, active: IntArray) -> IntArray:
-        """One tick later; ``active`` (F, N) is whom each avoids most, -1 for nobody. Rows of the flights that go on."""
+    def look(self, truth: Truth, ticks: Rows, active: IntArray) -> IntArray:
+        """Judge one tick more; return the indexes of the flights that go on.
+
+        Args:
+            truth: after the tick.
+            ticks: (F, N) of the pipelines.
+            active: (F, N) the vehicle that each one avoids most, -1 for none.
+        """
         self.ticks += 1
-        position, sums = truth.position_enu_m, self._sums
+        position, sums, law = truth.position_enu_m, self._sums, ticks["law"]
         self._see(position)
-        command = tick.law.commanded_acceleration_enu_m_s2[..., :2]
+        command = law["commanded_acceleration_enu_m_s2"][..., :2]
         if self.ticks > 1:
             change = (command - self._command) / TICK_S
             sums["slew"] += np.einsum("fnc,fnc->fn", change, change).mean(-1)
         self._command = command
         speed = np.sqrt(np.einsum("fnc,fnc->fn", truth.velocity_enu_m_s, truth.velocity_enu_m_s))
         sums["speed"] = np.maximum(sums["speed"], np.where(self._counts, speed, 0.0).max(-1))
-        sums["relaxed"] += (tick.law.status == int(LawStatus.RELAXED)).mean(-1)
-        sums["intervention"] += tick.law.intervention_m_s2.mean(-1)
+        sums["relaxed"] += (law["status"] == int(LawStatus.RELAXED)).mean(-1)
+        sums["intervention"] += law["intervention_m_s2"].mean(-1)
         step = position - self._position
         sums["path"] += np.where(self._counts, np.sqrt(np.einsum("fnc,fnc->fn", step, step)), 0.0).sum(-1)
         self._position = position
@@ -143,7 +151,7 @@ class Judge:
         self._recent_gain += blend * ((self._away - away) / TICK_S - self._recent_gain)
         self._away = away
         if self._trace is not None:
-            self._trace.add(self._flights, self.ticks, position, tick.law.status, active)
+            self._trace.add(self._flights, self.ticks, position, law["status"], active)
         is_there = ((away < self._errors.arrival_m) & (speed < self._errors.slow_m_s)) | ~self._counts
         all_there = np.asarray(is_there.all(-1)) & (self.time_s >= self._earliest)
         self._stay = np.where(all_there, self._stay + 1.0, 0.0)
@@ -200,7 +208,7 @@ class _TraceBuffer:
         self._active = np.full((512, flights, count), -1, np.int16)
         self._position[0] = start_enu_m
 
-    def add(self, flights: IntArray, tick: int, position_enu_m: Array, status: IntArray, active: IntArray) -> None:
+    def add(self, flights: IntArray, tick: int, position_enu_m: Array, status: Array, active: IntArray) -> None:
         if tick == len(self._position):
             self._position, self._status, self._active = (
                 np.concatenate([values, np.zeros_like(values)])

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from onboard.types import Array, IntArray
+from onboard.arrays import Array, IntArray
 
 _BLOCK_TICKS = 50
 _PER_VEHICLE = 9  # position error (3), velocity error (3), gust (2), thrust (1)

@@ -13,8 +13,9 @@ from matplotlib.patches import Circle, Patch
 from numpy.typing import NDArray
 
 from groundstation.figures.style import LIMIT, SOFT, colour, styled
+from onboard.arrays import Array
 from onboard.config.fleet import ConfigError
-from onboard.types import Array, LawStatus
+from onboard.types import LawStatus
 
 _FEW = 8  # up to so many vehicles have a colour and a name of their own
 _STATUS_COLOURS = ("#eef1f3", "#56B4E9", "#E69F00", LIMIT)  # by LawStatus

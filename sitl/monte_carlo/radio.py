@@ -7,9 +7,10 @@ from collections import deque
 
 import numpy as np
 
+from onboard.arrays import Array, BoolArray, IntArray
 from onboard.neighbours.table import SILENT_S
 from onboard.rollout import batch
-from onboard.types import Array, BoolArray, IntArray, LawOutput, Neighbours, State
+from onboard.rollout.rows import Rows
 from sitl.monte_carlo.settings import Perturbation
 from sitl.monte_carlo.vehicles import TICK_S
 
@@ -19,25 +20,25 @@ _MOST_SENDERS = 32  # in larger fleets only so many nearest are gathered; the la
 class Radio:
     """The newest message of every sender at every receiver; (F, receiver, sender, ...)."""
 
-    def __init__(self, state: State, is_stranger: BoolArray, perturbation: Perturbation) -> None:
+    def __init__(self, states: Rows, is_stranger: BoolArray, perturbation: Perturbation) -> None:
         """``is_stranger`` (F, N): tracked, but of no fleet; never cooperative, and nobody knows its intentions."""
-        first = batch.message(state, None)
+        first = batch.message(states, None)
         flights, count = first.shape[:2]
         self._p = perturbation
         # what is published in a tick can be heard in the next one at the earliest
         self._late = max(1, math.ceil(round(perturbation.delay_s / TICK_S, 6)))
-        self._sent: deque[Array] = deque([first] * self._late, self._late)
+        self._sent: deque[Rows] = deque([first] * self._late, self._late)
         self._inbox = np.repeat(first[:, None], count, axis=1)
         self._age_s = np.full((flights, count, count), self._late * TICK_S)
         self._silence_s = np.zeros((flights, count))
         self._is_stranger = is_stranger
         self._others = self._heard = batch.all_others(count)
 
-    def publish(self, state: State, law: LawOutput) -> None:
-        """Everybody's message of this tick."""
-        self._sent.appendleft(batch.message(state, law))
+    def publish(self, states: Rows, ticks: Rows) -> None:
+        """Send everybody's message of this tick."""
+        self._sent.appendleft(batch.message(states, ticks))
 
-    def receive(self, luck: Array, is_mute: BoolArray, is_frozen: BoolArray) -> Neighbours:
+    def receive(self, luck: Array, is_mute: BoolArray, is_frozen: BoolArray) -> Rows:
         """What everybody knows of the others now.
 
         Args:
@@ -50,11 +51,11 @@ class Radio:
             self._silence_s = np.where(begins & (self._silence_s <= 0.0), p.burst_s, self._silence_s - TICK_S)
             silent = silent | (self._silence_s > 0.0)
         arrived = (luck >= p.loss_share) & ~silent[:, None, :]
-        np.copyto(self._inbox, self._sent[-1][:, None], where=arrived[..., None])
+        np.copyto(self._inbox, self._sent[-1][:, None], where=arrived)
         self._age_s = np.where(arrived, self._late * TICK_S, self._age_s + TICK_S)
         is_cooperative = (self._age_s <= SILENT_S) & ~(self._is_stranger | is_frozen)[:, None, :]
         self._heard = self._senders()
-        return batch.heard(self._inbox, self._age_s, self._heard, is_cooperative)
+        return batch.received(self._inbox, self._age_s, self._heard, is_cooperative)
 
     def vehicle(self, neighbour: IntArray) -> IntArray:
         """Places in the fleet (F, N) of places among the neighbours received last; -1 stays."""
@@ -69,8 +70,9 @@ class Radio:
         count = self._inbox.shape[1]
         if count - 1 <= _MOST_SENDERS:
             return self._others
-        known = np.einsum("fiic->fic", self._inbox[..., :2])
-        gap = self._inbox[..., :2] - known[:, :, None]
+        position = self._inbox["position_enu_m"][..., :2]
+        known = np.einsum("fiic->fic", position)
+        gap = position - known[:, :, None]
         distance_2 = np.einsum("fijc,fijc->fij", gap, gap)
         distance_2[:, np.arange(count), np.arange(count)] = np.inf
         return np.sort(np.argpartition(distance_2, _MOST_SENDERS, axis=-1)[..., :_MOST_SENDERS], axis=-1)

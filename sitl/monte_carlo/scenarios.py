@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from onboard.arrays import Array
 from onboard.config.fleet import ConfigError
-from onboard.types import Array
 
 HEIGHT_M = 1.0
 MIX = (

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import replace
 from typing import Protocol
 
-import numpy as np
-
+from onboard.arrays import Array, IntArray
 from onboard.config.fleet import Vehicle
 from onboard.estimation import kalman
 from onboard.rollout import batch
-from onboard.types import GRAVITY_M_S2, Array, IntArray, State
+from onboard.rollout.rows import Rows
 from sitl.monte_carlo.noise import Noise
 from sitl.monte_carlo.settings import ErrorClass
 from sitl.monte_carlo.vehicles import TICK_S, Truth
@@ -23,7 +21,7 @@ _MOCAP_AGE_TICKS = 1
 class Sensing(Protocol):
     """Truth in, own estimate out, both (F, N, ...)."""
 
-    def update(self, truth: Truth, normals: Array, thrust_frac: Array, hover_frac: Array) -> State:
+    def update(self, truth: Truth, normals: Array, thrust_frac: Array, hover_frac: Array) -> Rows:
         """The estimate of this tick; thrust_frac (F, N) was sent last, hover_frac is the pipeline's own estimate."""
 
     def keep(self, flights: IntArray) -> None:
@@ -41,28 +39,21 @@ class MocapSensing:
     """Position samples at 50 Hz, one tick old, through the estimator that flies on the drone."""
 
     def __init__(self, errors: ErrorClass, vehicles: list[Vehicle], truth: Truth) -> None:
-        flights = truth.position_enu_m.shape[0]
-        self._params = kalman.EstimateParams(
-            drag_1_s=np.repeat(np.array([[vehicle.drag_1_s for vehicle in vehicles]]), flights, axis=0)
-        )
+        params = [kalman.KalmanParams(drag_1_s=float(vehicle.drag_1_s)) for vehicle in vehicles]
+        self._estimator = batch.FleetEstimator(params, truth.position_enu_m)
         self._std_m = errors.position_std_m
-        hovering = np.full(truth.position_enu_m.shape[:-1], GRAVITY_M_S2)
-        self._memory = replace(kalman.initial(truth.position_enu_m, params=self._params), thrust_m_s2=hovering)
         self._samples: deque[Array] = deque([truth.position_enu_m] * (_MOCAP_AGE_TICKS + 1), _MOCAP_AGE_TICKS + 1)
 
-    def update(self, truth: Truth, normals: Array, thrust_frac: Array, hover_frac: Array) -> State:
+    def update(self, truth: Truth, normals: Array, thrust_frac: Array, hover_frac: Array) -> Rows:
         """See :class:`Sensing`; attitude and heading come as the autopilot and the mocap have them."""
         self._samples.appendleft(truth.position_enu_m + self._std_m * normals[..., 0:3])
-        self._memory = kalman.drive(
-            self._memory, truth.quaternion_wxyz, thrust_frac, hover_frac, params=self._params, dt_s=TICK_S
-        )
-        self._memory = kalman.correct(self._memory, self._samples[-1], _MOCAP_AGE_TICKS * TICK_S, params=self._params)
-        return kalman.state(self._memory, truth.yaw_rad)
+        sample, age_s = self._samples[-1], _MOCAP_AGE_TICKS * TICK_S
+        attitude = truth.quaternion_wxyz
+        return self._estimator.step(attitude, thrust_frac, hover_frac, sample, truth.yaw_rad, age_s, TICK_S)
 
     def keep(self, flights: IntArray) -> None:
         """Go on with these flights of the batch only."""
-        self._params = replace(self._params, drag_1_s=np.asarray(self._params.drag_1_s)[flights])
-        self._memory = batch.keep_flights(self._memory, flights)
+        self._estimator.keep(flights)
         self._samples = deque([sample[flights] for sample in self._samples], _MOCAP_AGE_TICKS + 1)
 
 
@@ -74,21 +65,17 @@ class GivenErrors:
         self._position = errors.position_std_m * noise.normal[..., 0:3]
         self._velocity = errors.velocity_std_m_s * noise.normal[..., 3:6]
 
-    def update(self, truth: Truth, normals: Array, thrust_frac: Array, hover_frac: Array) -> State:
+    def update(self, truth: Truth, normals: Array, thrust_frac: Array, hover_frac: Array) -> Rows:
         """See :class:`Sensing`."""
         e = self._errors
         self._position = _wander(self._position, e.position_std_m, e.position_time_s, normals[..., 0:3])
         self._velocity = _wander(self._velocity, e.velocity_std_m_s, e.velocity_time_s, normals[..., 3:6])
-        shape = truth.position_enu_m.shape[:-1]
-        return State(
-            truth.position_enu_m + self._position,
-            truth.velocity_enu_m_s + self._velocity,
-            truth.acceleration_enu_m_s2,
-            truth.yaw_rad,
-            np.zeros(shape),
-            np.full(shape, e.position_std_m),
-            np.full(shape, e.velocity_std_m_s),
-        )
+        states = batch.STATE.rows(truth.yaw_rad.shape)
+        states["position_enu_m"] = truth.position_enu_m + self._position
+        states["velocity_enu_m_s"] = truth.velocity_enu_m_s + self._velocity
+        states["acceleration_enu_m_s2"], states["yaw_rad"] = truth.acceleration_enu_m_s2, truth.yaw_rad
+        states["position_std_m"], states["velocity_std_m_s"] = e.position_std_m, e.velocity_std_m_s
+        return states
 
     def keep(self, flights: IntArray) -> None:
         """Go on with these flights of the batch only."""

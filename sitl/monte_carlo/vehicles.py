@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from onboard.arrays import Array, IntArray
 from onboard.config.fleet import Vehicle
-from onboard.types import Array, AttitudeSetpoint, IntArray
 from sitl.monte_carlo.noise import Noise
 from sitl.monte_carlo.settings import Perturbation
 from sitl.physics import frames
@@ -78,15 +78,15 @@ class Physics:
         attitude = frames.enu_flu_from_ned_frd(self._of(s.attitude))
         return Truth(position, velocity, acceleration, attitude, frames.wrap(_EAST_RAD - self._of(s.yaw_rad)))
 
-    def advance(self, setpoint: AttitudeSetpoint, normals: Array) -> None:
-        """One tick under attitude setpoints (F, N, 4) and (F, N)."""
+    def advance(self, quaternion_wxyz: Array, thrust_frac: Array, normals: Array) -> None:
+        """Fly one tick under attitude setpoints (F, N, 4) and (F, N)."""
         self._gust = _wandered(self._gust, self._p.gust_m_s2, _GUST_TIME_S, normals[..., 6:8])
         self._thrust_error = _wandered(self._thrust_error, self._thrust_noise, _THRUST_NOISE_TIME_S, normals[..., 8])
         all_, s = self._vehicles, self._vehicles.states
-        quaternion = frames.enu_flu_from_ned_frd(setpoint.quaternion_wxyz)  # its own inverse
+        quaternion = frames.enu_flu_from_ned_frd(quaternion_wxyz)  # its own inverse
         shape = (-1, self._count)
         self._commands.attitude.reshape(*shape, 4)[self._flights] = quaternion
-        self._commands.thrust_frac.reshape(shape)[self._flights] = setpoint.thrust_frac * (1.0 + self._thrust_error)
+        self._commands.thrust_frac.reshape(shape)[self._flights] = thrust_frac * (1.0 + self._thrust_error)
         kick = STEP_S * self._gust[..., ::-1]  # north, east
         for _ in range(_STEPS):
             velocity = s.velocity_ned_m_s.reshape(*shape, 3)
