@@ -92,8 +92,8 @@ def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) 
         if pair.is_near:
             crowd_count += 1.0
         pairs.append(pair)
-    order = sorted([(pairs[k].distance_2_m2, k) for k in range(len(pairs))])
-    nearest = [pairs[k] for _, k in order[: params.spacing.max_neighbours]]
+    order = ascending([pair.distance_2_m2 for pair in pairs])
+    nearest = [pairs[k] for k in order[: params.spacing.max_neighbours]]
     return Pairs(nearest, crowd_count, is_sound)
 
 
@@ -164,8 +164,8 @@ def nearest_surfaces(own: Own, obstacles: Sequence[Capsule], clearance_m: float)
         clearance_m: kept from an outline by the vehicle's centre.
     """
     surfaces = [surface_of(capsule, own.position_m, own.velocity_m_s, clearance_m) for capsule in obstacles]
-    order = sorted([(surfaces[k].gap_m, k) for k in range(len(surfaces))])
-    return [surfaces[k] for _, k in order[:MAX_OBSTACLES]]
+    order = ascending([surface.gap_m for surface in surfaces])
+    return [surfaces[k] for k in order[:MAX_OBSTACLES]]
 
 
 def surface_of(capsule: Capsule, position_m: Vec2, velocity_m_s: Vec2, clearance_m: float) -> Surface:
@@ -197,3 +197,19 @@ def separated(e: Vec2, w: Vec2) -> Vec2:
     if speed > 1e-6:
         return Vec2(COINCIDENT_M * (w.x / speed), COINCIDENT_M * (w.y / speed))
     return Vec2(COINCIDENT_M, 0.0)
+
+
+def ascending(keys: list[float]) -> list[int]:
+    """Return the indexes of numbers in ascending order, equal ones as they come.
+
+    Insertion, because numba takes seconds to compile ``sorted``.
+    """
+    order: list[int] = []
+    for k in range(len(keys)):
+        order.append(k)
+        place = k
+        while place > 0 and keys[order[place - 1]] > keys[k]:
+            order[place] = order[place - 1]
+            place -= 1
+        order[place] = k
+    return order
