@@ -17,11 +17,11 @@ from collections.abc import Mapping
 
 from groundstation.orders.forecast import Forecast, Leg, forecast
 from onboard.config.fleet import FleetConfig
-from onboard.rollout import compiled
+from onboard.rollout import batch
 
 _LENGTH = struct.Struct("<I")
 _NICENESS = 10
-_LIMIT_S = 60.0  # the very first start on a machine compiles for a quarter of a minute
+_LIMIT_S = 120.0  # the very first start on a machine compiles for half a minute of a processor
 
 
 class ForecastFailed(RuntimeError):
@@ -104,7 +104,7 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(_NICENESS)
     source, sink = sys.stdin.buffer, sys.stdout.buffer
-    compiled.warm_up()
+    batch.warm_up()
     while len(head := source.read(_LENGTH.size)) == _LENGTH.size:
         fleet, legs, is_takeoff = pickle.loads(source.read(*_LENGTH.unpack(head)))
         answer: Forecast | str

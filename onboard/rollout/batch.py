@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from types import FunctionType, ModuleType
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -58,6 +58,16 @@ _read_filter_params, _read_filter, _write_filter = FILTER_PARAMS.read, FILTER.re
 _write_state = STATE.write
 
 
+class PassRows(NamedTuple):
+    """Inputs of one pass of the pipeline of many vehicles; neighbours may be missing."""
+
+    states: Rows  # (..., N)
+    goals: Rows  # (..., N)
+    neighbours: Rows  # (..., N, K)
+    is_present: BoolArray  # (..., N, K)
+    phases: IntArray  # (..., N), of pipeline.Phase
+
+
 class Controller(Protocol):
     """A control of a whole batch: estimates, goals and neighbours in, every vehicle's attitude setpoint out."""
 
@@ -95,8 +105,9 @@ class FleetPipeline:
 
     def step(self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float) -> Rows:
         """Return the ticks of all vehicles in flight, see :class:`Controller`."""
-        phases = np.full(states.size, int(pipeline.Phase.FLYING))
-        return step(self._memories, states, goals, neighbours, is_present, self._obstacles, phases, self._params, dt_s)
+        phases = np.full(states.shape, int(pipeline.Phase.FLYING))
+        inputs = PassRows(states, goals, neighbours, is_present, phases)
+        return step(self._memories, inputs, self._obstacles, self._params, dt_s)
 
     def keep(self, flights: IntArray) -> None:
         """Go on with these flights of the batch only."""
@@ -144,8 +155,8 @@ class FleetEstimator:
         inputs[..., :4], inputs[..., 4], inputs[..., 5] = quaternion_wxyz, thrust_frac, hover_thrust_frac
         inputs[..., 6:9], inputs[..., 9] = sample_enu_m, yaw_rad
         states = STATE.rows(shape)
-        loop = _loops()[1]
-        loop(_flat(self._memories), inputs.reshape(-1, 10), floats(self._params), _flat(states), age_s, dt_s)
+        flat = inputs.reshape(self._memories.size, 10)
+        _loops()[1](_flat(self._memories), flat, floats(self._params), _flat(states), age_s, dt_s)
         return states
 
     def keep(self, flights: IntArray) -> None:
@@ -153,34 +164,26 @@ class FleetEstimator:
         self._memories = self._memories[flights]
 
 
-def step(
-    memories: Rows,
-    states: Rows,
-    goals: Rows,
-    neighbours: Rows,
-    is_present: BoolArray,
-    obstacles: Rows,
-    phases: IntArray,
-    params: Rows,
-    dt_s: float,
-) -> Rows:
+def step(memories: Rows, inputs: PassRows, obstacles: Rows, params: Rows, dt_s: float) -> Rows:
     """Return the ticks of many vehicles: ``pipeline.step`` of each.
 
     Args:
-        memories: (..., N), changed in place. states, goals: (..., N).
-        neighbours, is_present: (..., N, K).
-        obstacles: (O,), the same for all. phases: one per vehicle. params: (N,).
+        memories: (..., N), changed in place.
+        inputs: of each vehicle.
+        obstacles: (O,), the same for all.
+        params: (N,).
         dt_s: length of the tick [s].
     """
-    ticks = TICK.rows(states.shape)
-    size, most = states.size, neighbours.shape[-1]
-    near = floats(neighbours).reshape(size, most, NEIGHBOUR.width)
-    present = np.ascontiguousarray(is_present).reshape(size, most)
-    loop = _loops()[0]
-    loop(
-        *(_flat(memories), _flat(states), _flat(goals), near, present),
-        *(floats(obstacles), phases, floats(params), _flat(ticks), dt_s),
+    ticks = TICK.rows(inputs.states.shape)
+    size, most = ticks.size, inputs.neighbours.shape[-1]
+    flat = (
+        _flat(inputs.states),
+        _flat(inputs.goals),
+        floats(inputs.neighbours).reshape(size, most, NEIGHBOUR.width),
+        np.ascontiguousarray(inputs.is_present).reshape(size, most),
+        np.ascontiguousarray(inputs.phases, dtype=np.int64).reshape(size),
     )
+    _loops()[0](_flat(memories), flat, floats(obstacles), floats(params), _flat(ticks), dt_s)
     return ticks
 
 
@@ -191,8 +194,7 @@ def message(states: Rows, ticks: Rows | None) -> Rows:
         states: (F, N). ticks: (F, N) of the pipeline.
     """
     out = NEIGHBOUR.rows(states.shape)
-    names = ("position_enu_m", "velocity_enu_m_s", "acceleration_enu_m_s2", "position_std_m", "velocity_std_m_s")
-    for name in names:
+    for name in ("position_enu_m", "velocity_enu_m_s", "acceleration_enu_m_s2", "position_std_m", "velocity_std_m_s"):
         out[name] = states[name]
     out["is_cooperative"] = 1.0
     if ticks is None:
@@ -247,19 +249,9 @@ def _flat(rows: Rows) -> Array:
     return floats(rows).reshape(rows.size, rows.dtype.itemsize // 8)
 
 
-def _step_rows(
-    memories: Any,
-    states: Any,
-    goals: Any,
-    neighbours: Any,
-    is_present: Any,
-    obstacles: Any,
-    phases: Any,
-    params: Any,
-    ticks: Any,
-    dt_s: float,
-) -> None:
+def _step_rows(memories: Any, inputs: Any, obstacles: Any, params: Any, ticks: Any, dt_s: float) -> None:
     walls = [_read_obstacle(obstacles[k]) for k in range(obstacles.shape[0])]
+    states, goals, neighbours, is_present, phases = inputs
     count = params.shape[0]
     for m in range(memories.shape[0]):
         near = [_read_neighbour(neighbours[m, k]) for k in range(neighbours.shape[1]) if is_present[m, k]]
@@ -329,9 +321,9 @@ def _jit(numba: Any, function: Compiled, version: int) -> Compiled:
 
 def _functions() -> list[FunctionType]:
     """Return all functions that compiled code may call."""
-    named = [(m, f) for m in _MODULES for f in vars(m).values() if isinstance(f, FunctionType)]
-    layouts = [f for layout in _LAYOUTS for f in (layout.read, layout.write) if isinstance(f, FunctionType)]
-    return [f for m, f in named if f.__module__ == m.__name__] + layouts + [_step_rows, _estimate_rows]
+    named = [f for m in _MODULES for f in vars(m).values() if getattr(f, "__module__", "") == m.__name__]
+    own = [*named, *(f for layout in _LAYOUTS for f in (layout.read, layout.write)), _step_rows, _estimate_rows]
+    return [f for f in own if isinstance(f, FunctionType)]
 
 
 def _digest() -> int:

@@ -53,7 +53,8 @@ class Layout:
         out = np.zeros((len(values), self.width))
         for value, row in zip(values, out, strict=True):
             self.write(value, row)
-        return out.view(self.dtype)[:, 0]
+        rows: Rows = out.view(self.dtype)[:, 0]
+        return rows
 
     def values(self, rows: Rows) -> list[Any]:
         """Return the value of each row (n,)."""
@@ -137,4 +138,4 @@ def _written(example: Any, value: str, at: int, offset: str) -> tuple[list[str],
 
 
 def _width(example: Any) -> int:
-    return np.dtype(_dtype(example)).itemsize // 8
+    return int(np.dtype(_dtype(example)).itemsize) // 8

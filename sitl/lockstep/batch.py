@@ -65,17 +65,15 @@ class Batch:
     def _together(self, hall: Hall, agents: Sequence[AgentShell], passes: list[Pass]) -> list[tuple[Any, Tick]]:
         memories = _rows_of([due.memory for due in passes])
         neighbours, is_present = hall.snapshots([due.table for due in passes], passes[0].now_ns)
-        ticks = batch.step(
-            memories,
+        inputs = batch.PassRows(
             batch.STATE.packed([due.state for due in passes]),
             batch.GOAL.packed([due.goal for due in passes]),
             neighbours,
             is_present,
-            batch.OBSTACLE.packed(agents[0].core.obstacles),
             np.array([int(due.phase) for due in passes]),
-            self._params_of(agents),
-            passes[0].dt_s,
         )
+        walls = batch.OBSTACLE.packed(agents[0].core.obstacles)
+        ticks = batch.step(memories, inputs, walls, self._params_of(agents), passes[0].dt_s)
         values = batch.TICK.values(ticks)
         return [(_RowMemory(memories, index), tick) for index, tick in enumerate(values)]
 

@@ -1,0 +1,165 @@
+"""Batches fly the pipeline and the filter of the drone: row by row they give what one vehicle computes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from onboard.avoidance.params import obstacles
+from onboard.config.fleet import load_fleet
+from onboard.control import pipeline
+from onboard.control.pipeline import Phase
+from onboard.estimation import kalman
+from onboard.rollout import batch
+from onboard.rollout.rows import Layout, floats, zero
+from onboard.types import Goal, LawStatus, Neighbour, State, Tick
+from onboard.vectors import Vec3
+
+TICKS = 40
+FLEETS = ("paper", "sih")
+VEHICLES = 12
+
+
+def vector(rng: np.random.Generator, size: float) -> Vec3:
+    return Vec3(*rng.uniform(-size, size, 3).tolist())
+
+
+def random_neighbours(rng: np.random.Generator) -> list[Neighbour]:
+    return [
+        Neighbour(
+            *(vector(rng, 2.0) for _ in range(7)),
+            *(0.04, 0.2, 0.01, 0.02, float(rng.integers(0, 4))),
+            *(bool(rng.random() < 0.8), k == 0, k),
+        )
+        for k in range(int(rng.integers(0, 8)))
+    ]
+
+
+def random_flight() -> tuple[list[pipeline.PipelineParams], list[list[tuple[State, Goal, list[Neighbour], Phase]]]]:
+    """Parameters of different vehicles under different laws, and inputs of each tick for each of them."""
+    rng = np.random.default_rng(4)
+    fleets = [load_fleet(f"configs/fleets/{name}.toml") for name in FLEETS]
+    laws = ("covey", "covey", "paper", "off")
+    params = [
+        pipeline.pipeline_params(fleets[k % 2], list(fleets[k % 2].vehicles)[0], laws[k % 4]) for k in range(VEHICLES)
+    ]
+    flight = []
+    for tick in range(TICKS):
+        phase = Phase.GROUND if tick < 2 else Phase.LIFTOFF if tick < 6 else Phase.FLYING
+        flight.append(
+            [
+                (
+                    State(vector(rng, 1.0), vector(rng, 0.5), vector(rng, 0.5), 0.0, 0.01, 0.01, 0.02),
+                    Goal(vector(rng, 3.0), 0.0, tick // 15),
+                    random_neighbours(rng),
+                    phase,
+                )
+                for _ in range(VEHICLES)
+            ]
+        )
+    return params, flight
+
+
+def flown_in_rows() -> np.ndarray:
+    """Numbers of all ticks (TICKS, VEHICLES, width) of the random flight, computed as one batch."""
+    params, flight = random_flight()
+    walls = batch.OBSTACLE.packed(obstacles(load_fleet("configs/fleets/paper.toml")))
+    memories = batch.MEMORY.packed([pipeline.initial(own, Vec3(0.0, 0.0, 0.0)) for own in params])
+    rows, ticks = batch.PARAMS.packed(params), []
+    for inputs in flight:
+        neighbours = batch.NEIGHBOUR.rows((VEHICLES, 8))
+        is_present = np.zeros((VEHICLES, 8), bool)
+        for m, (_, _, near, _) in enumerate(inputs):
+            neighbours[m, : len(near)] = batch.NEIGHBOUR.packed(near)
+            is_present[m, : len(near)] = True
+        passes = batch.PassRows(
+            batch.STATE.packed([state for state, _, _, _ in inputs]),
+            batch.GOAL.packed([goal for _, goal, _, _ in inputs]),
+            neighbours,
+            is_present,
+            np.array([int(phase) for _, _, _, phase in inputs]),
+        )
+        ticks.append(floats(batch.step(memories, passes, walls, rows, 0.02)).copy())
+    return np.array(ticks)
+
+
+def flown_one_by_one() -> np.ndarray:
+    """The same, each vehicle by itself."""
+    params, flight = random_flight()
+    walls = obstacles(load_fleet("configs/fleets/paper.toml"))
+    memories = [pipeline.initial(own, Vec3(0.0, 0.0, 0.0)) for own in params]
+    ticks = []
+    for inputs in flight:
+        values = []
+        for m, (state, goal, near, phase) in enumerate(inputs):
+            memories[m], tick = pipeline.step(memories[m], state, goal, near, walls, phase, params[m], 0.02)
+            values.append(tick)
+        ticks.append(floats(batch.TICK.packed(values)).copy())
+    return np.array(ticks)
+
+
+def test_a_batch_gives_every_vehicle_what_it_computes_by_itself() -> None:
+    rows = flown_in_rows()
+    np.testing.assert_allclose(rows, flown_one_by_one(), rtol=1e-9, atol=1e-9)
+    status = rows.view(batch.TICK.dtype)["law"]["status"]
+    assert {LawStatus.INACTIVE, LawStatus.SATURATED, LawStatus.RELAXED} <= set(status.ravel().tolist())
+
+
+def test_without_numba_the_same_batch_is_interpreted() -> None:
+    program = (
+        "from tests.onboard.rollout.test_batch import flown_in_rows\n"
+        "from onboard.rollout import batch\n"
+        "assert not batch.warm_up()\n"
+        "import sys; sys.stdout.buffer.write(flown_in_rows().tobytes())"
+    )
+    environment = os.environ | {"COVEY_NUMBA": "0"}
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True, env=environment)
+    rows = flown_in_rows()
+    interpreted = np.frombuffer(done.stdout).reshape(rows.shape)
+    np.testing.assert_allclose(rows, interpreted, rtol=1e-9, atol=1e-9)
+
+
+def test_filters_of_a_batch_give_what_one_filter_gives() -> None:
+    rng = np.random.default_rng(5)
+    params = [kalman.KalmanParams(drag_1_s=drag) for drag in (0.0, 0.3, 0.6)]
+    start = rng.uniform(-1.0, 1.0, (2, 3, 3))
+    filters = batch.FleetEstimator(params, start)
+    memories = [
+        kalman.initial(Vec3(*start[f, n]), params[n])._replace(thrust_m_s2=9.80665) for f in range(2) for n in range(3)
+    ]
+    for _ in range(50):
+        attitude = rng.normal([5.0, 0.0, 0.0, 0.0], 0.3, (2, 3, 4))
+        attitude /= np.linalg.norm(attitude, axis=-1, keepdims=True)
+        throttle, yaw = rng.uniform(0.4, 0.6, (2, 3)), rng.uniform(-1.0, 1.0, (2, 3))
+        sample = start + rng.normal(0.0, 0.003, (2, 3, 3))
+        states = filters.step(attitude, throttle, np.full((2, 3), 0.5), sample, yaw, 0.02, 0.02)
+        for m in range(6):
+            f, n = divmod(m, 3)
+            q = tuple(attitude[f, n].tolist())
+            memory = kalman.drive(memories[m], q, float(throttle[f, n]), 0.5, params[n], 0.02, False)
+            memories[m] = kalman.correct(memory, Vec3(*sample[f, n].tolist()), 0.02, params[n])
+            expected = kalman.state(memories[m], float(yaw[f, n]), 0.0, 0.0)
+            np.testing.assert_allclose(floats(states)[f, n], floats(batch.STATE.packed([expected]))[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [State, Goal, Neighbour, Tick, pipeline.PipelineParams])
+def test_a_value_written_to_a_row_is_read_as_the_same_value_of_the_same_types(kind: type) -> None:
+    layout = Layout(zero(kind))
+    numbers = np.arange(1.0, layout.width + 1.0)
+    value = layout.read(numbers.tolist())
+    rows = layout.packed([value])
+    assert layout.values(rows) == [value]
+    assert repr(layout.values(rows)[0]) == repr(value)
+
+
+def test_memories_with_lists_and_long_tuples_survive_their_row_and_columns_have_names() -> None:
+    params = pipeline.pipeline_params(load_fleet("configs/fleets/sih.toml"), "mav0")
+    memory = pipeline.initial(params, Vec3(1.0, 2.0, 3.0))
+    rows = batch.MEMORY.packed([memory, memory])
+    assert batch.MEMORY.values(rows) == [memory, memory]
+    assert rows["hover_thrust"]["hover_thrust_frac"].tolist() == [params.hover_thrust.configured_frac] * 2
+    assert rows["law"]["commands"]["duration_s"].shape == (2, len(memory.law.commands))
