@@ -8,8 +8,7 @@ import pytest
 
 from groundstation.cli import main as covey
 from onboard.control.pipeline import pipeline_params
-from onboard.rollout import batch as fleet_step
-from onboard.types import Goal, State
+from onboard.rollout import batch as rollout_batch
 from sitl.monte_carlo import batch, flight, radio, results, scenarios, settings
 from sitl.monte_carlo.command import main
 
@@ -149,24 +148,24 @@ def test_messages_that_never_arrive_let_the_vehicles_fly_into_each_other(changes
 @pytest.mark.parametrize(("delay_s", "ticks"), [(0.0, 1), (0.04, 2), (0.05, 3), (0.2, 10)])
 def test_message_is_as_old_as_it_says(delay_s, ticks):
     def moved(tick):
-        still, zero = np.zeros((1, 2, 3)), np.zeros((1, 2))
-        position = np.full((1, 2, 3), float(tick))
-        return State(position, still, still, zero, zero, zero, zero)
+        states = rollout_batch.STATE.rows((1, 2))
+        states["position_enu_m"] = float(tick)
+        return states
 
     nobody = np.zeros((1, 2), bool)
     station = radio.Radio(moved(0), nobody, settings.Perturbation(delay_s=delay_s, loss_share=0.0))
     vehicles = settings.choose().fleet(2)
-    pilots = fleet_step.FleetPipeline(
+    pilots = rollout_batch.FleetPipeline(
         [pipeline_params(vehicles, name) for name in vehicles.vehicles], np.zeros((1, 2, 3))
     )
-    goal = Goal(np.zeros((1, 2, 3)), np.zeros((1, 2)), np.zeros((1, 2), np.int64))
-    law = pilots.step(moved(0), goal, station.receive(np.ones((1, 2, 2)), nobody, nobody), dt_s=0.02).law
+    received = station.receive(np.ones((1, 2, 2)), nobody, nobody)
+    published = pilots.step(moved(0), rollout_batch.GOAL.rows((1, 2)), received, np.ones((1, 2, 1), bool), 0.02)
     for tick in range(30):
         heard = station.receive(np.full((1, 2, 2), 0.5), nobody, nobody)
         if tick > ticks:
-            assert heard.position_enu_m[0, 0, 0, 0] == tick - ticks
-            assert heard.age_s[0, 0, 0] == pytest.approx(0.02 * ticks)
-        station.publish(moved(tick), law)
+            assert heard["position_enu_m"][0, 0, 0, 0] == tick - ticks
+            assert heard["age_s"][0, 0, 0] == pytest.approx(0.02 * ticks)
+        station.publish(moved(tick), published)
 
 
 def test_intruder_moves_as_announced_and_the_formation_makes_way():
@@ -191,12 +190,12 @@ class _Hover:
     """A controller of somebody else: everybody stays where they are."""
 
     def __init__(self, params, start_enu_m):
-        self.inner, self.start = fleet_step.FleetPipeline(params, start_enu_m), start_enu_m
+        self.inner, self.start = rollout_batch.FleetPipeline(params, start_enu_m), start_enu_m
 
-    def step(self, state, goal, neighbours, *, dt_s):
-        from dataclasses import replace
-
-        return self.inner.step(state, replace(goal, position_enu_m=self.start), neighbours, dt_s=dt_s)
+    def step(self, states, goals, neighbours, is_present, dt_s):
+        changed = goals.copy()
+        changed["position_enu_m"] = self.start
+        return self.inner.step(states, changed, neighbours, is_present, dt_s)
 
     def keep(self, flights):
         self.inner.keep(flights)
