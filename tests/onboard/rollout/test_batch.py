@@ -45,7 +45,8 @@ def random_flight() -> tuple[list[pipeline.PipelineParams], list[list[tuple[Stat
     fleets = [load_fleet(f"configs/fleets/{name}.toml") for name in FLEETS]
     laws = ("covey", "covey", "paper", "off")
     params = [
-        pipeline.pipeline_params(fleets[k % 2], list(fleets[k % 2].vehicles)[0], laws[k % 4]) for k in range(VEHICLES)
+        pipeline.pipeline_params(fleets[k % 2], next(iter(fleets[k % 2].vehicles)), laws[k % 4])
+        for k in range(VEHICLES)
     ]
     flight = []
     for tick in range(TICKS):
