@@ -202,7 +202,7 @@ def _lockstep(options: argparse.Namespace, mission: str, bus: dict[str, float]) 
 
 def _tui(options: argparse.Namespace) -> int:
     from groundstation.client.client import FleetClient
-    from groundstation.client.read_only import Watching
+    from groundstation.client.read_only import ReadOnlyClient
     from groundstation.console.app import run_console
     from onboard.config.fleet import load_fleet
 
@@ -215,7 +215,7 @@ def _tui(options: argparse.Namespace) -> int:
         try:
             return await run_console(
                 fleet,
-                Watching(client) if options.readonly else client,
+                ReadOnlyClient(client) if options.readonly else client,
                 connect=client.start,
                 has_preview=not options.no_preview,
                 title=f"fleet {fleet.fleet.name}",

@@ -22,7 +22,8 @@ from groundstation.missions.files import (
     intent_of,
     load_mission,
 )
-from groundstation.orders.grammar import plan
+from groundstation.orders.grammar import default_formation
+from groundstation.orders.plan import HeldFormation, plan_order
 from onboard.config.fleet import ConfigError, FleetConfig, Vec3, load_fleet, read_toml
 from onboard.control.trajectory import GuidanceParams, shortest_duration_s
 from onboard.feasibility.bounds import ACCURACIES
@@ -156,16 +157,16 @@ def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
 
 def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Finding]:
     fleet = mission.fleet
-    formation = next(iter(fleet.formations), None)
+    held = HeldFormation(default_formation(fleet))
     spots: dict[str, Vec3] = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
     flying: set[str] = set()
     for index, step in enumerate(mission.steps):
         if not isinstance(step, TakeoffStep | MoveStep | FormationStep | LandStep):
             continue
         intent = intent_of(step, fleet)
-        checked = plan(intent, fleet, None, formation=formation, author="check", now_ns=0)
-        formation = checked.formation
-        goals = {name: _goal(step, spots[name], order.position_enu_m) for name, order in checked.orders.items()}
+        planned = plan_order(intent, fleet, None, held=held, author="check", now_ns=0)
+        held = planned.held
+        goals = {name: _goal(step, spots[name], order.position_enu_m) for name, order in planned.orders.items()}
         if not goals:
             continue
         where = f"step[{index}] ({step.do})"

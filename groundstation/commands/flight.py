@@ -188,7 +188,7 @@ class Flight:
             record.start()
             client.add_sink(record.put)
             await client.start()
-            client.tell_recording(record.failure is None)
+            client.announce_recording(record.failure is None)
             yield client
         finally:
             # Whatever interrupts the clearing up, the processes end: kill() runs even if an await here is cancelled.
@@ -203,7 +203,7 @@ class Flight:
         if self._client is not None:
             self._client.publish_event("critical", "record_failed", sentence)
             if self._client.is_started:
-                self._client.tell_recording(False)
+                self._client.announce_recording(False)
 
     async def _mission(self) -> Verdict:
         assert self._run is not None

@@ -216,7 +216,7 @@ class ConsoleApp(LeavingApp):
                 VehicleScreen(
                     self.fleet,
                     self.alarms,
-                    self.client.ticks,
+                    self.client.tick_stream,
                     selected=lambda: self._fleet_table.selected,
                     move=self._fleet_table.action_cursor,
                     time_text=self.time_text,

@@ -23,11 +23,12 @@ from groundstation.console.widgets.order_line import CONTROL_ORDERS, OrderLine
 from groundstation.console.widgets.results import ResultLine
 from groundstation.fleet.control_authority import FORCE_WORD, Control
 from groundstation.fleet.state import FleetState
-from groundstation.fleet.tick_stream import Ticks
+from groundstation.fleet.tick_stream import TickStream
 from groundstation.orders.forecast_process import Forecaster
-from groundstation.orders.grammar import USAGE, Intent, OrderError, Plan, Verb, parse
+from groundstation.orders.grammar import USAGE, Intent, OrderError, Verb, parse
+from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.preview import PREVIEWED
-from groundstation.orders.result import OrderHandle, VehicleResult
+from groundstation.orders.result import OrderResult, VehicleResult
 from onboard.config.fleet import ConfigError, FleetConfig
 
 KILL_WINDOW_S = 1.0
@@ -39,7 +40,7 @@ class ConsoleClient(Protocol):
     """What the console needs of :class:`groundstation.client.client.FleetClient`, or of a record."""
 
     @property
-    def ticks(self) -> Ticks:
+    def tick_stream(self) -> TickStream:
         """The pipeline's values of the vehicle whose page is open."""
 
     @property
@@ -49,7 +50,7 @@ class ConsoleClient(Protocol):
     def now_ns(self) -> int:
         """The clock that ages are counted on."""
 
-    async def submit(self, order: Intent | str) -> OrderHandle:
+    async def submit(self, order: Intent | str) -> OrderResult:
         """Send an order; results fill in."""
 
 
@@ -66,10 +67,16 @@ class OrderingClient(Protocol):
     def now_ns(self) -> int:
         """The clock that ages are counted on."""
 
-    def plan(self, order: Intent | str) -> Plan:
-        """What an order would send now."""
+    def plan(self, order: Intent | str) -> PlannedOrder:
+        """Plan an order and check it; nothing is sent."""
 
-    def submit_now(self, order: Intent | str) -> OrderHandle:
+    def check_again(self, planned: PlannedOrder) -> PlannedOrder:
+        """Check a planned order against the fleet as it is now."""
+
+    def send(self, planned: PlannedOrder) -> OrderResult:
+        """Send a planned order from any thread; results fill in."""
+
+    def submit_now(self, order: Intent | str) -> OrderResult:
         """Send an order from any thread; results fill in."""
 
 
@@ -101,12 +108,12 @@ class OrderingApp(DressedApp):
         self.fleet, self.client = fleet, client
         self._ordering = client if isinstance(client, OrderingClient) else None
         self._forecaster = Forecaster() if has_preview and self._ordering is not None else None
-        self._early: deque[OrderHandle] = deque()  # of keys whose turn comes
+        self._early: deque[OrderResult] = deque()  # of keys whose turn comes
         self._kill: tuple[str, tuple[str, ...], float] | None = None
         self._is_warm = False
         self._killed: set[str] = set()
         self._written = ""  # the order that is being taken from the order line
-        self._handle: OrderHandle | None = None
+        self._handle: OrderResult | None = None
         self._result_line = ResultLine("result")
         self._order_line = OrderLine(fleet)
         self._notices = NoticeLines()
@@ -137,7 +144,7 @@ class OrderingApp(DressedApp):
     def show_notices(self) -> None:
         """Bring the lines that stay up to date."""
         if self.control is not None:
-            self.control.look(self.client.state)
+            self.control.update(self.client.state)
         self._notices.show(notices(tuple(sorted(self._killed)), self.control))
 
     async def on_unmount(self) -> None:
@@ -203,11 +210,11 @@ class OrderingApp(DressedApp):
         else:
             await self.give(intent)
 
-    async def _answered(self, intent: Intent | None) -> None:
-        if intent is not None:
-            await self.give(intent)
+    async def _answered(self, planned: PlannedOrder | None) -> None:
+        if planned is not None and self._ordering is not None:
+            await self.give(planned.intent, self._ordering.send(planned))
 
-    async def give(self, order: Intent | str, sent: OrderHandle | None = None) -> None:
+    async def give(self, order: Intent | str, sent: OrderResult | None = None) -> None:
         """Send an order at once and show each vehicle's answer; a misspelt one is a sentence.
 
         ``sent``: it has left already.
@@ -218,9 +225,9 @@ class OrderingApp(DressedApp):
             self._not_sent(str(order), str(error))
             return
         self._handle = handle
-        if handle.intent.verb == "kill" and handle.plan.orders:  # it has left, whatever becomes of it
-            self._event_log.add("✖", KILL, f"KILL {','.join(handle.plan.orders)}")
-            self._killed.update(handle.plan.orders)
+        if handle.intent.verb == "kill" and handle.planned.orders:  # it has left, whatever becomes of it
+            self._event_log.add("✖", KILL, f"KILL {','.join(handle.planned.orders)}")
+            self._killed.update(handle.planned.orders)
             self.show_notices()
         self._event_log.add("→", CALM, self.short(str(handle.intent)))
         self._result_line.show_order(handle, self.short(str(handle.intent)))
@@ -235,7 +242,7 @@ class OrderingApp(DressedApp):
         self._result_line.show_sentence(why)
         self._event_log.write(f"Not sent: {theme.clean(self.short(order), 60)}. {why}", severity="warning")
 
-    def _take_result(self, handle: OrderHandle, result: VehicleResult) -> None:
+    def _take_result(self, handle: OrderResult, result: VehicleResult) -> None:
         if handle is self._handle and self.is_running:
             self._result_line.show_order(handle, self.short(str(handle.intent)))
         if result.phase in ("refused", "no answer", "direct"):  # the other ends come as the vehicle's own events
@@ -338,12 +345,12 @@ class OrderingApp(DressedApp):
 
     def action_give_control(self) -> None:
         """Hand over to who asks."""
-        if self.control is not None and self.control.asker is not None:
+        if self.control is not None and self.control.requester is not None:
             self._talk_about_control(["give", "control"])
 
     def action_keep_control(self) -> None:
         """Say no to who asks."""
-        if self.control is not None and self.control.asker is not None:
+        if self.control is not None and self.control.requester is not None:
             self._talk_about_control(["keep", "control"])
 
     def _talk_about_control(self, words: list[str]) -> None:
@@ -356,7 +363,7 @@ class OrderingApp(DressedApp):
             return
         acts: dict[str, Callable[[], str]] = {
             "take": lambda: control.take(word),
-            "give": control.give,
+            "give": control.hand_over,
             "keep": control.keep,
         }
         sentence = acts[words[0]]()

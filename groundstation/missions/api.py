@@ -191,7 +191,7 @@ class Fleet:
         except OrderError as error:
             raise ConfigError(str(error)) from None
         results = await handle.wait(timeout_s)
-        for name, order in handle.plan.orders.items():
+        for name, order in handle.planned.orders.items():
             if order.position_enu_m is not None:
                 self.arrivals.append(self._arrival(str(intent.verb), name, order.position_enu_m))
         self.steps.append(

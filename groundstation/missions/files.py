@@ -9,7 +9,8 @@ from typing import Any, Literal, cast
 
 import msgspec
 
-from groundstation.orders.grammar import Intent, plan
+from groundstation.orders.grammar import Intent, default_formation
+from groundstation.orders.plan import HeldFormation, plan_order
 from onboard.config.fleet import ConfigError, FleetConfig, Vec3, check_schema, convert, load_fleet, read_toml
 
 Names = str | list[str]
@@ -245,7 +246,7 @@ def _check_expect(expect: Expect, path: str, key: str) -> None:
 
 def _check_steps(mission: Mission) -> None:
     """Every order of the mission is checked as if it were given, so that nothing starts that must fail later."""
-    fleet, formation = mission.fleet, next(iter(mission.fleet.formations), None)
+    fleet, held = mission.fleet, HeldFormation(default_formation(mission.fleet))
     for index, step in enumerate(mission.steps):
         key = f"step[{index}]"
         if isinstance(step, (WaitStep, ExpectStep)):
@@ -262,10 +263,10 @@ def _check_steps(mission: Mission) -> None:
             intent = intent_of(step, fleet)
         except ConfigError as error:
             raise ConfigError(f"{mission.path}: '{key}.vehicles': {error}") from None
-        checked = plan(intent, fleet, None, formation=formation, author="check", now_ns=0)
-        formation = checked.formation
-        if checked.refusals:
-            reason = next(iter(checked.refusals.values()))
+        planned = plan_order(intent, fleet, None, held=held, author="check", now_ns=0)
+        held = planned.held
+        if planned.refusals:
+            reason = next(iter(planned.refusals.values()))
             raise ConfigError(f"{mission.path}: '{key}' ({step.do}): {reason}")
 
 

@@ -9,7 +9,8 @@ import traceback
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from groundstation.client.client import FaultRefused, FleetClient
+from groundstation.client.client import FleetClient
+from groundstation.client.fault_orders import FaultRefused
 from groundstation.client.preflight_page import advice_of
 from groundstation.fleet.state import FleetState
 from groundstation.missions.api import Fleet, NotReady, OrderFailed

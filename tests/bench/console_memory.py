@@ -21,7 +21,7 @@ from groundstation.fleet import state as fleet_state
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.tick_stream import KEPT
 from groundstation.orders.grammar import Intent, OrderError
-from groundstation.orders.result import OrderHandle
+from groundstation.orders.result import OrderResult
 from onboard.bus.schema import Event, TickSample
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
 from tests.bench.fixture import fleet_data
@@ -50,14 +50,14 @@ class FastClient:
     def __init__(self, fleet: FleetConfig) -> None:
         self.fleet = fleet
         self.state: FleetState = fleet_state.initial(fleet)
-        self.ticks = NoTicks()
+        self.tick_stream = NoTicks()
         self._now_ns, self._step = STEP_NS, 0
 
     def now_ns(self) -> int:
         """The turned clock."""
         return self._now_ns
 
-    async def submit(self, order: Intent | str) -> OrderHandle:
+    async def submit(self, order: Intent | str) -> OrderResult:
         """Nothing flies here.
 
         Raises:

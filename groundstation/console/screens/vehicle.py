@@ -16,7 +16,7 @@ from groundstation.console.screens.live import LiveScreen
 from groundstation.console.vehicle_drawing import Subject, blocks, heading
 from groundstation.console.widgets.lines import Lines
 from groundstation.fleet.state import FleetState
-from groundstation.fleet.tick_stream import Ticks
+from groundstation.fleet.tick_stream import TickStream
 from onboard.config.fleet import FleetConfig
 
 _COLUMN_WIDTH = 58
@@ -36,7 +36,7 @@ class VehicleScreen(LiveScreen):
         self,
         fleet: FleetConfig,
         alarms: Alarms,
-        ticks: Ticks,
+        ticks: TickStream,
         *,
         selected: Callable[[], str | None],
         move: Callable[[int], None],
@@ -90,7 +90,7 @@ class VehiclePage(Lines, ScrollView, can_focus=True):
         Binding("pageup", "look(-1, True)", "page up", show=False),
     ]
 
-    def __init__(self, fleet: FleetConfig, alarms: Alarms, ticks: Ticks, time_text: Callable[[int], str]) -> None:
+    def __init__(self, fleet: FleetConfig, alarms: Alarms, ticks: TickStream, time_text: Callable[[int], str]) -> None:
         super().__init__(id="vehicle")
         self._fleet, self._alarms, self._ticks, self._time_text = fleet, alarms, ticks, time_text
         self._subject: Subject | None = None

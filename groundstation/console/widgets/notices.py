@@ -21,8 +21,8 @@ def notices(killed: tuple[str, ...], control: Control | None) -> list[Notice]:
         found.append((f"✖ KILLED {who}. Latched: look at it, then write: reset {','.join(killed)}", KILL))
     if control is None:
         return found
-    if control.asker is not None and control.is_operator:
-        found.append((f"▲ {control.asker.label} asks for control: ctrl+y gives it, ctrl+n keeps it", WARN))
+    if control.requester is not None and control.is_operator:
+        found.append((f"▲ {control.requester.label} asks for control: ctrl+y gives it, ctrl+n keeps it", WARN))
     if control.is_waiting and control.holder is not None:
         found.append(
             (

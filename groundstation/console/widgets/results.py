@@ -9,7 +9,7 @@ from textual.widget import Widget
 
 from groundstation.console import theme
 from groundstation.console.theme import FAINT, TEXT, WARN, clean
-from groundstation.orders.result import OrderHandle, VehicleResult
+from groundstation.orders.result import OrderResult, VehicleResult
 
 _MOST_FAILED = 3
 _ADVICE = {
@@ -34,7 +34,7 @@ class ResultLine(Widget):
         super().__init__(id=name, classes="empty")
         self._rows: list[list[Segment]] = []
 
-    def show_order(self, handle: OrderHandle, text: str) -> None:
+    def show_order(self, handle: OrderResult, text: str) -> None:
         """Results as they stand, after the order's own words."""
         words = clean(text, 60)
         first = [Segment(f" {theme.fit(words, min(34, cell_len(words)))} ", theme.style(TEXT, bold=True))]

@@ -12,7 +12,7 @@ from groundstation.console.widgets.notices import NoticeLines
 from groundstation.console.widgets.results import ResultLine
 from groundstation.fleet import state as fleet_state
 from groundstation.orders.grammar import Intent, OrderError
-from groundstation.orders.result import OrderHandle
+from groundstation.orders.result import OrderResult
 from onboard.bus.schema import Event
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
@@ -105,7 +105,7 @@ async def test_a_kill_that_did_not_leave_is_not_latched(fleet: FleetConfig) -> N
         def now_ns(self) -> int:
             return self.client.now_ns()
 
-        async def submit(self, order: Intent | str) -> OrderHandle:
+        async def submit(self, order: Intent | str) -> OrderResult:
             raise OrderError("This console only watches.")
 
     app = ConsoleApp(fleet, Silent(StillClient(fleet)))

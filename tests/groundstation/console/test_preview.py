@@ -129,8 +129,8 @@ async def test_a_formation_without_a_place_is_sent_with_the_place_that_was_shown
         rig.client.hear("mav1", position_enu_m=(0.05, 0.05, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0))
         await pilot.press("enter")
         (handle,) = rig.client.handles
-        goals = {name: order.position_enu_m for name, order in handle.plan.orders.items()}
-        assert goals == screen.proposal.goals
+        goals = {name: order.position_enu_m for name, order in handle.planned.orders.items()}
+        assert goals == screen.preview.goals
 
 
 async def test_a_second_enter_of_the_order_line_does_not_answer_the_question(rig: Rig) -> None:

@@ -121,13 +121,13 @@ async def test_everything_about_one_vehicle_is_on_its_page_at_every_size(
         "mav0", position_enu_m=(0.0, 0.0, 1.0), conditions=(Condition.GROUND_LOST.value,), action="landing",
         reason="the ground is silent",
     )  # fmt: skip
-    client.ticks.values.extend(tick(step * SECOND // 50) for step in range(600))
+    client.tick_stream.values.extend(tick(step * SECOND // 50) for step in range(600))
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=size) as pilot:
         await pilot.press("enter")
         await pilot.pause(0.3)
         assert isinstance(app.screen, VehicleScreen)
-        assert client.ticks.followed == "mav0"
+        assert client.tick_stream.followed == "mav0"
         page = app.screen.query_one(VehiclePage)
         assert "mav0" in str(page.border_title)
         text = lines(app.screen, VehiclePage)
@@ -139,7 +139,7 @@ async def test_everything_about_one_vehicle_is_on_its_page_at_every_size(
                       "asked", "flown", "mav2", "had a thought"):  # fmt: skip
             assert words in text, words
         await pilot.press("escape")
-        await until(pilot, lambda: client.ticks.followed is None)
+        await until(pilot, lambda: client.tick_stream.followed is None)
 
 
 async def test_why_it_cannot_fly_is_told_with_what_to_do(fleet: FleetConfig) -> None:
@@ -197,7 +197,7 @@ async def test_the_page_goes_to_the_next_vehicle_and_keys_mean_the_one_that_is_s
 async def test_a_silent_vehicles_page_claims_nothing_of_the_present(fleet: FleetConfig) -> None:
     client = SteadyClient(fleet)
     client.circle(0.0)
-    client.ticks.values.extend(tick(step * SECOND // 50) for step in range(600))
+    client.tick_stream.values.extend(tick(step * SECOND // 50) for step in range(600))
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=(120, 40)) as pilot:
         client.skew_ns = 5_000_000_000
@@ -220,7 +220,7 @@ async def test_strange_values_and_sizes_give_a_page_and_never_a_traceback(
     for field in ("thrust_baseline_enu_m_s2", "thrust_safe_enu_m_s2"):
         strange = type(strange)(**{**{name: getattr(strange, name) for name in strange.__struct_fields__},
                                    field: (nan, math.inf, 1e200)})  # fmt: skip
-    client.ticks.values.extend([tick(0), strange, tick(1 << 62)])
+    client.tick_stream.values.extend([tick(0), strange, tick(1 << 62)])
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=size) as pilot:
         await pilot.press("enter")

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from groundstation.client.client import FaultRefused, FleetClient
+from groundstation.client.client import FleetClient
+from groundstation.client.fault_orders import FaultRefused
 from groundstation.missions.api import Fleet
 from groundstation.missions.files import FaultStep, mission_from_mapping
 from groundstation.missions.runner import MissionRun

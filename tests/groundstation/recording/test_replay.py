@@ -205,11 +205,11 @@ async def test_ticks_are_read_for_the_followed_vehicle_only(tmp_path: Path) -> N
     files.close()
     replay = opened(folder)
     await replay.seek(2.0)
-    assert not replay.ticks.values
-    replay.ticks.follow("mav1")
-    assert len(replay.ticks.values) == 101  # what came before is there at once
+    assert not replay.tick_stream.values
+    replay.tick_stream.follow("mav1")
+    assert len(replay.tick_stream.values) == 101  # what came before is there at once
     await replay.seek(4.0)
-    assert [one.stamp_ns for one in replay.ticks.values] == [step * SECOND // 50 for step in range(201)]
+    assert [one.stamp_ns for one in replay.tick_stream.values] == [step * SECOND // 50 for step in range(201)]
 
 
 def test_memory_does_not_follow_the_length_of_the_record(tmp_path: Path) -> None:
