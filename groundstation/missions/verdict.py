@@ -11,8 +11,14 @@ from groundstation.fleet.state import FleetState, Separation
 from groundstation.missions.files import Expect
 from groundstation.recording.report import PERIOD_NOMINAL_MS, FlightReport
 from onboard.config.fleet import FleetConfig
-
-EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT, EXIT_NO_ANSWER, EXIT_MIXED, EXIT_INTERRUPTED = 0, 1, 2, 10, 50, 130
+from onboard.exit_status import (
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    EXIT_MIXED,
+    EXIT_NO_ANSWER,
+    EXIT_OK,
+    EXIT_WRONG_INPUT,
+)
 
 
 class Check(msgspec.Struct, frozen=True):

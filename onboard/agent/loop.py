@@ -30,6 +30,7 @@ from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessa
 from onboard.bus.session import BusSession
 from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.config.fleet import FleetConfig, MocapConfig
+from onboard.exit_status import EXIT_INTERRUPTED, EXIT_OK, EXIT_WRONG_INPUT
 from onboard.mocap.factory import source_of
 from onboard.mocap.source import MocapSource, OnMalformed, OnPose
 from onboard.process import realtime
@@ -39,7 +40,6 @@ from onboard.px4.mavsdk_link import Px4Link
 from onboard.px4.required_params import differences, required_params
 from onboard.safety.failsafe_table import Situation
 
-EXIT_OK, EXIT_WRONG_INPUT, EXIT_INTERRUPTED = 0, 2, 130
 PERIOD_NS = 20_000_000
 _WATCHED_HZ = 10.0
 _MAX_EVENTS = 2000

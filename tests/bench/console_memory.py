@@ -1,4 +1,4 @@
-"""Half an hour of the console in fast motion: does its memory grow? Run by ``covey bench console``.
+"""Half an hour of the console in fast motion: does its memory grow? Run by ``make bench-console``.
 
 The real app without a terminal, a client whose clock the run turns: telemetry of every vehicle ten times a simulated
 second, an event and an alarm that comes and goes now and then.
