@@ -17,11 +17,10 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-import numpy as np
-
 from onboard import events as ev
 from onboard.agent.core import AgentCore
 from onboard.agent.ticker import Ticker
+from onboard.agent.warm_up import warm_up
 from onboard.autopilot import LinkError
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
@@ -100,7 +99,7 @@ class Agent:
         self._ended = loop.create_future()
         for number in (signal.SIGINT, signal.SIGTERM):  # before anything takes time: a stop asked for early counts too
             loop.add_signal_handler(number, self._signalled)
-        _warm_up(self.fleet, self.name, self._core.params.law.name)
+        warm_up(self.fleet, self.name, self._core.params.law.name)
         self._link.start()
         try:
             self._bus.start()
@@ -327,29 +326,6 @@ def _log_end(task: asyncio.Task[None]) -> None:
     """The link's upkeep never ends by itself; if a bug ends it, the flight goes on without it."""
     if not task.cancelled() and task.exception() is not None:
         log.error("upkeep of the link ended", exc_info=task.exception())
-
-
-def _warm_up(fleet: FleetConfig, name: str, law: str) -> None:
-    """Run the whole core on made-up data, so that the first real tick is not the slow one (imports, allocations)."""
-    core = AgentCore(fleet, name, boot_id=0, law=law)
-    vehicle = core.vehicle
-    x, y, z = vehicle.start_enu_m
-    for count in range(1, 60):
-        now_ns = count * PERIOD_NS
-        pose = MocapPose(
-            body=vehicle.body or "",
-            boot_id=1,
-            sequence=count,
-            stamp_ns=now_ns,
-            is_tracked=True,
-            position_enu_m=(x, y, z + 1e-6 * (count % 2)),  # a body that is tracked is never quite still
-            quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
-        )
-        core.own.add_pose(pose, now_ns)
-        core.flight.step = core.flight.step.CLIMB if count > 10 else core.flight.step
-        core.flight.state = "taking off" if count > 10 else "waiting"
-        core.tick(now_ns)
-    assert core.last_tick is None or np.isfinite(core.last_tick.attitude.quaternion_wxyz).all()
 
 
 def run_agent(

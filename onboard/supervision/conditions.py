@@ -172,7 +172,7 @@ class ConditionMonitor:
             found.add(c.REBOOTED)
         if px4.is_back:
             found.add(c.AUTOPILOT_BACK)
-        if flight.step is Step.PX4:
+        if flight.step is Step.PX4_LANDING:
             self._offboard_since_ns = now_ns
             is_landing = snapshot.mode == "LAND"
             if self._has_landing_mode and not is_landing and not view.is_on_ground and not snapshot.is_failsafe:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from onboard.bus.schema import OrderOutcome, Severity
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.flight.context import FlightContext
+from onboard.flight.state_machine import begin_failsafe
 from onboard.flight.types import FlightView
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.table import NeighbourTable
@@ -121,21 +122,8 @@ class FailsafeExecutor:
                 del told[condition]
 
     def _obey(self, view: FlightView, action: Action, condition: Condition) -> None:
-        flight, sentence = self._flight, self._sentence(condition, action)
         outcome: OrderOutcome = "timed out" if condition is Condition.ORDER_OVERDUE else "failed"
-        if action is Action.SLOW:
-            flight.slow_down(view, sentence)
-        elif action in (Action.HOLD, Action.LEVEL) and flight.situation is Situation.FLYING:
-            if flight.state != "holding":
-                flight.begin_hold(view, None, sentence, outcome)
-        elif action is Action.LAND and flight.state != "landing":
-            flight.begin_land(view, None, sentence)
-        elif action is Action.PX4_LAND:
-            flight.begin_px4_land(view, sentence, outcome=outcome)
-        elif action is Action.DISARM:
-            flight.disarm(view, sentence)
-        elif action is Action.STOP:
-            flight.stop(view, sentence)
+        begin_failsafe(self._flight, view, action, self._sentence(condition, action), outcome)
 
     def _sentence(self, condition: Condition, action: Action) -> str:
         what = condition.value[0].upper() + condition.value[1:]

@@ -91,8 +91,8 @@ class NeighbourMonitor:
                     self.details[c.COLLISION_SUSPECTED] = touched
                     found.add(c.COLLISION_SUSPECTED)
         if self.flight.step is Step.LEG:
-            if self._leg != self.flight.leg:
-                self._leg = self.flight.leg
+            if self._leg != self.flight.leg_count:
+                self._leg = self.flight.leg_count
                 self._looks = 0
                 self._held_up.clear()
             self._looks += 1
