@@ -42,6 +42,7 @@ from onboard.events import (
     TickFailed,
     WatchBodies,
 )
+from onboard.feasibility.bounds import TICK_S
 from onboard.flight import order_checks, state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
@@ -53,7 +54,7 @@ from onboard.px4.required_params import required_params
 from onboard.safety.failsafe_table import Action, Situation
 from onboard.safety.limits import POSITION_LOST_S
 from onboard.safety.setpoint_check import is_sendable
-from onboard.supervision.conditions import PERIOD_S, TickContext
+from onboard.supervision.conditions import TickContext
 from onboard.supervision.failsafe_executor import FailsafeExecutor
 from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
 from onboard.supervision.preflight_reporter import PreflightReporter
@@ -114,7 +115,7 @@ class AgentCore:
         self._ticks_to_choose = 0
         self._last_ns = self._malformed = self._sent_ns = 0
         self._loss_ns = round(1e9 * float(required_params(self.vehicle).get("COM_OF_LOSS_T", 0.3)))
-        self._period_s = PERIOD_S
+        self._period_s = TICK_S
         self._doing = TickContext()
         self._odometry = OdometryForwarder()
         self._sent_thrust_frac = 0.0
@@ -228,7 +229,7 @@ class AgentCore:
         if order.kind in LOCATE:
             state_machine.locate(self.flight, view, order)
             return
-        self.failsafes.ordered()
+        self.failsafes.begin_order()
         state_machine.begin_order(self.flight, view, order)
         if order.kind == "move":
             self._conflict_check_ns = view.now_ns + int(_CONFLICT_CHECK_S * 1e9)
@@ -251,7 +252,7 @@ class AgentCore:
 
     def begin_tick(self, now_ns: int) -> Pass:
         """The first half of :meth:`tick`: what the pipeline has to compute; who runs many cores computes it at once."""
-        self._period_s = (now_ns - self._last_ns) * 1e-9 if self._last_ns else PERIOD_S
+        self._period_s = (now_ns - self._last_ns) * 1e-9 if self._last_ns else TICK_S
         if now_ns < self._last_ns:
             self._doing.clock_jump_ns = now_ns
         self._last_ns = now_ns
@@ -366,7 +367,7 @@ class AgentCore:
         is_fresh = self.own.age_s < POSITION_LOST_S + 0.2 and now_ns - self._snapshot.last_packet_ns < _HEARD_NS
         if is_fresh and is_sendable(setpoint, self.vehicle.max_tilt_deg):
             self._sent_thrust_frac, self._sent_ns = float(setpoint.thrust_frac), now_ns
-            self._doing.asked_wxyz, self._doing.thrust_frac = (
+            self._doing.commanded_wxyz, self._doing.thrust_frac = (
                 messages.vec4(setpoint.quaternion_wxyz),
                 self._sent_thrust_frac,
             )

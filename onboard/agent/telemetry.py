@@ -72,7 +72,7 @@ class Report:
             stamp_ns=now_ns,
             is_valid=view.has_position,
             is_airborne=is_airborne,
-            is_cooperative=view.has_position and flight.is_avoiding(view) and self._failsafes.is_obeyed,
+            is_cooperative=view.has_position and flight.is_avoiding(view) and self._failsafes.is_law_followed,
         )
         left = None if view.has_position else self._own.px4_check.place(now_ns)
         if left is not None:
@@ -102,7 +102,7 @@ class Report:
         shown = flight.step
         if self._sequence % _TELEMETRY_TICKS == 0 or shown != self._shown:
             self._shown = shown  # who hears of an order's end finds the state that it led to already there
-            conditions, action = self._failsafes.told()
+            conditions, action = self._failsafes.in_words()
             telemetry = messages.telemetry(
                 tick,
                 now_ns,
