@@ -23,7 +23,7 @@ from groundstation.fleet.tick_stream import KEPT
 from groundstation.orders.grammar import Intent, OrderError
 from groundstation.orders.result import OrderResult
 from groundstation.recording.channels import as_mapping
-from groundstation.recording.timeline import Reading, Timeline, Told
+from groundstation.recording.timeline import Reading, RecordedMessage, Timeline
 from groundstation.recording.writer import event_line
 from onboard.bus.schema import Telemetry, TickSample, Truth
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
@@ -191,12 +191,12 @@ class Replay:
         """Another vehicle is followed: what its pipeline has just done comes first."""
         self._reading = self._read_on()
         if self.tick_stream.vehicle is not None:
-            for one in self.timeline.told(self._now_ns - TICKS_NS, frozenset(("tick",))).until(self._now_ns):
+            for one in self.timeline.read(self._now_ns - TICKS_NS, frozenset(("tick",))).until(self._now_ns):
                 if isinstance(one.message, TickSample) and one.name == self.tick_stream.vehicle:
                     self.tick_stream.values.append(one.message)
 
     def _read_on(self) -> Reading:
-        return self.timeline.told(self._now_ns, _SEEN if self.tick_stream.vehicle is None else _WITH_TICKS)
+        return self.timeline.read(self._now_ns, _SEEN if self.tick_stream.vehicle is None else _WITH_TICKS)
 
     def _steps(self, until_ns: int) -> Iterator[None]:
         """Fold the record on to ``until_ns``, and pause after every step."""
@@ -210,7 +210,7 @@ class Replay:
                 listener(self._state, now_ns)
             yield
 
-    def _folded(self, told: list[Told]) -> FleetState:
+    def _folded(self, told: list[RecordedMessage]) -> FleetState:
         state = self._state
         for topic, group in itertools.groupby(told, key=lambda one: one.topic):
             some = list(group)
@@ -227,7 +227,7 @@ class Replay:
         return state
 
 
-def _told(state: FleetState, some: list[Told]) -> FleetState:
+def _told(state: FleetState, some: list[RecordedMessage]) -> FleetState:
     """The state after messages of vehicles: who speaks is there."""
     heard = [(one.message, one.stamp_ns) for one in some if isinstance(one.message, Telemetry)]
     state = fleet_state.fold_telemetry(state, heard)
