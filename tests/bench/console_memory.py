@@ -95,7 +95,7 @@ class FastClient:
 async def run(vehicles: int, minutes: float) -> dict[str, float]:
     """Memory in MiB, as the kernel and as Python count it, when settled and at the end."""
     client = FastClient(fleet_from_mapping(dict(fleet_data(vehicles, SPACING_M, "bench"))))
-    app = ConsoleApp(client.fleet, client, has_preview=False)
+    app = ConsoleApp(client.fleet, client)
     steps = max(12, int(minutes * 600))
     found: dict[str, float] = {}
     async with app.run_test(size=SIZE) as pilot:

@@ -63,7 +63,7 @@ def watched(fleet: FleetConfig) -> tuple[SteadyClient, ConsoleApp]:
                 attitude_quaternion_enu_flu_wxyz=(1.0, 0.06 * math.sin(step / 25.0 - 0.4), 0.03 * held, 0.0),
             )
         )
-    return client, ConsoleApp(fleet, client, title="first flight", has_preview=False)
+    return client, ConsoleApp(fleet, client, title="first flight")
 
 
 def press(app: ConsoleApp, *keys: str) -> Before:
