@@ -17,7 +17,7 @@ from tests.groundstation.console.seeing import words
 async def test_take_off_is_shown_first_and_sent_by_enter(rig: Rig) -> None:
     async with rig.app.run_test(size=(100, 30)) as pilot:
         rig.stand()
-        screen = await rig.preview(pilot, "colon", *"takeoff all 1.2", "enter")
+        await rig.preview(pilot, "colon", *"takeoff all 1.2", "enter")
         assert rig.client.ordered == []
         shown = words(rig.app, "who")
         assert "1 mav1  → 0.00 0.00 1.20 m" in shown
