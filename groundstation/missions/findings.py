@@ -11,7 +11,7 @@ from groundstation.orders.plan import HeldFormation, plan_order
 from onboard.config.fleet import ConfigError, FleetConfig, Vec3
 from onboard.control.trajectory import GuidanceParams, shortest_duration_s
 from onboard.feasibility.bounds import ACCURACIES
-from onboard.feasibility.finding import Finding, least, most, worst, worst_first
+from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
 
 _OF_THE_MISSION = ("time", "expectation", "arrival")  # findings that are no promise of the law's
@@ -31,7 +31,7 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
     if expected is not None and mission.fleet.law.name != "off":
         promise_m = mission.fleet.fleet.safety_distance_m
         found["expectation"] = [
-            most(
+            at_most(
                 "expectation",
                 expected,
                 promise_m,
@@ -44,14 +44,14 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
     if near_m is not None:
         accuracy = ACCURACIES[errors or error_class(mission.fleet)]
         found["arrival"] = [
-            least(
+            at_least(
                 "arrival",
                 near_m,
                 0.05 + 2.0 * accuracy.position_std_m,
                 "m",
                 f"The mission expects arrivals within {{value}}; with the accuracy of '{accuracy.name}' {{relation}} "
                 "{bound} comes true nearly always",
-                "Raise expect.arrived_within_m by {lack}, or fly on a better position.",
+                "Raise expect.arrived_within_m by {difference}, or fly on a better position.",
                 refuse_below=0.0,
             )
         ]
@@ -119,13 +119,13 @@ def _time(fleet: FleetConfig, step: OrderStep, name: str, spot: Vec3, goal: Vec3
         bounds = GuidanceParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2)
         shortest_s = float(shortest_duration_s(math.dist(spot, goal), bounds))
         shortest_s = _SETTLE_S + max(shortest_s, getattr(step, "duration_s", 0.0))
-    return least(
+    return at_least(
         f"time, {where}",
         step.timeout_s,
         _ROOM_FOR_DETOURS * shortest_s,
         "s",
         f"{where[0].upper()}{where[1:]}: timeout_s is {{value}}; {name} needs {shortest_s:.1f} s alone, so "
         "{relation} {bound} leaves room for detours",
-        "Raise its timeout_s by {lack}.",
+        "Raise its timeout_s by {difference}.",
         refuse_below=shortest_s,
     )
