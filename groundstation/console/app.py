@@ -185,7 +185,7 @@ class ConsoleApp(App[int]):
         right = self.shutdown.text or self.orders.short(self.mission.text(self._flight_clock(now_ns)))
         panels.title.show(self.fleet_title, heard, len(state.vehicles), len(state.airborne_names), right)
         self.alarms.update(state, now_ns)
-        if self.has_bell and self.alarms.is_news:
+        if self.has_bell and self.alarms.has_new:
             self.bell()
         self.orders.update()
         kill, can_order = self.orders.armed_kill, self.orders.can_order

@@ -1,8 +1,7 @@
-"""What an order would lead to: everybody's paths, smallest distance and time, by the pipeline's own rollout.
+"""Forecast of an order: all vehicles' paths, smallest distance and time, by the rollout of the control code.
 
-Pure but for the batch's compiled kernels; a process of its own computes it
-(:mod:`groundstation.orders.forecast_process`), so that
-nothing else has to wait. Whoever moves is computed from a standstill where it is.
+Pure. A process of its own computes it (:mod:`groundstation.orders.forecast_process`), so that nothing else has to wait.
+A vehicle that moves is computed from a standstill at its present position.
 """
 
 from __future__ import annotations
@@ -30,35 +29,39 @@ _ROOM_S, _MOST_S = 10.0, 90.0
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """One vehicle's way: from where it is to its goal, metres ENU. is_ordered: by this order, not by an earlier one."""
+    """One vehicle's straight way to its goal."""
 
     start_enu_m: Vec3
     goal_enu_m: Vec3
-    duration_s: float = 0.0
-    is_ordered: bool = True
-    is_parked: bool = False
+    duration_s: float = 0.0  # 0 leaves it to the vehicle's limits
+    is_ordered: bool = True  # by this order, not by an earlier one
+    is_parked: bool = False  # stands on the ground
 
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """The worst of several perturbed flights.
+    """The worst of several perturbed flights."""
 
-    paths_enu_m: per vehicle, evenly in time. closest_m: smallest horizontal distance of ``pair``, at ``closest_s``;
-    infinite with fewer than two vehicles. now_m: the smallest one now. duration_s: until everybody has arrived,
-    infinite when somebody does not. outside: who leaves the fence on the way.
-    """
-
-    paths_enu_m: Mapping[str, Sequence[Vec3]] = field(default_factory=dict)
-    closest_m: float = math.inf
-    pair: tuple[str, str] = ("", "")
-    closest_s: float = 0.0
-    now_m: float = math.inf
-    duration_s: float = 0.0
-    outside: tuple[str, ...] = ()
+    paths_enu_m: Mapping[str, Sequence[Vec3]] = field(default_factory=dict)  # per vehicle, evenly in time
+    closest_m: float = math.inf  # smallest horizontal distance; infinite with fewer than two vehicles
+    pair: tuple[str, str] = ("", "")  # that comes so close
+    closest_s: float = 0.0  # time of it
+    now_m: float = math.inf  # smallest horizontal distance now
+    duration_s: float = 0.0  # until all have arrived; infinite when one does not
+    outside: tuple[str, ...] = ()  # vehicles that leave the fence on the way
 
 
 def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False) -> Forecast:
-    """Fly the legs, several times at once with different errors, and keep the flight that came closest."""
+    """Fly the legs several times with different errors, and keep the flight with the smallest distance.
+
+    Args:
+        fleet: the fleet file.
+        legs: of all vehicles with a known position.
+        is_takeoff: add the time that arming and spinning up take.
+
+    Returns:
+        The worst of the flights.
+    """
     names = tuple(legs)
     if not any(leg.is_ordered for leg in legs.values()):
         return Forecast()
@@ -66,7 +69,7 @@ def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = 
     goal = np.array([legs[name].goal_enu_m for name in names])
     longest_m = float(np.linalg.norm(goal - start, axis=-1).max())
     slowest_m_s = min(fleet.vehicles[name].max_speed_m_s for name in names)
-    asked_s = max(leg.duration_s for leg in legs.values())
+    ordered_s = max(leg.duration_s for leg in legs.values())
     params, plants = fleet_models(fleet, names)
     seeds = SEEDS if len(names) <= _MANY else SEEDS[:1]
     count = len(seeds)
@@ -74,8 +77,8 @@ def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = 
         Scenario(
             np.repeat(start[None], count, axis=0),
             np.repeat(goal[None, None], count, axis=0),
-            np.array([asked_s]),
-            timeout_s=min(_MOST_S, _ROOM_S + max(asked_s, 4.0 * longest_m / slowest_m_s)),
+            np.array([ordered_s]),
+            timeout_s=min(_MOST_S, _ROOM_S + max(ordered_s, 4.0 * longest_m / slowest_m_s)),
             is_parked=tuple(leg.is_parked for leg in legs.values()),
         ),
         params,
@@ -98,7 +101,7 @@ def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = 
     step = max(1, len(trace) // _PATH_POINTS)
     points = np.concatenate([start[None], trace[::step], trace[-1:]])
     return Forecast(
-        paths_enu_m={name: [_vec3(point) for point in points[:, place]] for place, name in enumerate(names)},
+        paths_enu_m={name: [_vec3(point) for point in points[:, index]] for index, name in enumerate(names)},
         closest_m=closest_m,
         pair=pair,
         closest_s=closest_s,
@@ -108,33 +111,44 @@ def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = 
     )
 
 
-def against(found: Forecast, intent: Intent, fleet: FleetConfig) -> tuple[str, ...]:
-    """Why the order should not be sent, in sentences; empty when nothing speaks against it."""
+def objections(predicted: Forecast, intent: Intent, fleet: FleetConfig) -> tuple[str, ...]:
+    """Return reasons not to send an order.
+
+    Args:
+        predicted: the order's forecast.
+        intent: the order.
+        fleet: the fleet file.
+
+    Returns:
+        Sentences; none when the forecast gives no reason.
+    """
     limit_m = fleet.fleet.safety_distance_m
     reasons = []
-    if found.closest_m < limit_m and found.closest_m < found.now_m - 0.02:
+    if predicted.closest_m < limit_m and predicted.closest_m < predicted.now_m - 0.02:
         reasons.append(
-            f"{' and '.join(found.pair)} would come within {found.closest_m:.2f} m, below the safety distance of "
-            f"{limit_m:.2f} m. Move them one after the other, or choose another goal."
+            f"{' and '.join(predicted.pair)} would come within {predicted.closest_m:.2f} m, below the safety distance "
+            f"of {limit_m:.2f} m. Move them one after the other, or choose another goal."
         )
-    if found.outside:
-        reasons.append(f"{', '.join(found.outside)} would leave the fence on the way. Choose a goal further inside.")
-    if not math.isfinite(found.duration_s):
+    if predicted.outside:
         reasons.append(
-            f"Somebody would not arrive within {ARRIVED_M:g} m in time: the others are in the way. Spread the goals, "
+            f"{', '.join(predicted.outside)} would leave the fence on the way. Choose a goal further inside."
+        )
+    if not math.isfinite(predicted.duration_s):
+        reasons.append(
+            f"A vehicle would not arrive within {ARRIVED_M:g} m in time: the others block it. Spread the goals, "
             f"or {intent.verb} fewer vehicles at once."
         )
     return tuple(reasons)
 
 
 def _closest(trace: Array, names: Sequence[str]) -> tuple[float, tuple[str, str], float]:
-    """Smallest horizontal distance over a trace (T, N, 3), of whom, and when [s]."""
+    """Smallest horizontal distance over a trace (T, N, 3), its pair, and its time [s]."""
     first, second = np.triu_indices(len(names), 1)
     if not len(first) or not len(trace):
         return math.inf, ("", ""), 0.0
     gap_m = np.linalg.norm(trace[:, first, :2] - trace[:, second, :2], axis=-1)
-    at, place = divmod(int(gap_m.argmin()), len(first))
-    return float(gap_m[at, place]), (names[first[place]], names[second[place]]), at * TICK_S
+    step, index = divmod(int(gap_m.argmin()), len(first))
+    return float(gap_m[step, index]), (names[first[index]], names[second[index]]), step * TICK_S
 
 
 def _vec3(point: Array) -> Vec3:

@@ -24,7 +24,7 @@ from groundstation.console.plan_drawing import Window
 from groundstation.console.screens.live import Dialog
 from groundstation.console.theme import FAINT, clean
 from groundstation.fleet.state import FleetState
-from groundstation.orders.forecast import Forecast, against
+from groundstation.orders.forecast import Forecast, objections
 from groundstation.orders.forecast_process import Forecaster, ForecastFailed
 from groundstation.orders.grammar import Intent
 from groundstation.orders.plan import PlannedOrder
@@ -184,7 +184,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
             return
         if preview is self.preview:
             self.forecast, self.is_computing = found, False
-            self.reasons = (*preview.reasons, *against(found, preview.intent, self.fleet))
+            self.reasons = (*preview.reasons, *objections(found, preview.intent, self.fleet))
             self._show()
 
     def _check(self) -> PlannedOrder | None:
