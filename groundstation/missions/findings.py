@@ -20,9 +20,9 @@ _ROOM_FOR_DETOURS = 1.7  # times the straight way's duration
 
 
 def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tuple[Finding, ...]:
-    """What a mission's own steps add: spacing and room of each constellation, time for each leg, expectations.
+    """Findings about a mission's steps: spacing and room of each constellation, time for each leg, expectations.
 
-    Of equal findings of several steps only the worst is told. A Python mission's steps are not known before it flies.
+    Of equal findings of several steps only the worst is listed. A Python mission's steps are not known before it flies.
     """
     found: dict[str, list[Finding]] = {}
     for finding in _step_findings(mission, errors):
