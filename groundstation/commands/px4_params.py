@@ -17,7 +17,7 @@ from onboard.autopilot import LinkError
 from onboard.config.fleet import Vehicle
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.px4.mavsdk_link import Px4Link
-from onboard.px4.required_params import Demand, demands
+from onboard.px4.required_params import RequiredParam, all_params
 
 _ANSWER_S = 4.0
 _WIDTH = 118
@@ -60,7 +60,7 @@ class _LinkParams:
 class ParameterState:
     """One parameter of one vehicle."""
 
-    demand: Demand
+    demand: RequiredParam
     value: float | int | None  # None: PX4 did not send it
     before: float | int | None = None  # another value, until it was set here
 
@@ -129,12 +129,12 @@ def read_or_set(vehicle: Vehicle, *, applies: bool) -> VehicleParams:
     else:
         troubles.append("Start PX4, or check cable and ports.")
     return VehicleParams(
-        vehicle.name, "", tuple(ParameterState(demand, None) for demand in demands(vehicle)), " ".join(troubles)
+        vehicle.name, "", tuple(ParameterState(demand, None) for demand in all_params(vehicle)), " ".join(troubles)
     )
 
 
 def _by(link: ParamsLink, vehicle: Vehicle, endpoint: str, is_armed: bool, applies: bool) -> VehicleParams:
-    wanted = demands(vehicle)
+    wanted = all_params(vehicle)
     values = link.read_params({demand.name: demand.value for demand in wanted})
     wrong = {demand.name: demand.value for demand in wanted if not demand.is_met(values[demand.name])}
     rows = tuple(ParameterState(demand, values[demand.name]) for demand in wanted)
@@ -187,11 +187,11 @@ def _line(row: ParameterState) -> str:
     demand = row.demand
     value = "not sent" if row.value is None else f"{row.value:g}"
     if row.was_set:
-        return f"{'set':<8}{demand.name:<16} {row.before:g} -> {value}, read back: {demand.why}"
+        return f"{'set':<8}{demand.name:<16} {row.before:g} -> {value}, read back: {demand.reason}"
     if row.is_met:
         return f"{'ok':<8}{demand.name:<16} {value}"
     mark = "better" if demand.is_advice else "WRONG"
-    return f"{mark:<8}{demand.name:<16} {value}, should be {demand.value:g}: {demand.why}"
+    return f"{mark:<8}{demand.name:<16} {value}, should be {demand.value:g}: {demand.reason}"
 
 
 def as_mapping(answers: Sequence[VehicleParams]) -> dict[str, Any]:
@@ -207,7 +207,7 @@ def as_mapping(answers: Sequence[VehicleParams]) -> dict[str, Any]:
                 row.demand.name: {
                     "is": row.value,
                     "should": row.demand.value,
-                    "why": row.demand.why,
+                    "why": row.demand.reason,
                     "is_met": row.is_met,
                     "is_required": not row.demand.is_advice,
                     "was_set": row.was_set,

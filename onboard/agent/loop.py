@@ -312,7 +312,7 @@ class Agent:
                     for sentence in problems:
                         log.warning("%s", sentence)
                 if self._core.flight.situation is Situation.GROUND:
-                    self._link.settle_global_origin(gives_ours=self.vehicle.mocap_required)
+                    self._link.settle_global_origin(sets_ours=self.vehicle.mocap_required)
                 await asyncio.sleep(_PARAM_REPEAT_S if problems else 1.0)
                 is_full = await loop.run_in_executor(self._blocking, realtime.is_disk_full)
                 self._notices.append(ev.DiskChecked(is_full))

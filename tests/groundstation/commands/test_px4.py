@@ -17,7 +17,7 @@ from groundstation.client.direct_mavlink import DirectParams
 from groundstation.commands.px4_params import ParameterState, VehicleParams, exit_status, read_or_set
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.px4.port_lock import PortClaim
-from onboard.px4.required_params import demands, differences, required_params
+from onboard.px4.required_params import all_params, differences, required_params
 
 FLEET = """
 schema = 1
@@ -71,9 +71,9 @@ def test_all_that_differs_is_shown_and_with_apply_set_and_read_back(
 ) -> None:
     assert main(["px4", "params", "--fleet", fleet.path]) == 1
     shown = capsys.readouterr().out
-    assert "WRONG   COM_OF_LOSS_T    1, should be 0.3: PX4 acts when setpoints have been silent" in shown
+    assert "WRONG   COM_OF_LOSS_T    1, should be 0.3: PX4 acts after so long without setpoints" in shown
     assert "better  EKF2_EVP_NOISE   0.1, should be 0.01" in shown
-    assert "WRONG   MPC_Z_P          1, should be 0.8: the fleet file's px4_params ask for it" in shown
+    assert "WRONG   MPC_Z_P          1, should be 0.8: the fleet file's px4_params require it" in shown
     assert "WRONG   MPC_XY_P         0.95, should be 0.9" in shown
     assert main(["px4", "params", "--fleet", fleet.path, "--apply"]) == 0
     applied = capsys.readouterr().out
@@ -135,7 +135,7 @@ def test_the_exit_status_tells_mixed_results() -> None:
     good, bad = VehicleParams("a", "x", ()), VehicleParams("b", "x", (), "armed")
     assert exit_status([good]) == 10  # nothing was told at all
     vehicle = load_fleet("configs/fleets/paper.toml").vehicles["mav0"]
-    rows = tuple(_row(demand) for demand in demands(vehicle))
+    rows = tuple(_row(demand) for demand in all_params(vehicle))
     good, bad = VehicleParams("a", "x", rows), VehicleParams("b", "x", rows, "armed")
     assert exit_status([good, good]) == 0
     assert exit_status([bad, bad]) == 1
@@ -143,9 +143,9 @@ def test_the_exit_status_tells_mixed_results() -> None:
 
 
 def _row(demand: object) -> object:
-    from onboard.px4.required_params import Demand
+    from onboard.px4.required_params import RequiredParam
 
-    assert isinstance(demand, Demand)
+    assert isinstance(demand, RequiredParam)
     return ParameterState(demand, demand.value)
 
 
@@ -153,6 +153,6 @@ def test_a_fleet_files_own_parameters_replace_the_built_in_ones(fleet: FleetConf
     vehicle = fleet.vehicles["solo"]
     assert required_params(vehicle)["MPC_Z_P"] == 0.8
     assert "EKF2_EVP_NOISE" not in required_params(vehicle)
-    assert "EKF2_EVP_NOISE" in {demand.name for demand in demands(vehicle)}
+    assert "EKF2_EVP_NOISE" in {demand.name for demand in all_params(vehicle)}
     assert differences({"COM_OF_LOSS_T": 0.3}, {"COM_OF_LOSS_T": 0.30000001}) == ()
-    assert "did not tell" in differences({"COM_OF_LOSS_T": 0.3}, {})[0]
+    assert "did not send" in differences({"COM_OF_LOSS_T": 0.3}, {})[0]
