@@ -9,13 +9,14 @@ from collections.abc import Callable, Sequence
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
 from groundstation.missions.landing import land_all
+from groundstation.missions.readiness import NotReady as NotReady  # missions import it from here
+from groundstation.missions.readiness import is_ready, not_ready
 from groundstation.missions.verdict import Arrival, StepResult, smallest
 from groundstation.orders.grammar import DEFAULT_HEIGHT_M, Intent, OrderError
 from groundstation.orders.result import VehicleResult
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
 
-READY_STATES = ("ready", "landed", "armed", "flying", "holding")
 ARRIVED_M = 0.15
 Results = dict[str, VehicleResult]
 Vehicles = str | Sequence[str]  # "all", names or indices: "mav0,mav2", "0-1", or a list of names
@@ -30,14 +31,6 @@ class OrderFailed(RuntimeError):
             f"{result.vehicle} {result.phase}: {result.sentence}" for result in results.values() if not result.is_done
         ]
         super().__init__(f"'{intent}' failed. {' '.join(reasons)}")
-
-
-class NotReady(RuntimeError):
-    """The fleet did not get ready in time; ``heard`` is whether any vehicle answered at all."""
-
-    def __init__(self, sentence: str, heard: bool) -> None:
-        self.heard = heard
-        super().__init__(sentence)
 
 
 class Fleet:
@@ -86,26 +79,14 @@ class Fleet:
             NotReady: a vehicle is not ready in time, or another ground operates the fleet.
         """
 
-        def is_ready(state: FleetState) -> bool:
-            return all(_is_ready(state, name, self.client.now_ns()) for name in self.names)
+        def are_ready(state: FleetState) -> bool:
+            return all(is_ready(state, name, self.client.now_ns()) for name in self.names)
 
-        if await self.client.wait_for(is_ready, timeout_s):
-            refusal = self.client.control.refusal("takeoff")
-            if refusal is not None:
-                raise NotReady(refusal, True)
-            return
-        now_ns = self.client.now_ns()
-        reasons, heard = [], False
-        for name in self.names:
-            view = self.state.vehicles[name]
-            if view.telemetry is None or not view.is_fresh(now_ns):
-                reasons.append(f"{name} does not answer.")
-                continue
-            heard = True
-            if not _is_ready(self.state, name, now_ns):
-                why = " ".join(view.telemetry.not_ready) or view.telemetry.reason or "it does not say why."
-                reasons.append(f"{name} is {view.telemetry.state}: {why.rstrip('.')}.")
-        raise NotReady(f"Not ready within {timeout_s:g} s. {' '.join(reasons)}", heard)
+        if not await self.client.wait_for(are_ready, timeout_s):
+            raise not_ready(self.state, self.names, self.client.now_ns(), timeout_s)
+        refusal = self.client.control.refusal("takeoff")
+        if refusal is not None:
+            raise NotReady(refusal, True)
 
     async def arm(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
         """Arm on the ground.
@@ -414,11 +395,3 @@ class MissionVehicle:
     async def land(self, *, timeout_s: float = 40.0) -> VehicleResult:
         """Land and disarm; as :meth:`Fleet.land`."""
         return (await self._fleet.land(self.name, timeout_s=timeout_s))[self.name]
-
-
-def _is_ready(state: FleetState, name: str, now_ns: int) -> bool:
-    view = state.vehicles[name]
-    telemetry = view.telemetry
-    return (
-        telemetry is not None and view.is_fresh(now_ns) and telemetry.state in READY_STATES and not telemetry.not_ready
-    )
