@@ -1,10 +1,13 @@
-# make demo       three drones fly the paper's experiment in this terminal
-# make test       lint, types, import contracts, tests (about 10 minutes)
-# make test-long  what takes longer
+# make demo             three drones fly the paper's experiment in this terminal
+# make test             lint, types, import contracts and every test that needs no real time (under 5 minutes)
+# make test-realtime    tests with processes, sockets and terminals
+# make test-long        tests that take longer than that
+# make bench-NAME       one benchmark, with options in ARGS; make bench lists them
 SHELL := bash
 export PYTHON ?=
-.PHONY: demo test test-long lint clean
+.PHONY: demo test test-realtime test-long lint bench clean
 DEMO_ARGS ?=
+ARGS ?=
 
 demo:
 	@.ci/setup all
@@ -18,11 +21,23 @@ lint:
 	.venv/bin/lint-imports --no-cache
 
 test: lint
-	.venv/bin/pytest -m "not long" -n 2 --dist loadgroup
+	.venv/bin/pytest -m "not long and not realtime" -n 2 --dist loadgroup
+
+test-realtime:
+	@.ci/setup dev
+	.venv/bin/pytest -m "realtime and not long" -n 2 --dist loadgroup
 
 test-long:
 	@.ci/setup dev
 	.venv/bin/pytest -m long --timeout 1800
+
+bench:
+	@.ci/setup dev
+	@.venv/bin/python -m tests.bench --help
+
+bench-%:
+	@.ci/setup dev
+	@exec .venv/bin/python -m tests.bench $* $(ARGS)
 
 clean:
 	rm -rf .venv build *.egg-info

@@ -1,8 +1,8 @@
-"""`python -m sitl --fleet FILE`."""
+"""``python -m sitl`` is the ``covey sitl`` command."""
 
 import sys
 
-from sitl.server import main
-
 if __name__ == "__main__":
-    sys.exit(main())
+    from groundstation.cli import main
+
+    sys.exit(main(["sitl", *sys.argv[1:]]))

@@ -5,50 +5,40 @@ The one door of the emulator to the rest of the project: fleet files and the bus
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import contextlib
 import gc
-import math
 import os
 import selectors
 import signal
 import socket
-import sys
 import time
 from collections.abc import Callable, Sequence
 
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
-from onboard.bus.protocol import BusError
 from onboard.bus.schema import FaultOrder, MocapPose, OrderReply, Truth
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
-from onboard.config.fleet import ConfigError, FleetConfig, Vehicle, load_fleet
+from onboard.config.fleet import FleetConfig, Vehicle
 from sitl.emulator.emulator import Emulator, Environment, VehicleSpec
 from sitl.emulator.mocap import Mocap, MocapSettings
 from sitl.faults import catalogue
 from sitl.faults.catalogue import Fault, FaultError
 from sitl.mavlink.endpoints import (
-    GROUND_STATION,
     Address,
     Ports,
     Socket,
     StartError,
     bind,
-    ground_port_of,
     ground_ports,
     onboard_ports,
     read_all,
-    station_of,
 )
 from sitl.mavlink.lossy_link import WiredLink
 from sitl.mavlink.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ
-from sitl.physics.contacts import SpawnError
 from sitl.physics.vehicle import STEP_S, VehicleProfile
-from sitl.physics.wind import WindSettings
 
-EXIT_OK, EXIT_WRONG_INPUT = 0, 2
 # A busy machine holds the process up now and then: up to this much it catches up (below PX4's shortest COM_OF_LOSS_T in
 # use), reading its sockets in between; a longer stall is a pause of simulated time.
 _LARGEST_BACKLOG_STEPS = 70
@@ -261,33 +251,28 @@ def run(
     station: Address | None = None,
     environment: Environment | None = None,
     injected: Sequence[Fault] = (),
-) -> int:
+) -> None:
     """Emulate `vehicles` until SIGINT or SIGTERM; prints "ready: ..." when every port is bound and streams.
 
-    Returns:
-        exit status: 0 after a clean stop, 2 when it could not start.
+    Raises:
+        StartError, SpawnError, FaultError, BusError: it could not start; a sentence.
     """
     bus = None
     if with_bus:
         agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
         bus = BusSession(namespace=fleet.namespace, node="sitl", listen=[fleet.simulator_endpoint], connect=agents)
-    try:
-        server = Server(
-            fleet,
-            vehicles,
-            seed=seed,
-            mocap=mocap,
-            bus=bus,
-            truth_offset_m=truth_offset_m,
-            station=station,
-            environment=environment,
-            injected=injected,
-        )
-        asyncio.run(_serve(server, bus))
-    except (StartError, SpawnError, FaultError, BusError) as error:
-        print(f"sitl: {error}", file=sys.stderr, flush=True)
-        return EXIT_WRONG_INPUT
-    return EXIT_OK
+    server = Server(
+        fleet,
+        vehicles,
+        seed=seed,
+        mocap=mocap,
+        bus=bus,
+        truth_offset_m=truth_offset_m,
+        station=station,
+        environment=environment,
+        injected=injected,
+    )
+    asyncio.run(_serve(server, bus))
 
 
 async def _serve(server: Server, bus: BusSession | None) -> None:
@@ -326,104 +311,5 @@ def _take_precedence() -> None:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_REALTIME_PRIORITY))
 
 
-class _ListFaults(argparse.Action):
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        print(catalogue.listing())
-        parser.exit(EXIT_OK)
-
-
 def _say(line: str) -> None:
     print(line, flush=True)
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command `covey sitl` and `python -m sitl`."""
-    parser = argparse.ArgumentParser(prog="covey sitl", description="Emulate the PX4s of a fleet, with their vehicles.")
-    parser.add_argument("--fleet", required=True, help="fleet file")
-    parser.add_argument("--vehicles", help="names or places, for instance mav0,mav2 or 0-1 (default: all enabled)")
-    parser.add_argument("--exclude", help="vehicles to leave out")
-    parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default 0)")
-    parser.add_argument("--mocap-noise-m", type=float, default=0.003)
-    parser.add_argument("--mocap-latency-s", type=float, default=0.02)
-    parser.add_argument("--mocap-dropouts-per-s", type=float, default=0.0, help="marker losses per body and second")
-    parser.add_argument("--mocap-dropout-s", type=float, default=0.1, help="length of a marker loss")
-    parser.add_argument("--no-bus", action="store_true", help="MAVLink only: no motion capture, no ground truth")
-    station = parser.add_mutually_exclusive_group()
-    station.add_argument(
-        "--gcs",
-        metavar="HOST:PORT",
-        help="ground station that every vehicle streams to (default 127.0.0.1:14550 if the fleet uses PX4's ports)",
-    )
-    station.add_argument("--no-gcs", action="store_true", help="ground links answer only who speaks first")
-    parser.add_argument(
-        "--fault",
-        action="append",
-        default=[],
-        metavar="LINE",
-        help="let something go wrong, for instance 'mav1 motor_dead at=20 motor=2'; may be given several times",
-    )
-    parser.add_argument("--faults", action=_ListFaults, nargs=0, help="list the faults and their parameters, and leave")
-    parser.add_argument("--wind-m-s", default="0,0", metavar="EAST,NORTH", help="steady wind (default none)")
-    parser.add_argument("--gust-m-s", type=float, default=0.0, help="standard deviation of gusts")
-    parser.add_argument("--gust-s", type=float, default=1.0, help="correlation time of gusts (default 1)")
-    parser.add_argument("--common-gusts", action="store_true", help="all vehicles feel the same gusts")
-    parser.add_argument("--common-errors", action="store_true", help="all estimates err alike, as instances of SIH do")
-    parser.add_argument("--error-scale", type=float, default=1.0, help="size of the estimates' errors (default 1)")
-    parser.add_argument("--truth-offset-m", type=float, default=0.0, help="falsify the published truth by this much")
-    arguments = parser.parse_args(argv)
-    try:
-        fleet = load_fleet(arguments.fleet)
-        names = fleet.select(arguments.vehicles, arguments.exclude)
-    except ConfigError as error:
-        print(f"sitl: {error}", file=sys.stderr, flush=True)
-        return EXIT_WRONG_INPUT
-    if not names or arguments.seed < 0:
-        print("sitl: nothing to emulate: choose at least one vehicle, and a seed of 0 or more.", file=sys.stderr)
-        return EXIT_WRONG_INPUT
-    try:
-        ground_station = _station(fleet, names, arguments.gcs, is_wanted=not arguments.no_gcs)
-        environment = _environment(arguments)
-        injected = [catalogue.parse(line) for line in arguments.fault]
-    except (StartError, FaultError) as error:
-        print(f"sitl: {error}", file=sys.stderr, flush=True)
-        return EXIT_WRONG_INPUT
-    settings = MocapSettings(
-        noise_m=arguments.mocap_noise_m,
-        latency_s=arguments.mocap_latency_s,
-        dropout_per_s=arguments.mocap_dropouts_per_s,
-        dropout_s=arguments.mocap_dropout_s,
-    )
-    return run(
-        fleet,
-        vehicles=names,
-        seed=arguments.seed,
-        mocap=settings,
-        with_bus=not arguments.no_bus,
-        truth_offset_m=arguments.truth_offset_m,
-        station=ground_station,
-        environment=environment,
-        injected=injected,
-    )
-
-
-def _environment(arguments: argparse.Namespace) -> Environment:
-    """Weather and errors from the command line; StartError for nonsense."""
-    try:
-        east, north = (float(part) for part in arguments.wind_m_s.split(","))
-    except ValueError:
-        east = north = math.nan
-    gust = (arguments.gust_m_s, arguments.gust_s, arguments.error_scale)
-    if not (abs(east) <= 30.0 and abs(north) <= 30.0) or not all(0.0 <= value <= 30.0 for value in gust):
-        raise StartError(
-            "--wind-m-s is EAST,NORTH, each at most 30 m/s; --gust-m-s, --gust-s and --error-scale are 0 to 30."
-        )
-    wind = WindSettings((east, north, 0.0), arguments.gust_m_s, arguments.gust_s, arguments.common_gusts)
-    return Environment(wind, has_common_errors=arguments.common_errors, error_scale=arguments.error_scale)
-
-
-def _station(fleet: FleetConfig, names: Sequence[str], asked: str | None, *, is_wanted: bool) -> Address | None:
-    """The ground station to stream to: the one asked for, or PX4's own where the fleet uses PX4's ports."""
-    if asked is not None:
-        return station_of(asked)
-    has_layout = any(ground_port_of(fleet.vehicles[name].autopilot) is not None for name in names)
-    return GROUND_STATION if is_wanted and has_layout else None

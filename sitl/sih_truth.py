@@ -7,11 +7,9 @@ stands where `server.py` stands in an emulated flight: same node, same topics, a
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import math
 import signal
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -19,15 +17,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from onboard.bus.protocol import BusError
 from onboard.bus.schema import MocapPose, Truth
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
-from onboard.config.fleet import ConfigError, FleetConfig, Origin, Vehicle, load_fleet
+from onboard.config.fleet import FleetConfig, Origin, Vehicle
 from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder
+from sitl.mavlink.endpoints import StartError
 from sitl.physics.frames import enu_flu_from_ned_frd
 
-EXIT_OK, EXIT_WRONG_INPUT = 0, 2
 _FIRST_PORT = 19410
 _STATE, _ACTUATORS = "HIL_STATE_QUATERNION", "HIL_ACTUATOR_CONTROLS"
 _SET_MESSAGE_INTERVAL = 511
@@ -165,7 +162,7 @@ class Relay:
         self.bus.publish(Topic.MOCAP, name, pose)
 
 
-async def _run(fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, with_mocap: bool) -> int:
+async def _run(fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, with_mocap: bool) -> None:
     loop, stopped = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopped.set)
@@ -185,11 +182,9 @@ async def _run(fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, wit
                     ("127.0.0.1", port),
                 )
             except OSError as error:
-                print(
-                    f"sitl-truth: UDP port {port} of {name} is taken ({error.strerror}). Stop who listens there.",
-                    file=sys.stderr,
-                )
-                return EXIT_WRONG_INPUT
+                raise StartError(
+                    f"UDP port {port} of {name} is taken ({error.strerror}). Stop the program that listens there."
+                ) from None
             listeners[name] = listener
             transports.append(transport)
         places = ", ".join(f"{name} at {_FIRST_PORT + fleet.vehicles[name].system_id - 1}" for name in names)
@@ -209,33 +204,15 @@ async def _run(fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, wit
         for transport in transports:
             transport.close()
         bus.stop()
-    return EXIT_OK
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command `covey sitl-truth`."""
-    parser = argparse.ArgumentParser(
-        prog="covey sitl-truth",
-        description="Put the ground truth of real PX4s (SITL with SIH) on the fleet's bus, for verdicts and records.",
-    )
-    parser.add_argument("--fleet", required=True, help="fleet file")
-    parser.add_argument("--vehicles", help="names or places (default: all enabled)")
-    parser.add_argument("--mocap", action="store_true", help="publish it as motion capture too, at 50 Hz")
-    arguments = parser.parse_args(argv)
-    try:
-        fleet = load_fleet(arguments.fleet)
-        names = fleet.select(arguments.vehicles)
-    except ConfigError as error:
-        print(f"sitl-truth: {error}", file=sys.stderr)
-        return EXIT_WRONG_INPUT
+def run(fleet: FleetConfig, names: Sequence[str], *, with_mocap: bool) -> None:
+    """Relay the truth of these vehicles until SIGINT or SIGTERM.
+
+    Raises:
+        BusError: the bus cannot be opened.
+        StartError: a port is taken.
+    """
     agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
     bus = BusSession(namespace=fleet.namespace, node="sitl", listen=[fleet.simulator_endpoint], connect=agents)
-    try:
-        return asyncio.run(_run(fleet, names, bus, with_mocap=arguments.mocap))
-    except BusError as error:
-        print(f"sitl-truth: {error}", file=sys.stderr)
-        return EXIT_WRONG_INPUT
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    asyncio.run(_run(fleet, names, bus, with_mocap=with_mocap))

@@ -1,6 +1,7 @@
-"""Which tests run beside each other: files stay whole, and whatever needs real time runs one after the other.
+"""Which tests need real time, and which run beside each other.
 
-Real processes that fly in real time and the tests that compute share two cores: one worker flies, the other computes.
+A test of the files below waits for real processes, sockets or a terminal: it gets the marker ``realtime``, and no two
+of them run at once, because they would hold each other up. Of the others, the tests of one file run in one worker.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ from pathlib import Path
 import pytest
 
 _HERE = Path(__file__).parent
-# folders and files whose tests wait for real processes, real time or a terminal
 _REAL_TIME = (
     "bench/silence",
     "clients",
@@ -29,8 +29,10 @@ _REAL_TIME = (
 
 @pytest.hookimpl(tryfirst=True)  # before the groups are read
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give each test the group that it is run with."""
+    """Mark the tests that need real time, and name the group that each test runs in."""
     for item in items:
-        place = item.path.relative_to(_HERE).as_posix()
-        is_real_time = any(place == name or place.startswith(f"{name}/") for name in _REAL_TIME)
-        item.add_marker(pytest.mark.xdist_group("real time" if is_real_time else place))
+        path = item.path.relative_to(_HERE).as_posix()
+        is_real_time = any(path == name or path.startswith(f"{name}/") for name in _REAL_TIME)
+        if is_real_time:
+            item.add_marker(pytest.mark.realtime)
+        item.add_marker(pytest.mark.xdist_group("real time" if is_real_time else path))

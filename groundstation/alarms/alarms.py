@@ -1,7 +1,7 @@
-"""Alarms: which rows of the alarm table hold now, and since when. Pure.
+"""Alarms: the rows of the alarm table that hold now, and since when. Pure.
 
-:func:`conditions` says what holds now. :class:`Alarms` remembers since when, what was acknowledged and what is over: an
-alarm that lasts is one line with a duration, one that flickers too, and so is one that many vehicles have.
+:func:`conditions` returns the alarms of this moment. :class:`Alarms` keeps their begin, whether they were acknowledged,
+and the past ones. A lasting alarm is one line with a duration, and so is one that flickers or that many vehicles have.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from groundstation.alarms.table import BY_TEXT, COVERED, PLACES, TABLE, Ground, Kind, Severity
+from groundstation.alarms.table import BY_TEXT, COVERED, RANKS, TABLE, Ground, Kind, Severity
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
@@ -22,117 +22,134 @@ from onboard.safety.failsafe_table import Condition
 
 LINGER_S = 3.0  # an alarm that comes back within this time has lasted
 MAX_OVER = 100
-_GROUPED = 4  # vehicles with the same alarm, from which on they share a line
+_GROUPED = 4  # so many vehicles with the same alarm share a line
 _SHOWN = 3
 
 
 _C, _G = Condition, Ground
-_NUMBERED = frozenset((_G.CLOSE, _C.BATTERY_LOW, _C.BATTERY_WARNING, _C.LEFT_OFFBOARD))  # a shared line tells the least
+_NUMBERED = frozenset(
+    (_G.CLOSE, _C.BATTERY_LOW, _C.BATTERY_WARNING, _C.LEFT_OFFBOARD)
+)  # a shared line shows the lowest number
 _EVENT_KINDS: dict[str, Kind] = {"record_failed": _G.RECORD_ENDED, "process_ended": _G.PROCESS_ENDED}
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """A condition that holds: of one vehicle, of a pair, or of the fleet (``subject`` empty).
-
-    since_ns: since when, where the fleet's state tells; otherwise it counts from when it was first seen.
-    """
+    """A condition that holds now."""
 
     kind: Kind
-    subject: str
+    subject: str  # a vehicle, a pair, or empty for the fleet
     severity: Severity
     sentence: str
     advice: str
-    what: str = ""
-    since_ns: int | None = None
+    what: str = ""  # number, name or reason in the sentence
+    since_ns: int | None = None  # begin, where the state has it; None: counts from the first update
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """An alarm over time. over_ns: when it ended, None while it holds. count: vehicles that share the line."""
+    """An alarm over time."""
 
     alarm: Alarm
     since_ns: int
     is_acknowledged: bool = False
-    over_ns: int | None = None
-    count: int = 1
+    over_ns: int | None = None  # its end; None while it holds
+    count: int = 1  # vehicles that share the line
 
     def duration_s(self, now_ns: int) -> float:
-        """How long it has lasted, or lasted."""
+        """Return its duration [s], until now or until its end."""
         return max(0.0, ((now_ns if self.over_ns is None else self.over_ns) - self.since_ns) * 1e-9)
 
     def text(self, now_ns: int) -> str:
-        """One line for people: what, for how long, what to do."""
+        """Return one line for people: sentence, duration, advice."""
         length = lasting(self.duration_s(now_ns))
         ended = "" if self.over_ns is None else f", over for {lasting((now_ns - self.over_ns) * 1e-9)}"
         return f"{self.alarm.sentence} ({length}{ended}). {self.alarm.advice}"
 
 
 def conditions(state: FleetState, fleet: FleetConfig, now_ns: int) -> list[Alarm]:
-    """All that hold, the worst first. Of the fleet as a whole, of pairs, then of each vehicle."""
-    found = list(_of_fleet(state, fleet, now_ns))
+    """List all alarms of this moment.
+
+    Args:
+        state: the fleet as known now.
+        fleet: the fleet file.
+        now_ns: the ground's monotonic clock [ns].
+
+    Returns:
+        Alarms of the fleet, of pairs and of each vehicle, the worst first.
+    """
+    alarms = list(_of_fleet(state, fleet, now_ns))
     for view in state.vehicles.values():
-        found.extend(_of_vehicle(view, fleet, now_ns))
-    return sorted(found, key=_urgency)
+        alarms.extend(_of_vehicle(view, fleet, now_ns))
+    return sorted(alarms, key=_urgency)
 
 
 class Alarms:
-    """Alarms with their time. :meth:`update` several times a second; everything here is bounded."""
+    """Alarms over time; call :meth:`update` several times a second. Memory is bounded.
+
+    Args:
+        fleet: the fleet file.
+    """
 
     def __init__(self, fleet: FleetConfig) -> None:
         self.fleet = fleet
-        self.is_news = False  # an alarm came with the last update that wants an eye (or the bell)
+        self.has_new = False  # the last update brought an alarm above NOTE
         self._lines: dict[tuple[Kind, str], Line] = {}
-        self._seen_ns: dict[tuple[Kind, str], int] = {}
+        self._last_ns: dict[tuple[Kind, str], int] = {}
         self._over: deque[Line] = deque(maxlen=MAX_OVER)
         self._last_event: LoggedEvent | None = None
         self._now_ns = 0
 
     def update(self, state: FleetState, now_ns: int) -> None:
-        """Take in the fleet as it is now."""
+        """Take over the fleet as it is now.
+
+        Args:
+            state: the fleet as known now.
+            now_ns: the clock of the state [ns]; going back forgets everything.
+        """
         if now_ns < self._now_ns:  # a replay that was turned back
             self._lines.clear()
             self._over.clear()
             self._last_event = None
         self._now_ns = now_ns
         before = {key: line.alarm.severity for key, line in self._lines.items()}
-        told = {(alarm.kind, alarm.subject): alarm for alarm in conditions(state, self.fleet, now_ns)}
-        told.update({(alarm.kind, alarm.subject): alarm for alarm in self._of_events(state)})
-        for key, alarm in told.items():
+        present = {(alarm.kind, alarm.subject): alarm for alarm in conditions(state, self.fleet, now_ns)}
+        present.update({(alarm.kind, alarm.subject): alarm for alarm in self._of_events(state)})
+        for key, alarm in present.items():
             old = self._lines.get(key)
             if old is None:
                 self._lines[key] = Line(alarm, now_ns if alarm.since_ns is None else alarm.since_ns)
             else:
-                # worse than what was acknowledged is something else
+                # an alarm that got worse has to be acknowledged again
                 is_known = old.is_acknowledged and alarm.severity <= old.alarm.severity
                 self._lines[key] = dataclasses.replace(old, alarm=alarm, is_acknowledged=is_known)
-            self._seen_ns[key] = now_ns
-        for key in [key for key in self._lines if key not in told]:
+            self._last_ns[key] = now_ns
+        for key in [key for key in self._lines if key not in present]:
             line = self._lines[key]
             if line.alarm.kind in _LATCHED:
                 if line.is_acknowledged:
                     self._end(key, now_ns)
-            elif now_ns - self._seen_ns[key] > LINGER_S * 1e9:
-                self._end(key, self._seen_ns[key])
-        self.is_news = any(
+            elif now_ns - self._last_ns[key] > LINGER_S * 1e9:
+                self._end(key, self._last_ns[key])
+        self.has_new = any(
             line.alarm.severity > max(Severity.NOTE, before.get(key, Severity.NOTE))
             for key, line in self._lines.items()
         )
 
     @property
     def lines(self) -> list[Line]:
-        """What holds: open before acknowledged, the worst first, the same alarm of many vehicles as one line."""
-        found: list[Line] = []
+        """Present alarms: open before acknowledged, the worst first, the same alarm of many vehicles as one line."""
+        shown: list[Line] = []
         groups: dict[tuple[Kind, Severity, bool], list[Line]] = {}
         for line in self._lines.values():
             groups.setdefault((line.alarm.kind, line.alarm.severity, line.is_acknowledged), []).append(line)
         for lines in groups.values():
-            found.extend(lines if len(lines) < _GROUPED else [_together(lines)])
-        return sorted(found, key=lambda line: (line.is_acknowledged, *_urgency(line.alarm)))
+            shown.extend(lines if len(lines) < _GROUPED else [_together(lines)])
+        return sorted(shown, key=lambda line: (line.is_acknowledged, *_urgency(line.alarm)))
 
     @property
     def over(self) -> list[Line]:
-        """What held and is over, the newest first."""
+        """Past alarms, the newest first."""
         return list(reversed(self._over))
 
     @property
@@ -141,12 +158,19 @@ class Alarms:
         return next(iter(self.lines), None)
 
     def of(self, vehicle: str) -> list[Line]:
-        """What concerns one vehicle, the worst first."""
+        """Return the alarms of one vehicle, the worst first."""
         mine = [line for line in self._lines.values() if vehicle in line.alarm.subject.split(_AND)]
         return sorted(mine, key=lambda line: _urgency(line.alarm))
 
     def acknowledge(self, line: Line | None = None) -> int:
-        """The operator has seen it (all that hold without ``line``): not hidden, but no longer pressing; how many."""
+        """Acknowledge one alarm, or all; they stay in the list.
+
+        Args:
+            line: as shown, also of many vehicles; None for all.
+
+        Returns:
+            The number of alarms that were open.
+        """
         count = 0
         for key, own in self._lines.items():
             is_meant = line is None or (
@@ -161,7 +185,7 @@ class Alarms:
 
     def _end(self, key: tuple[Kind, str], over_ns: int) -> None:
         self._over.append(dataclasses.replace(self._lines.pop(key), over_ns=over_ns))
-        self._seen_ns.pop(key, None)
+        self._last_ns.pop(key, None)
 
     def _of_events(self, state: FleetState) -> Iterator[Alarm]:
         fresh: list[LoggedEvent] = []
@@ -179,11 +203,11 @@ class Alarms:
 
 
 _AND = " – "
-_LATCHED = frozenset(_EVENT_KINDS.values())  # told once by an event: they stay until acknowledged
+_LATCHED = frozenset(_EVENT_KINDS.values())  # reported once by an event: they stay until acknowledged
 
 
 def lasting(seconds: float) -> str:
-    """A duration in as few characters as serve: ``4 s``, ``3 min 20 s``, ``2 h 5 min``."""
+    """Return a duration in few characters: ``4 s``, ``3 min 20 s``, ``2 h 5 min``."""
     whole = int(seconds)
     if whole < 60:
         return f"{whole} s"
@@ -194,12 +218,12 @@ def lasting(seconds: float) -> str:
 
 
 def plain(text: str, limit: int = 160) -> str:
-    """Text from outside as one line without control characters."""
+    """Return text from outside as one line without control characters."""
     return "".join(char if char.isprintable() else " " for char in text[:limit]).strip().rstrip(".")
 
 
 def _urgency(alarm: Alarm) -> tuple[int, int, str]:
-    return -alarm.severity, PLACES[alarm.kind], alarm.subject
+    return -alarm.severity, RANKS[alarm.kind], alarm.subject
 
 
 def _alarm(kind: Kind, subject: str, *, is_flying: bool, what: str = "", who: str = "") -> Alarm:
@@ -221,61 +245,61 @@ def _together(lines: list[Line]) -> Line:
 
 
 def _of_vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> Iterator[Alarm]:
-    told, name = view.telemetry, view.name
+    telemetry, name = view.telemetry, view.name
     if view.truth is not None and view.truth.is_collided and view.has_truth(now_ns):
         yield _alarm(_G.COLLIDED, name, is_flying=True)
-    if told is None:
+    if telemetry is None:
         return
     is_flying = view.is_airborne
     if not view.is_fresh(now_ns):
         yield dataclasses.replace(_alarm(_G.SILENT, name, is_flying=is_flying), since_ns=view.received_ns)
         return
-    if told.state == "failed":
-        yield _alarm(_G.FAILED, name, is_flying=is_flying, what=plain(told.reason) or "it does not say why")
-    held, unknown = _reported(told)
-    held |= _seen(told, fleet)
+    if telemetry.state == "failed":
+        yield _alarm(_G.FAILED, name, is_flying=is_flying, what=plain(telemetry.reason) or "it does not say why")
+    held, unknown = _reported(telemetry)
+    held |= _measured(telemetry, fleet)
     if len(held) > 1:
         held -= {covered for covered, by in COVERED.items() if by in held}
     for kind in held:
-        yield _alarm(kind, name, is_flying=is_flying, what=_what(kind, told))
+        yield _alarm(kind, name, is_flying=is_flying, what=_what(kind, telemetry))
     for text in unknown:
         yield _alarm(_G.UNKNOWN, name, is_flying=is_flying, what=plain(text))
-    if told.law == "off" and is_flying:
+    if telemetry.law == "off" and is_flying:
         yield _alarm(_G.LAW_OFF, name, is_flying=True)
-    elif told.law_status.lower() in ("relaxed", "infeasible") and is_flying:
+    elif telemetry.law_status.lower() in ("relaxed", "infeasible") and is_flying:
         yield _alarm(_G.LAW_STRAINED, name, is_flying=True)
 
 
-def _reported(told: Telemetry) -> tuple[set[Kind], list[str]]:
-    """Conditions that the vehicle reports itself, and the texts that are none of ours."""
-    texts = told.conditions
-    if not texts:  # as nearly always: a hundred vehicles are asked ten times a second
+def _reported(telemetry: Telemetry) -> tuple[set[Kind], list[str]]:
+    """Conditions that the vehicle reports itself, and texts that this table does not have."""
+    texts = telemetry.conditions
+    if not texts:  # nearly always; this runs ten times a second for a hundred vehicles
         return set(), []
     known: set[Kind] = {BY_TEXT[text] for text in texts if text in BY_TEXT}
     return known, [text for text in texts if text not in BY_TEXT][:3]
 
 
-def _seen(told: Telemetry, fleet: FleetConfig) -> set[Kind]:
-    """Conditions that its numbers show, reported or not."""
-    found: set[Kind] = set()
-    percent = told.battery_frac * 100.0
+def _measured(telemetry: Telemetry, fleet: FleetConfig) -> set[Kind]:
+    """Conditions that the numbers of its telemetry show, reported or not."""
+    kinds: set[Kind] = set()
+    percent = telemetry.battery_frac * 100.0
     if math.isfinite(percent) and percent >= 0.0:
-        if told.is_airborne and percent <= fleet.fleet.battery_land_pct:
-            found.add(_C.BATTERY_LOW)
+        if telemetry.is_airborne and percent <= fleet.fleet.battery_land_pct:
+            kinds.add(_C.BATTERY_LOW)
         elif percent <= fleet.fleet.battery_warning_pct:
-            found.add(_C.BATTERY_WARNING)
-    if told.is_airborne and not told.is_position_valid:
-        found.add(_C.POSITION_LOST)
-    elif told.is_airborne and not fleet.fleet.geofence_m.contains(told.position_enu_m):
-        found.add(_C.FENCE_BREACH)
-    return found
+            kinds.add(_C.BATTERY_WARNING)
+    if telemetry.is_airborne and not telemetry.is_position_valid:
+        kinds.add(_C.POSITION_LOST)
+    elif telemetry.is_airborne and not fleet.fleet.geofence_m.contains(telemetry.position_enu_m):
+        kinds.add(_C.FENCE_BREACH)
+    return kinds
 
 
-def _what(kind: Kind, told: Telemetry) -> str:
-    if kind in (_C.BATTERY_LOW, _C.BATTERY_WARNING) and math.isfinite(told.battery_frac):
-        return f", {told.battery_frac * 100.0:.0f} %"
-    if kind is _C.LEFT_OFFBOARD and told.mode:
-        return f" for {plain(told.mode, 20)}"
+def _what(kind: Kind, telemetry: Telemetry) -> str:
+    if kind in (_C.BATTERY_LOW, _C.BATTERY_WARNING) and math.isfinite(telemetry.battery_frac):
+        return f", {telemetry.battery_frac * 100.0:.0f} %"
+    if kind is _C.LEFT_OFFBOARD and telemetry.mode:
+        return f" for {plain(telemetry.mode, 20)}"
     return ""
 
 
@@ -292,11 +316,11 @@ def _of_fleet(state: FleetState, fleet: FleetConfig, now_ns: int) -> Iterator[Al
 
 def _close_pairs(state: FleetState, limit_m: float, now_ns: int) -> Iterator[Alarm]:
     """Every pair below the limit of which at least one flies."""
-    spots = {name: view.position_enu_m(now_ns) for name, view in state.vehicles.items()}
-    names = [name for name, spot in spots.items() if spot is not None]
+    positions = {name: view.position_enu_m(now_ns) for name, view in state.vehicles.items()}
+    names = [name for name, position in positions.items() if position is not None]
     if len(names) < 2:
         return
-    plan = np.array([spot[:2] for spot in spots.values() if spot is not None])
+    plan = np.array([position[:2] for position in positions.values() if position is not None])
     is_flying = np.array([state.vehicles[name].is_airborne for name in names])
     offset = plan[:, None] - plan[None]
     distance_m = np.hypot(offset[..., 0], offset[..., 1])

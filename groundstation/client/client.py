@@ -1,8 +1,6 @@
 """The ground's end of the bus: messages in, :class:`FleetState` out, orders with one result per vehicle.
 
-What comes often waits on the bus until the loop takes all of it, fifty times a second: to be woken for each message
-costs more than the messages. Bus threads bring the rest; they only append to a bounded queue and wake the loop once.
-Everything else runs on the event loop.
+All public methods are for the event loop's thread, except where "callable from any thread" is written.
 """
 
 from __future__ import annotations
@@ -12,38 +10,27 @@ import getpass
 import itertools
 import os
 import time
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
-from groundstation.client.direct_mavlink import DirectKind, DirectResult, send_direct
-from groundstation.fleet import state as fleet_state
+from groundstation.client.bus_feed import BusFeed, Sink
+from groundstation.client.direct_mavlink import send_direct
+from groundstation.client.fault_orders import order_fault
+from groundstation.client.open_orders import OpenOrders, SendDirect
 from groundstation.fleet.control_authority import Control
-from groundstation.fleet.state import DIRECT_DISARMED, FleetState
-from groundstation.fleet.tick_stream import BusTicks
-from groundstation.orders import grammar as orders_
-from groundstation.orders.grammar import Intent, Plan
-from groundstation.orders.result import OrderHandle, Phase, VehicleResult
-from onboard.bus.clock_sync import ClockNode
-from onboard.bus.codec import Malformed
+from groundstation.fleet.state import FleetState, Received, fold_batch, initial
+from groundstation.fleet.tick_stream import BusTickStream
+from groundstation.orders.grammar import Intent, default_formation, parse
+from groundstation.orders.plan import HeldFormation, PlannedOrder, check_again, plan_order, random_id
+from groundstation.orders.result import OrderResult, VehicleResult
 from onboard.bus.protocol import Bus
-from onboard.bus.schema import Event, FaultOrder, Message, Order, OrderReply, Telemetry, Truth
+from onboard.bus.schema import Event, FaultOrder
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
-from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.config.fleet import FleetConfig
 
-MAX_QUEUED = 20_000
-REPLY_TIMEOUT_S = 1.5
 CONTROL_PERIOD_NS = 100_000_000
-DELIVERY_PERIOD_S = 0.02
-_IN_BATCHES = (Topic.TELEMETRY, Topic.TRUTH, Topic.STATE, Topic.TICK, Topic.MOCAP)
-DIRECT_LAND_WATCH_S = 30.0
-
-Sink = Callable[[Topic, str, Message, int], None]
-Direct = Callable[..., DirectResult]
-
-
-class FaultRefused(RuntimeError):
-    """A fault was not injected: a sentence that says why."""
+_AGE_PERIOD_S = 0.2  # ages change the state without any message
 
 
 class FleetClient:
@@ -51,13 +38,12 @@ class FleetClient:
 
     Args:
         fleet: the fleet file.
-        author: who orders; written into every order and every record.
-        bus: for tests; by default a session that connects to all agents and the emulator and listens nowhere.
-        operates: take control of the fleet when nobody has it; without, only watch (see
-            :mod:`groundstation.fleet.control_authority`).
-        extra_topics: topics that only sinks want (the recorder's state, tick and mocap).
-        send: for tests; the direct way to PX4.
-        clock_ns, new_id: the clock and the names of orders, where time is simulated and nothing may be random.
+        author: person or program that orders; written into every order and every record.
+        operates: take control of the fleet when nobody has it; otherwise only watch.
+        bus: the bus to use; by default a session that connects to all agents and the emulator, and listens nowhere.
+        extra_topics: topics for the sinks only, as the recorder's state, tick and mocap.
+        send: sends land and kill straight to PX4.
+        clock_ns: the ground's monotonic clock [ns].
     """
 
     def __init__(
@@ -68,45 +54,29 @@ class FleetClient:
         operates: bool = True,
         bus: Bus | None = None,
         extra_topics: Sequence[Topic] = (),
-        send: Direct = send_direct,
+        send: SendDirect = send_direct,
         clock_ns: Callable[[], int] = time.monotonic_ns,
-        new_id: Callable[[], str] = orders_.random_id,
     ) -> None:
         self.fleet = fleet
         self.author = author or _user()
-        self.formation = orders_.default_formation(fleet)
-        self.spacing_m: float | None = None
-        self._bus = bus or BusSession(
-            namespace=fleet.namespace,
-            node=f"ground-{os.getpid()}-{orders_.random_id()[:4]}",
-            connect=[*(fleet.vehicles[name].agent for name in fleet.enabled_names), fleet.simulator_endpoint],
-        )
-        self._topics = (Topic.TELEMETRY, Topic.EVENT, Topic.TRUTH, Topic.PREFLIGHT)
-        self._extra = tuple(topic for topic in extra_topics if topic not in self._topics)
-        self._send = send
         self._clock_ns = clock_ns
-        self._new_id = new_id
-        self._state = fleet_state.initial(fleet)
-        self._inbox: deque[tuple[Message | Malformed | tuple[str, bool], int]] = deque(maxlen=MAX_QUEUED)
-        self._is_woken = False
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._delivery: asyncio.TimerHandle | None = None
-        self._sinks: list[Sink] = []
+        self._feed = BusFeed(bus or _session(fleet), self._take_batch, recorded=extra_topics, clock_ns=clock_ns)
+        self._orders = OpenOrders(fleet, self._feed, send_direct=send, publish_event=self.publish_event)
+        self._order_count = itertools.count(1)
+        self._held = HeldFormation(default_formation(fleet))
+        self._state = initial(fleet)
+        self._changed = asyncio.Event()
         self._listeners: list[Callable[[FleetState], None]] = []
         self._event_listeners: list[Callable[[Event], None]] = []
-        self._handles: dict[str, OrderHandle] = {}
-        self._tasks: set[asyncio.Task[None]] = set()
-        self._changed = asyncio.Event()
-        self._fault_count = itertools.count()
+        self._control_due_ns = 0
         self.control = Control(
-            self._bus,
+            self._feed.bus,
             self.author,
-            wants=operates,
+            takes_control=operates,
             say=lambda severity, sentence: self.publish_event(severity, "operator", sentence),
             clock_ns=clock_ns,
         )
-        self._look_ns = 0
-        self.ticks = BusTicks(self._bus)
+        self.tick_stream = BusTickStream(self._feed.bus)
 
     @property
     def state(self) -> FleetState:
@@ -116,15 +86,15 @@ class FleetClient:
     @property
     def is_started(self) -> bool:
         """Whether the bus is open."""
-        return self._loop is not None
+        return self._feed.is_started
 
     def now_ns(self) -> int:
-        """The ground's monotonic clock, which ages in the state are counted on."""
+        """Return the ground's monotonic clock [ns], which ages in the state are counted on."""
         return self._clock_ns()
 
     def add_sink(self, sink: Sink) -> None:
-        """Call ``sink(topic, name, message, received_ns)`` for everything heard and ordered, on any thread."""
-        self._sinks.append(sink)
+        """Call ``sink(topic, name, message, received_ns)`` for everything received and ordered, on any thread."""
+        self._feed.add_sink(sink)
 
     def add_listener(self, listener: Callable[[FleetState], None]) -> None:
         """Call ``listener(state)`` on the loop after each batch of messages."""
@@ -135,80 +105,124 @@ class FleetClient:
         self._event_listeners.append(listener)
 
     async def start(self) -> None:
-        """Open the bus; a second call does nothing. BusError when it cannot be opened."""
-        if self._loop is not None:
-            return
-        self._loop = asyncio.get_running_loop()
-        await asyncio.to_thread(self._open)
-        if not self._bus.is_simulated:  # agents on other hosts need our clock to judge an order's deadline
-            self._tasks.add(self._loop.create_task(ClockNode(self._bus).keep()))
-            self._take_delivery(self._bus, self._loop)
-
-    async def stop(self) -> None:
-        """Leave the bus; orders still waiting for an answer get none. A second call does nothing."""
-        if self._loop is None:
-            return
-        for task in list(self._tasks):
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-        if self._delivery is not None:
-            self._delivery.cancel()
-        self.ticks.stop()
-        await asyncio.to_thread(self._bus.stop)
-        self._loop = None
-
-    def tell_recording(self, is_on: bool) -> None:
-        """Let the vehicles' preflight see that this ground records, or no longer; any thread, while the bus is open."""
-        (self._bus.claim if is_on else self._bus.release)(f"recorder-{self._bus.node}")
-
-    def plan(self, order: Intent | str) -> Plan:
-        """What an order would send now, or why not; nothing is sent.
+        """Open the bus; a second call does nothing.
 
         Raises:
-            OrderError: the text is no order.
+            BusError: the bus cannot be opened.
         """
-        intent = orders_.parse(order, self.fleet) if isinstance(order, str) else order
+        await self._feed.start()
+
+    async def stop(self) -> None:
+        """Leave the bus; open orders get no more replies. A second call does nothing."""
+        if self._feed.is_started:
+            await self._orders.stop()
+            self.tick_stream.stop()
+            await self._feed.stop()
+
+    def announce_recording(self, is_on: bool) -> None:
+        """Let the vehicles' preflight see whether this ground records; callable from any thread while the bus is open.
+
+        Args:
+            is_on: whether it records now.
+        """
+        bus = self._feed.bus
+        (bus.claim if is_on else bus.release)(f"recorder-{bus.node}")
+
+    def plan(self, order: Intent | str) -> PlannedOrder:
+        """Plan an order and check it against the fleet as known now; nothing is sent. Callable from any thread.
+
+        Args:
+            order: an intent, or a line of the orders' grammar.
+
+        Returns:
+            Orders for the vehicles that may be ordered, refusals for the others.
+
+        Raises:
+            OrderError: the line is no order.
+        """
+        intent = parse(order, self.fleet) if isinstance(order, str) else order
         refusal = self.control.refusal(intent.verb)
         if refusal is not None:
-            return Plan(intent, {}, dict.fromkeys(intent.vehicles, refusal), self.formation, self.spacing_m)
-        return orders_.plan(
+            return PlannedOrder(intent, {}, dict.fromkeys(intent.vehicles, refusal), self._held)
+        return plan_order(
             intent,
             self.fleet,
             self._state,
-            formation=self.formation,
-            spacing_m=self.spacing_m,
+            held=self._held,
             author=self.author,
-            node=self._bus.node,
+            node=self._feed.bus.node,
             now_ns=self._clock_ns(),
-            new_id=self._new_id,
+            new_id=self._new_order_id,
         )
 
-    async def submit(self, order: Intent | str) -> OrderHandle:
-        """Check and send an order; returns at once with a handle whose results fill in.
+    def check_again(self, planned: PlannedOrder) -> PlannedOrder:
+        """Check a planned order against the fleet as it is now, and stamp it anew: the fleet may have moved meanwhile.
+
+        Args:
+            planned: of :meth:`plan`.
+
+        Returns:
+            The same orders with the same goals, ready for :meth:`send`; or refusals instead.
+        """
+        refusal = self.control.refusal(planned.intent.verb)
+        if refusal is not None:
+            return replace(planned, orders={}, refusals={**dict.fromkeys(planned.orders, refusal), **planned.refusals})
+        return check_again(planned, self.fleet, self._state, self._clock_ns())
+
+    def send(self, planned: PlannedOrder) -> OrderResult:
+        """Send a planned order as it is; callable from any thread.
+
+        Args:
+            planned: of :meth:`plan` or :meth:`check_again`, not older than the orders' deadline.
+
+        Returns:
+            Its results, which fill in on the event loop.
+        """
+        self._held = planned.held
+        return self._orders.send(planned)
+
+    async def submit(self, order: Intent | str) -> OrderResult:
+        """Plan an order and send it at once.
+
+        Args:
+            order: an intent, or a line of the orders' grammar.
+
+        Returns:
+            Its results, which fill in on the event loop.
 
         Raises:
-            OrderError: the text is no order.
+            OrderError: the line is no order.
         """
         return self.submit_now(order)
 
-    def submit_now(self, order: Intent | str) -> OrderHandle:
-        """As :meth:`submit`, from any thread: a loop that is busy holds up only what becomes of the order."""
-        plan = self.plan(order)
-        self.formation, self.spacing_m = plan.formation, plan.spacing_m
-        handle = OrderHandle(plan.intent, plan)
-        for vehicle, sent in plan.orders.items():
-            self._handles[sent.order_id] = handle
-            self._tell_sinks(Topic.ORDER, vehicle, sent)
-        # all leave before anybody is waited for: the last of a hundred shall not stand behind the others' bookkeeping
-        asked = [(vehicle, sent, self._ask(handle, vehicle, sent)) for vehicle, sent in plan.orders.items()]
-        for vehicle, sent, answered in asked:
-            self._call(self._begin_watch, handle, vehicle, sent, answered)
-        return handle
+    def submit_now(self, order: Intent | str) -> OrderResult:
+        """Plan an order and send it at once; callable from any thread, also while the event loop is busy.
+
+        Args:
+            order: an intent, or a line of the orders' grammar.
+
+        Returns:
+            Its results, which fill in on the event loop.
+
+        Raises:
+            OrderError: the line is no order.
+        """
+        return self.send(self.plan(order))
 
     async def order(self, order: Intent | str, timeout_s: float | None = None) -> dict[str, VehicleResult]:
-        """Submit and wait for the end: one result per vehicle."""
-        handle = await self.submit(order)
-        return await handle.wait(timeout_s)
+        """Submit an order and wait for its end.
+
+        Args:
+            order: an intent, or a line of the orders' grammar.
+            timeout_s: longest wait [s]; None waits for ever.
+
+        Returns:
+            One result per vehicle.
+
+        Raises:
+            OrderError: the line is no order.
+        """
+        return await self.submit_now(order).wait(timeout_s)
 
     async def fault(
         self,
@@ -220,13 +234,24 @@ class FleetClient:
         duration_s: float = 0.0,
         is_rehearsal: bool = False,
     ) -> str:
-        """Let something go wrong in the emulator; what it says of it. With `is_rehearsal` only whether it could be.
+        """Inject a fault into the emulator.
+
+        Args:
+            name: of the fault, as in the emulator's catalogue.
+            vehicle: name of the vehicle.
+            parameters: of this fault.
+            after_s: time from now until it begins, simulated seconds.
+            duration_s: how long it lasts, simulated seconds; 0 for ever.
+            is_rehearsal: only check whether it would be possible.
+
+        Returns:
+            The emulator's sentence about the fault.
 
         Raises:
-            FaultRefused: impossible, or no emulator answers: a real flight has no faults to order.
+            FaultRefused: the fault is impossible, or no emulator answers: a real flight has no faults to order.
         """
         order = FaultOrder(
-            order_id=f"fault-{next(self._fault_count)}",
+            order_id=self._new_order_id(),
             author=self.author,
             stamp_ns=self._clock_ns(),
             vehicle=vehicle,
@@ -236,35 +261,27 @@ class FleetClient:
             duration_s=duration_s,
             is_rehearsal=is_rehearsal,
         )
-        answered = asyncio.Event()
-        replies: list[OrderReply | Malformed] = []
-
-        def on_reply(reply: OrderReply | Malformed) -> None:
-            replies.append(reply)
-            self._call(answered.set)
-
-        self._bus.fault(order, timeout_s=REPLY_TIMEOUT_S, on_reply=on_reply, on_end=lambda: self._call(answered.set))
-        await answered.wait()
-        reply = next((reply for reply in replies if isinstance(reply, OrderReply)), None)
-        if reply is None:
-            raise FaultRefused(
-                f"{vehicle}: no emulator answers on the bus, so '{name}' was not injected. Faults are for simulated "
-                "flights only: fly with --sitl or in lockstep, or remove the fault from the mission."
-            )
-        if not reply.is_accepted:
-            raise FaultRefused(f"{vehicle}: {reply.reason}")
+        sentence = await order_fault(self._feed, order)
         if not is_rehearsal:
-            self.publish_event("warning", "fault", f"Fault ordered: {reply.reason}.", vehicle)
-        return reply.reason
+            self.publish_event("warning", "fault", f"Fault ordered: {sentence}.", vehicle)
+        return sentence
 
     async def wait_for(self, condition: Callable[[FleetState], bool], timeout_s: float) -> bool:
-        """Wait until the state meets a condition; False when it did not within ``timeout_s``."""
+        """Wait until the state meets a condition.
+
+        Args:
+            condition: tested after every batch of messages, and from time to time without one.
+            timeout_s: longest wait [s].
+
+        Returns:
+            Whether the condition was met in time.
+        """
         try:
             async with asyncio.timeout(timeout_s):
                 while not condition(self._state):
                     self._changed.clear()
                     try:
-                        async with asyncio.timeout(0.2):  # ages change the state without any message
+                        async with asyncio.timeout(_AGE_PERIOD_S):
                             await self._changed.wait()
                     except TimeoutError:
                         pass
@@ -273,7 +290,14 @@ class FleetClient:
         return True
 
     def publish_event(self, severity: str, code: str, sentence: str, vehicle: str = "ground") -> None:
-        """An event of the ground itself: into the state, the log and the record; callable from any thread."""
+        """Put an event of the ground itself into the state, the log and the record; callable from any thread.
+
+        Args:
+            severity: debug, info, warning or critical.
+            code: the event's kind.
+            sentence: for people.
+            vehicle: that it is about.
+        """
         event = Event(
             vehicle=vehicle,
             stamp_ns=self._clock_ns(),
@@ -281,176 +305,34 @@ class FleetClient:
             code=code,
             sentence=sentence,
         )
-        self._tell_sinks(Topic.EVENT, vehicle, event)
-        self._put(event)
+        self._feed.tell_sinks(Topic.EVENT, vehicle, event)
+        self._feed.put(event)
 
-    # -- bus threads ---------------------------------------------------------------------------------------------
+    def _new_order_id(self) -> str:
+        return f"{self._feed.bus.node}-{next(self._order_count)}"  # no other ground has this node's name
 
-    def _open(self) -> None:
-        self._bus.start()
-        for topic in (*self._topics, *self._extra):
-            if topic in _IN_BATCHES:
-                self._bus.collect(topic, "*", self._receive, most=MAX_QUEUED)
-            else:
-                self._bus.subscribe(topic, "*", self._receive)
-        self._bus.watch_alive(lambda node, is_alive: self._put((node, is_alive)))
-
-    def _receive(self, topic: Topic, name: str, message: Message | Malformed) -> None:
-        if not isinstance(message, Malformed):
-            if getattr(message, "vehicle", name) != name:
-                message = Malformed(f"a message of another vehicle on {topic.value}/{name}", 0)
-            else:
-                self._tell_sinks(topic, name, message)
-        if isinstance(message, Malformed) or topic in self._topics:
-            self._put(message)
-
-    def _tell_sinks(self, topic: Topic, name: str, message: Message) -> None:
+    def _take_batch(self, batch: Sequence[Received]) -> None:
         now_ns = self._clock_ns()
-        for sink in self._sinks:
-            sink(topic, name, message, now_ns)
-
-    def _put(self, item: Message | Malformed | tuple[str, bool]) -> None:
-        self._inbox.append((item, self._clock_ns()))
-        loop = self._loop
-        if loop is None or self._is_woken:
-            return
-        self._is_woken = True
-        self._call(self._drain)
-
-    def _call(self, function: Callable[..., None], *args: object) -> None:
-        loop = self._loop
-        if loop is not None and not loop.is_closed():
-            try:
-                loop.call_soon_threadsafe(function, *args)
-            except RuntimeError:
-                return  # the loop closed between the two lines: nobody is left to tell
-
-    # -- event loop ----------------------------------------------------------------------------------------------
-
-    def _take_delivery(self, bus: Bus, loop: asyncio.AbstractEventLoop) -> None:
-        self._delivery = loop.call_later(DELIVERY_PERIOD_S, self._take_delivery, bus, loop)
-        bus.deliver()
-
-    def _drain(self) -> None:
-        self._bus.deliver()  # whoever hears of an order's end finds the state that it led to already there
-        self._is_woken = False
-        state = self._state
-        events: list[Event] = []
-        truths: list[Truth] = []
-        heard: list[tuple[Telemetry, int]] = []
-        for _ in range(len(self._inbox)):
-            item, received_ns = self._inbox.popleft()
-            if isinstance(item, tuple):
-                state = fleet_state.fold_alive(state, *item)
-            elif isinstance(item, Malformed):
-                state = fleet_state.fold_malformed(state)
-            elif isinstance(item, Telemetry):  # of all vehicles at once: there are as many pairs as their square
-                heard.append((item, received_ns))
-            elif isinstance(item, Truth):
-                truths.append(item)
-            else:
-                state = fleet_state.fold(state, item, received_ns)
-                if isinstance(item, Event):
-                    events.append(item)
-        if heard:
-            state = fleet_state.fold_telemetry(state, heard)
-        if truths:
-            state = fleet_state.fold_truths(state, truths, self._clock_ns())
-        self._state = state
-        if (now_ns := self._clock_ns()) >= self._look_ns:
-            self._look_ns = now_ns + CONTROL_PERIOD_NS
-            self.control.look(state)
+        state = self._state = fold_batch(self._state, batch, now_ns)
+        if now_ns >= self._control_due_ns:
+            self._control_due_ns = now_ns + CONTROL_PERIOD_NS
+            self.control.update(state)
         self._changed.set()
-        for event in events:
-            self._end_order(event)
-            for listen in self._event_listeners:
-                listen(event)
+        for item, _ in batch:
+            if isinstance(item, Event):
+                self._orders.end(item)
+                for listen in self._event_listeners:
+                    listen(item)
         for listener in self._listeners:
             listener(state)
 
-    def _end_order(self, event: Event) -> None:
-        handle = self._handles.get(event.order_id)
-        if handle is None or not event.order_outcome or event.vehicle not in handle.plan.orders:
-            return
-        if handle.plan.orders[event.vehicle].order_id != event.order_id:
-            return
-        if handle.results[event.vehicle].phase == "direct" and event.order_outcome != "done":
-            return  # the agent came back to an order that is PX4's now: what PX4 says ends it
-        handle.update(event.vehicle, event.order_outcome, event.sentence)
-        if handle.results[event.vehicle].is_final:
-            self._handles.pop(event.order_id, None)
 
-    def _ask(self, handle: OrderHandle, vehicle: str, order: Order) -> asyncio.Event:
-        answered = asyncio.Event()
-
-        def on_reply(reply: OrderReply | Malformed) -> None:
-            if isinstance(reply, OrderReply) and reply.vehicle == vehicle:
-                self._tell_sinks(Topic.ORDER, vehicle, reply)
-            self._call(self._answer, handle, vehicle, reply, answered)
-
-        def on_end() -> None:
-            return
-
-        self._bus.order(vehicle, order, timeout_s=REPLY_TIMEOUT_S, on_reply=on_reply, on_end=on_end)
-        return answered
-
-    def _begin_watch(self, handle: OrderHandle, vehicle: str, order: Order, answered: asyncio.Event) -> None:
-        task = asyncio.get_running_loop().create_task(self._watch(handle, vehicle, order, answered))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-
-    def _answer(
-        self, handle: OrderHandle, vehicle: str, reply: OrderReply | Malformed, answered: asyncio.Event
-    ) -> None:
-        if isinstance(reply, Malformed):
-            self._put(reply)
-        elif reply.vehicle == vehicle and reply.order_id == handle.plan.orders[vehicle].order_id:
-            answered.set()
-            if handle.results[vehicle].phase == "direct":
-                return
-            handle.update(vehicle, "accepted" if reply.is_accepted else "refused", reply.reason)
-
-    async def _watch(self, handle: OrderHandle, vehicle: str, order: Order, answered: asyncio.Event) -> None:
-        limit_s = self.fleet.fleet.direct_command_timeout_s
-        is_urgent = order.kind in ("land", "kill")
-        try:
-            async with asyncio.timeout(limit_s if is_urgent else max(limit_s, REPLY_TIMEOUT_S)):
-                await answered.wait()
-            return
-        except TimeoutError:
-            pass
-        config = self.fleet.vehicles[vehicle]
-        if order.kind == "land":
-            await self._send_directly(handle, config, "land", limit_s)
-        elif order.kind == "kill":
-            await self._send_directly(handle, config, "kill", limit_s)
-        else:
-            handle.update(
-                vehicle,
-                "no answer",
-                f"{vehicle}'s agent did not answer within {max(limit_s, REPLY_TIMEOUT_S):g} s. Is it running?",
-            )
-
-    async def _send_directly(self, handle: OrderHandle, vehicle: Vehicle, kind: DirectKind, limit_s: float) -> None:
-        silence = f"{vehicle.name}'s agent did not answer within {limit_s:g} s"
-        if vehicle.direct is None:
-            handle.update(
-                vehicle.name, "no answer", f"{silence}, and the fleet file gives no direct endpoint. Use the RC switch."
-            )
-            return
-        sentence = f"{silence}; {kind} goes straight to PX4 at {vehicle.direct}."
-        handle.update(vehicle.name, "direct", sentence)
-        self.publish_event("warning", "direct_command", sentence, vehicle.name)
-        watch_s = 2.0 if kind == "kill" else DIRECT_LAND_WATCH_S
-        result = await asyncio.to_thread(
-            self._send, vehicle.direct, vehicle.system_id, kind, timeout_s=3.0, watch_s=watch_s
-        )
-        sentence = f"{silence}; {kind} was sent straight to PX4: {result.sentence}."
-        is_done = result.is_accepted and result.is_disarmed
-        phase: Phase = "done" if is_done else "failed"
-        code = DIRECT_DISARMED if result.is_disarmed else "direct_result"
-        self.publish_event("warning" if is_done else "critical", code, sentence, vehicle.name)
-        handle.update(vehicle.name, phase, sentence)
+def _session(fleet: FleetConfig) -> BusSession:
+    return BusSession(
+        namespace=fleet.namespace,
+        node=f"ground-{os.getpid()}-{random_id()[:4]}",
+        connect=[*(fleet.vehicles[name].agent for name in fleet.enabled_names), fleet.simulator_endpoint],
+    )
 
 
 def _user() -> str:

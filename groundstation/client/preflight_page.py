@@ -10,8 +10,8 @@ from typing import Any
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.config.fleet import FleetConfig
+from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
 
-EXIT_GO, EXIT_NO_GO, EXIT_NOBODY = 0, 1, 10
 _MARKS = {"ok": "ok", "advice": "advice", "no-go": "NO-GO"}
 _WIDTH = 118
 
@@ -110,8 +110,8 @@ def advice_of(state: FleetState, names: Sequence[str]) -> dict[str, list[str]]:
 def exit_status(pages: Sequence[VehiclePage]) -> int:
     """0 all are go, 10 nobody answered, else 1."""
     if not any(page.answers for page in pages):
-        return EXIT_NOBODY
-    return EXIT_GO if all(page.is_go for page in pages) else EXIT_NO_GO
+        return EXIT_NO_ANSWER
+    return EXIT_OK if all(page.is_go for page in pages) else EXIT_FAILED
 
 
 def as_text(pages: Sequence[VehiclePage]) -> str:

@@ -1,26 +1,30 @@
-"""A client that only watches: whatever is pressed, nothing leaves this process."""
+"""A client that only watches: no order leaves this process."""
 
 from __future__ import annotations
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
-from groundstation.fleet.tick_stream import Ticks
+from groundstation.fleet.tick_stream import TickStream
 from groundstation.orders.grammar import Intent, OrderError
-from groundstation.orders.result import OrderHandle
+from groundstation.orders.result import OrderResult
 
 REFUSAL = "This console only watches (--readonly): no order leaves it. Order from the operator's console."
 
 
-class Watching:
-    """What the console needs of a fleet's client, without the orders, land and kill included."""
+class ReadOnlyClient:
+    """The console's view of a client, without any order, not even land and kill.
+
+    Args:
+        client: started.
+    """
 
     def __init__(self, client: FleetClient) -> None:
         self._client = client
 
     @property
-    def ticks(self) -> Ticks:
-        """The pipeline's values of the vehicle whose page is open."""
-        return self._client.ticks
+    def tick_stream(self) -> TickStream:
+        """Ticks of the vehicle whose page is open."""
+        return self._client.tick_stream
 
     @property
     def state(self) -> FleetState:
@@ -28,11 +32,14 @@ class Watching:
         return self._client.state
 
     def now_ns(self) -> int:
-        """The clock that ages are counted on."""
+        """Return the clock [ns] that ages are counted on."""
         return self._client.now_ns()
 
-    async def submit(self, order: Intent | str) -> OrderHandle:
-        """Refused.
+    async def submit(self, order: Intent | str) -> OrderResult:
+        """Refuse an order.
+
+        Args:
+            order: any order.
 
         Raises:
             OrderError: always.

@@ -2,86 +2,77 @@
 
 from __future__ import annotations
 
-import argparse
-import json
-import math
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, fields
-from typing import Any, cast
+from json import dumps
+from typing import Annotated, Any
 
-from groundstation.missions.files import (
-    FormationStep,
-    LandStep,
-    Mission,
-    MoveStep,
-    OrderStep,
-    TakeoffStep,
-    intent_of,
-    load_mission,
-)
-from groundstation.orders.grammar import plan
-from onboard.config.fleet import ConfigError, FleetConfig, Vec3, load_fleet, read_toml
-from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
-from onboard.feasibility.bounds import ACCURACIES
-from onboard.feasibility.finding import Finding, least, most, worst, worst_first
-from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
+from cyclopts import Parameter
 
-EXIT_OK, EXIT_REFUSED, EXIT_WRONG_INPUT = 0, 1, 2
-_OF_THE_MISSION = ("time", "expectation", "arrival")  # findings that are no promise of the law's
-_CLIMB_M_S, _START_S, _SETTLE_S = 0.4, 3.0, 1.0
-_ROOM_FOR_DETOURS = 1.7  # times the straight way's duration
-_EPILOG = (
-    "Exit status: 0 all can be flown (warnings may remain); 1 a finding refuses the flight; 2 a file is wrong. "
-    "docs/check.md explains each finding."
-)
+from groundstation.commands.parameters import File
+from groundstation.missions.files import load_mission
+from groundstation.missions.findings import mission_findings
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet, read_toml
+from onboard.exit_status import EXIT_FAILED, EXIT_OK, EXIT_WRONG_INPUT
+from onboard.feasibility.finding import Finding, worst_first
+from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings
+
+EPILOG = """\
+Examples:
+  covey check configs/fleets/paper.toml
+  covey check mission.toml --fleet fleet.toml --errors gps --json
+
+Exit status: 0 all can be flown (warnings may remain); 1 a finding refuses the flight; 2 a file is wrong.
+docs/check.md explains each finding."""
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Check files; the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="covey check",
-        description="Say what is wrong with fleet or mission files, and whether they can be flown as configured.",
-        epilog=_EPILOG,
-    )
-    parser.add_argument("files", metavar="FLEET|MISSION", nargs="+")
-    parser.add_argument("--fleet", metavar="FILE", help="check missions against this fleet")
-    parser.add_argument("--json", action="store_true", help="a list with one object for each finding")
-    parser.add_argument(
-        "--errors",
-        choices=tuple(ACCURACIES),
-        help="accuracy of the position (default: mocap where the fleet requires one, else gps)",
-    )
-    options = parser.parse_args(argv)
-    errors = cast("ErrorClass | None", options.errors)
+def check(
+    *files: Annotated[str, Parameter(name="FLEET|MISSION", required=True)],
+    fleet: File | None = None,
+    json: bool = False,
+    errors: Annotated[ErrorClass | None, Parameter(choices=ErrorClass)] = None,
+) -> int:
+    """Say what is wrong with fleet or mission files, and whether they can be flown as configured.
+
+    Args:
+        files: fleet or mission files
+        fleet: check missions against this fleet
+        json: a list with one object for each finding
+        errors: accuracy of the position (default: mocap where the fleet requires one, else gps)
+    """
     status, rows = EXIT_OK, list[dict[str, Any]]()
-    for path in options.files:
+    for path in files:
         try:
-            headline, fleet, findings = check(path, options.fleet, errors)
+            headline, config, findings = examine(path, fleet, errors)
         except ConfigError as error:
             status = EXIT_WRONG_INPUT
-            if options.json:
+            if json:
                 nothing = dict.fromkeys(field.name for field in fields(Finding))
                 rows.append({"file": path, **nothing, "name": "file", "status": "wrong", "sentence": str(error)})
             print(f"covey: {error}", file=sys.stderr)
             continue
         if any(finding.status == "refused" for finding in findings):
-            status = max(status, EXIT_REFUSED)
-        if options.json:
+            status = max(status, EXIT_FAILED)
+        if json:
             rows += [{"file": path, **asdict(finding)} for finding in findings]
         else:
-            print(_page(headline, fleet, findings, errors))
-    if options.json:
-        print(json.dumps(rows, indent=2))
+            print(_page(headline, config, findings, errors))
+    if json:
+        print(dumps(rows, indent=2))
     return status
 
 
-def check(
+def examine(
     path: str, fleet_path: str | None = None, errors: ErrorClass | None = None
 ) -> tuple[str, FleetConfig, tuple[Finding, ...]]:
-    """What a file is, in a sentence, its fleet, and all findings, the worst first. ConfigError when it is wrong."""
+    """Return what a file is in a sentence, its fleet, and all findings, the worst first.
+
+    Raises:
+        ConfigError: the file is wrong.
+    """
     if path.endswith(".py") or "step" in read_toml(path, "fleet or mission file")[0]:
         mission = load_mission(path, fleet_path)
         fleet = mission.fleet
@@ -92,118 +83,6 @@ def check(
     names = ", ".join(fleet.enabled_names)
     headline = f"{path}: a valid fleet, {len(fleet.enabled_names)} vehicles ({names}), law '{fleet.law.name}'."
     return headline, fleet, fleet_findings(fleet, errors=errors)
-
-
-def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tuple[Finding, ...]:
-    """What a mission's own steps add: spacing and room of each constellation, time for each leg, expectations.
-
-    Of equal findings of several steps only the worst is told. A Python mission's steps are not known before it flies.
-    """
-    found: dict[str, list[Finding]] = {}
-    for finding in _step_findings(mission, errors):
-        found.setdefault(finding.name.partition(",")[0], []).append(finding)
-    expected = mission.expect.min_separation_m
-    if expected is not None and mission.fleet.law.name != "off":
-        promise_m = mission.fleet.fleet.safety_distance_m
-        found["expectation"] = [
-            most(
-                "expectation",
-                expected,
-                promise_m,
-                "m",
-                "The mission expects vehicles to stay {value} apart; fleet.safety_distance_m promises {bound}",
-                "Lower expect.min_separation_m, or raise fleet.safety_distance_m.",
-            )
-        ]
-    near_m = mission.expect.arrived_within_m
-    if near_m is not None:
-        accuracy = ACCURACIES[errors or error_class(mission.fleet)]
-        found["arrival"] = [
-            least(
-                "arrival",
-                near_m,
-                0.05 + 2.0 * accuracy.position_std_m,
-                "m",
-                f"The mission expects arrivals within {{value}}; with the accuracy of '{accuracy.name}' {{relation}} "
-                "{bound} comes true nearly always",
-                "Raise expect.arrived_within_m by {lack}, or fly on a better position.",
-                refuse_below=0.0,
-            )
-        ]
-    return worst_first(worst(group) for group in found.values())
-
-
-def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
-    """ConfigError when the law says that a mission cannot be flown: places too near, a fleet beyond its means.
-
-    Whether there is time enough is for the flight to show; other laws than Covey's may be flown in simulation.
-    """
-    fleet = mission.fleet
-    if not fleet.enabled_names or (is_simulated and fleet.law.name != "covey"):
-        return
-    found = [
-        finding
-        for finding in (*mission_findings(mission), *fleet_findings(fleet))
-        if finding.status == "refused" and finding.name.partition(",")[0] not in _OF_THE_MISSION
-    ]
-    if found:
-        more = f" ({len(found)} findings are against it)" if len(found) > 1 else ""
-        raise ConfigError(
-            f"{mission.path}: the law says that this cannot be flown{more}. {found[0].sentence} "
-            f"'covey check {mission.path}' tells all."
-        )
-
-
-def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Finding]:
-    fleet = mission.fleet
-    formation = next(iter(fleet.formations), None)
-    spots: dict[str, Vec3] = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
-    flying: set[str] = set()
-    for index, step in enumerate(mission.steps):
-        if not isinstance(step, TakeoffStep | MoveStep | FormationStep | LandStep):
-            continue
-        intent = intent_of(step, fleet)
-        checked = plan(intent, fleet, None, formation=formation, author="check", now_ns=0)
-        formation = checked.formation
-        goals = {name: _goal(step, spots[name], order.position_enu_m) for name, order in checked.orders.items()}
-        if not goals:
-            continue
-        where = f"step[{index}] ({step.do})"
-        yield worst(_time(fleet, step, name, spots[name], goal, where) for name, goal in goals.items())
-        spots.update(goals)
-        if isinstance(step, LandStep):
-            flying.difference_update(goals)
-        else:
-            flying.update(goals)
-            yield from spot_findings(
-                fleet, {name: spots[name] for name in spots if name in flying}, where, errors=errors
-            )
-
-
-def _goal(step: OrderStep, spot: Vec3, ordered: Vec3 | None) -> Vec3:
-    if isinstance(step, TakeoffStep):
-        return (spot[0], spot[1], step.height_m)
-    return (spot[0], spot[1], 0.0) if isinstance(step, LandStep) else ordered or spot
-
-
-def _time(fleet: FleetConfig, step: OrderStep, name: str, spot: Vec3, goal: Vec3, where: str) -> Finding:
-    vehicle = fleet.vehicles[name]
-    if isinstance(step, TakeoffStep | LandStep):
-        shortest_s = _START_S + abs(goal[2] - spot[2]) / _CLIMB_M_S
-    else:
-        bounds = TrajectoryParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2)
-        shortest_s = shortest_duration_s(math.dist(spot, goal), bounds)
-        shortest_s = _SETTLE_S + max(shortest_s, getattr(step, "duration_s", 0.0))
-    return least(
-        f"time, {where}",
-        step.timeout_s,
-        _ROOM_FOR_DETOURS * shortest_s,
-        "s",
-        f"{where[0].upper()}{where[1:]}: timeout_s is {{value}}; {name} needs {shortest_s:.1f} s alone, so "
-        "{relation} {bound} leaves room for detours",
-        "Raise its timeout_s by {lack}.",
-        refuse_below=shortest_s,
-    )
 
 
 def _page(headline: str, fleet: FleetConfig, findings: Sequence[Finding], errors: ErrorClass | None) -> str:
@@ -229,7 +108,3 @@ def _page(headline: str, fleet: FleetConfig, findings: Sequence[Finding], errors
 
 def _number(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

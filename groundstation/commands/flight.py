@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from groundstation.client.client import FleetClient
-from groundstation.commands.check import refuse_unflyable
 from groundstation.missions.files import Mission, load_mission
+from groundstation.missions.findings import refuse_unflyable
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
-from groundstation.missions.verdict import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_WRONG_INPUT, Verdict, judge
+from groundstation.missions.verdict import Verdict, judge
 from groundstation.processes.free_ports import busy_ports, toml_text, with_free_ports
 from groundstation.processes.supervisor import ProcessError, Processes, agent_command, leaves_room
 from groundstation.recording.channels import RECORDED
@@ -24,6 +24,7 @@ from groundstation.recording.report import FlightReport, report
 from groundstation.recording.writer import FLUSH_PERIOD_S, RECORD_NAME, RecordWriter, write_json
 from onboard.bus.schema import Event
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping
+from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_WRONG_INPUT
 
 EMULATOR = "sitl"
 READY_TIMEOUT_S = 10.0
@@ -109,7 +110,7 @@ def start_processes(settings: Settings, processes: Processes) -> None:
         processes.start(name, agent_command(path, name, is_realtime=leaves_room(len(names))))
 
 
-class Flight:
+class MissionFlight:
     """A flight under way; :meth:`fly` is the one thing to call."""
 
     def __init__(self, settings: Settings, *, say: Say) -> None:
@@ -188,7 +189,7 @@ class Flight:
             record.start()
             client.add_sink(record.put)
             await client.start()
-            client.tell_recording(record.failure is None)
+            client.announce_recording(record.failure is None)
             yield client
         finally:
             # Whatever interrupts the clearing up, the processes end: kill() runs even if an await here is cancelled.
@@ -203,7 +204,7 @@ class Flight:
         if self._client is not None:
             self._client.publish_event("critical", "record_failed", sentence)
             if self._client.is_started:
-                self._client.tell_recording(False)
+                self._client.announce_recording(False)
 
     async def _mission(self) -> Verdict:
         assert self._run is not None

@@ -2,50 +2,51 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tomllib
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
+from cyclopts import Parameter
+
+from groundstation.commands.parameters import Folder
 from groundstation.recording.reader import read, record_path
 from onboard.config.fleet import ConfigError, load_fleet
+from onboard.exit_status import EXIT_OK, EXIT_WRONG_INPUT
 
+EPILOG = """\
+Example:
+  covey plot flights/first
+
+Exit status: 0 all was drawn; 2 nothing can be drawn, or the record breaks off (what it has is drawn)."""
 _MAGIC = b"\x89MCAP0\r\n"
 _DEFAULT_SAFETY_DISTANCE_M = 0.80
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Draw the figures of one flight folder.
+def plot(folder: Annotated[Path, Parameter(name="DIR")], /, *, out: Folder | None = None) -> int:
+    """Draw the figures of a recorded flight.
 
-    Returns:
-        0 when all was drawn; 2 when there is nothing to draw, or when the record breaks off (what it has is drawn).
+    Args:
+        folder: flight folder, or its flight.mcap
+        out: where to write (default: DIR/figures)
     """
-    parser = argparse.ArgumentParser(prog="covey plot", description="Draw the figures of a recorded flight.")
-    parser.add_argument("folder", metavar="DIR", type=Path, help="flight folder, or its flight.mcap")
-    parser.add_argument("--out", metavar="DIR", type=Path, help="where to write (default: DIR/figures)")
-    options = parser.parse_args(argv)
     try:
-        paths, is_whole = plot(options.folder, options.out)
-    except ConfigError as error:
-        print(f"covey: {error}", file=sys.stderr)
-        return 2
+        paths, is_whole = draw(folder, out)
     except OSError as error:
-        print(f"covey: the figures cannot be written: {error}. Give another place with --out.", file=sys.stderr)
-        return 2
+        raise ConfigError(f"the figures cannot be written: {error}. Give another place with --out.") from None
     for path in paths:
         print(path)
-    if not is_whole:
-        print(
-            f"covey: {options.folder}: the record breaks off before its end, for instance because the recording "
-            "process was killed. The figures show what it has.",
-            file=sys.stderr,
-        )
-        return 2
-    return 0
+    if is_whole:
+        return EXIT_OK
+    print(
+        f"covey: {folder}: the record breaks off before its end, for instance because the recording process was "
+        "killed. The figures show what it has.",
+        file=sys.stderr,
+    )
+    return EXIT_WRONG_INPUT
 
 
-def plot(folder: Path, out: Path | None = None) -> tuple[list[Path], bool]:
+def draw(folder: Path, out: Path | None = None) -> tuple[list[Path], bool]:
     """Write all figures; returns their paths and whether the record was complete.
 
     Raises:
@@ -92,7 +93,3 @@ def _safety_distance_m(home: Path) -> float:
         except (ConfigError, tomllib.TOMLDecodeError, UnicodeDecodeError):
             continue
     return _DEFAULT_SAFETY_DISTANCE_M
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -2,46 +2,59 @@
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import contextlib
 import signal
 from pathlib import Path
 
+from groundstation.commands.parameters import File, Folder
 from groundstation.recording.replay import open_flight
 from groundstation.web.server import ConsoleServer, require_loopback
 from onboard.config.fleet import ConfigError, load_fleet
+from onboard.exit_status import EXIT_OK
 
-DEFAULT_PORT = 8000
+EPILOG = """\
+Examples:
+  covey web --fleet fleet.toml
+  covey web --replay flights/first --port 0
+
+Exit status: 0 ended by an interrupt; 2 wrong input, nothing was served."""
 
 
-def main(argv: list[str]) -> int:
-    """Entry of ``covey web``; ends with an interrupt, exit status 0."""
-    parser = argparse.ArgumentParser(
-        prog="covey web",
-        description="The console in a browser of this machine. Pages only watch unless --operate is given: nothing "
-        "that is pressed in them reaches a vehicle. Nothing is loaded from the internet.",
-        epilog="Exit status: 0 ended by an interrupt; 2 wrong input, nothing was served.",
-    )
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--fleet", metavar="FILE", help="watch the fleet of this file")
-    what.add_argument("--replay", metavar="DIR", help="play a recorded flight; each page plays for itself")
-    parser.add_argument("--operate", action="store_true", help="pages may give orders; one operator at a time, as ever")
-    parser.add_argument("--port", type=int, default=DEFAULT_PORT, help=f"0 takes any (default {DEFAULT_PORT})")
-    parser.add_argument("--host", default="127.0.0.1", help="a loopback address (default 127.0.0.1)")
-    options = parser.parse_args(argv)
-    if not 0 <= options.port <= 65535:
-        raise ConfigError(f"--port {options.port}: ports lie between 0 and 65535.")
-    if options.replay and options.operate:
+def web(
+    *,
+    fleet: File | None = None,
+    replay: Folder | None = None,
+    operate: bool = False,
+    port: int = 8000,
+    host: str = "127.0.0.1",
+) -> int:
+    """Show the console in a browser of this machine.
+
+    Pages only watch unless --operate is given: nothing that is pressed in them reaches a vehicle. Nothing is loaded
+    from the internet.
+
+    Args:
+        fleet: watch the fleet of this file
+        replay: play a recorded flight; each page plays for itself
+        operate: pages may give orders; one operator at a time, as ever
+        port: 0 takes any
+        host: a loopback address
+    """
+    if not 0 <= port <= 65535:
+        raise ConfigError(f"--port {port}: ports lie between 0 and 65535.")
+    if replay and operate:
         raise ConfigError("--operate is for a fleet that flies; in a replay nothing can be ordered. Leave it out.")
-    require_loopback(options.host)
-    if options.replay:
-        words, title = _replay(Path(options.replay))
+    require_loopback(host)
+    if fleet and not replay:
+        words, title = _fleet(fleet, can_order=operate)
+    elif replay and not fleet:
+        words, title = _replay(replay)
     else:
-        words, title = _fleet(options.fleet, can_order=options.operate)
+        raise ConfigError("Give one of --fleet FILE and --replay DIR.")
     ended = "The console has ended. A fleet that flies goes on flying."
     server = ConsoleServer(words, title=title, ended=ended)
-    return asyncio.run(_serve(server, title, options.host, options.port))
+    return asyncio.run(_serve(server, title, host, port))
 
 
 def _fleet(path: str, *, can_order: bool) -> tuple[list[str], str]:
@@ -70,4 +83,4 @@ async def _serve(server: ConsoleServer, title: str, host: str, port: int) -> int
         await ended.wait()
     finally:
         await server.stop()
-    return 0
+    return EXIT_OK

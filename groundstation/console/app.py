@@ -1,56 +1,92 @@
-"""The console: puts the widgets together and refreshes them eight times a second."""
+"""The console's app: owns the objects that do the work, gives each its keys, and refreshes eight times a second."""
 
 from __future__ import annotations
 
 import gc
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 from textual import events
-from textual.app import ComposeResult
+from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal, Vertical
-from textual.widgets import Static
+from textual.driver import Driver
+from textual.filter import LineFilter
+from textual.widgets import Input
+from textual.worker import Worker
 
 from groundstation.alarms.alarms import Alarms
-from groundstation.console import theme
+from groundstation.console.clients import ConsoleClient
 from groundstation.console.history import History
 from groundstation.console.layout import LOW, NARROW, rooms
-from groundstation.console.order_entry import ConsoleClient
+from groundstation.console.mission_run import Mission, MissionRun
+from groundstation.console.order_entry import OrderEntry
+from groundstation.console.panels import Panels
+from groundstation.console.priority_keys import TerminalHooks, with_hooks
 from groundstation.console.screens.alarms import AlarmsScreen
 from groundstation.console.screens.dialogs import HelpScreen
 from groundstation.console.screens.live import Dialog, LiveScreen
 from groundstation.console.screens.vehicle import VehicleScreen
-from groundstation.console.shutdown import LeavingApp, Mission
-from groundstation.console.widgets.bars import KEYS, VIEW_KEYS, StatusBar, TitleBar
-from groundstation.console.widgets.event_log import EventLog
-from groundstation.console.widgets.fleet_table import FleetTable
+from groundstation.console.shutdown import Shutdown
+from groundstation.console.terminal_filters import TerminalFilters
+from groundstation.console.theme import FAINT, PHASE_SIGNS, SEVERITY_SIGNS
+from groundstation.console.widgets.bars import KEYS, VIEW_KEYS
+from groundstation.console.widgets.event_log import LogEntry
 from groundstation.console.widgets.lines import Lines
-from groundstation.console.widgets.plan_view import PlanView
-from groundstation.console.widgets.separation import SeparationView
+from groundstation.console.widgets.order_line import OrderLine
 from groundstation.fleet.state import FleetState, LoggedEvent
+from groundstation.orders.forecast_process import Forecaster
+from groundstation.orders.grammar import Verb
+from onboard.bus.schema import LOCATE
 from onboard.config.fleet import FleetConfig
 
 REFRESH_S = 0.125
-SWITCH_S = 0.0005  # who waits for Python's lock gets it soon: the thread of the emergency keys while the loop draws
+SWITCH_S = 0.0005  # a thread that waits for Python's lock gets it soon: the emergency keys while the loop draws
 
 
-class ConsoleApp(LeavingApp):
-    """One screen for one fleet. ``mission`` flies in a worker; its verdict stays until the operator quits."""
+class ConsoleApp(App[int]):
+    """One screen for one fleet.
+
+    Args:
+        client: of the fleet, or a record.
+        mission: flies in a worker; its verdict stays until the operator quits.
+        connect: opens the bus in a worker.
+        title: stands at the top; by default the fleet's name.
+        progress: returns one line about the mission.
+        has_bell: ring the terminal's bell for every new alarm.
+        forecaster: computes previews; None sends every order at once.
+    """
 
     CSS_PATH = "style.tcss"
     ENABLE_COMMAND_PALETTE = False
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("question_mark", "help", "help"),
+        Binding("ctrl+l,f9", "order_all('land')", "LAND ALL", priority=True),
+        Binding("ctrl+o,f8", "order_all('hold')", "HOLD ALL", priority=True),
+        Binding("f7", "order('land')", "land the selected", priority=True),
+        Binding("f6", "order('hold')", "hold the selected", priority=True),
+        Binding("f2", "order('arm')", "arm the selected"),
+        Binding("f3", "order('takeoff')", "take off"),
+        Binding("f4", "begin_order('move')", "move the selected"),
+        Binding("f5", "begin_order('formation')", "formation"),
+        Binding("w", "order('locate')", "locate"),
+        Binding("f12", "kill('f12')", "KILL", priority=True),
+        Binding("ctrl+backslash", "kill('ctrl+backslash')", "KILL", priority=True),
+        Binding("ctrl+y", "answer_request('give')", "give control", priority=True),
+        Binding("ctrl+n", "answer_request('keep')", "keep control", priority=True),
         Binding("colon", "order_line", "order"),
+        Binding("ctrl+c", "interrupt", "land and leave", priority=True),
+        Binding("ctrl+q", "leave", "quit", priority=True),
+        Binding("q", "leave", "quit"),
+        Binding("v", "verdict", "verdict"),
+        Binding("t", "theme", "light or dark"),
+        Binding("question_mark", "help", "help"),
         Binding("escape", "back", "back"),
         Binding("plus,equals_sign", "zoom(1.5)", "zoom in"),
         Binding("minus", "zoom(0.6666666667)", "zoom out"),
         Binding("0", "zoom(0)", "whole fence"),
-        Binding("pageup", "look_back(1)", "earlier events"),
-        Binding("pagedown", "look_back(-1)", "later events"),
+        Binding("pageup", "scroll_events(-1)", "earlier events"),
+        Binding("pagedown", "scroll_events(1)", "later events"),
         Binding("a", "acknowledge", "acknowledge alarms"),
         Binding("A", "alarms", "alarms"),
         Binding("enter", "vehicle", "everything about one vehicle"),
@@ -66,182 +102,237 @@ class ConsoleApp(LeavingApp):
         title: str = "",
         progress: Callable[[], str] | None = None,
         has_bell: bool = False,
-        has_preview: bool = True,
+        forecaster: Forecaster | None = None,
     ) -> None:
-        super().__init__(fleet, client, mission=mission, connect=connect, progress=progress, has_preview=has_preview)
-        self._fleet_title = title or fleet.fleet.name
+        # Before Textual's own start, which takes the driver's class.
+        self.terminal = TerminalHooks(on_key=lambda key: self.orders.send_urgent(key))
+        super().__init__()
+        self.fleet, self.client, self.has_bell = fleet, client, has_bell
+        self.fleet_title = title or fleet.fleet.name
         self.alarms = Alarms(fleet)
-        self.has_bell = has_bell
-        self._history = History(fleet.fleet.battery_land_pct / 100.0)
-        self._last_event: LoggedEvent | None = None
-        # Held here, not looked up: a timer may still come while the screen is being taken apart.
-        self._title_bar = TitleBar("title")
-        self._fleet_table = FleetTable(fleet, self._history)
-        self._plan = PlanView(fleet, self._history)
-        self._separation = SeparationView(fleet, self._history)
-        self._event_log = EventLog()
-        self._status_bar = StatusBar("status")
+        self.history = History(fleet.fleet.battery_land_pct / 100.0)
+        self.panels = Panels(fleet, self.history)
+        self.filters = TerminalFilters()
+        self.orders = OrderEntry(self, fleet, client, self.panels, forecaster=forecaster, refresh=self.refresh_fleet)
+        self.mission = MissionRun(self, self.panels, mission=mission, connect=connect, progress=progress)
+        self.shutdown = Shutdown(self, client, self.orders, self.mission, self.terminal, self._warn)
+        self._newest_event: LoggedEvent | None = None  # of those that stand in the log
 
     def compose(self) -> ComposeResult:
-        """Title, fleet, plan beside separation and events, verdict, order line, status."""
-        yield self._title_bar
-        yield self._fleet_table
-        with Horizontal(id="middle"):
-            yield self._plan
-            with Vertical(id="right"):
-                yield self._separation
-                yield self._verdict
-                yield self._event_log
-        yield self._notices
-        yield self._result_line
-        with Horizontal(id="line"):
-            yield Static(" : ", id="prompt", markup=False)
-            yield self._order_line
-            yield Static("esc leaves ", id="leave", markup=False)
-        yield self._status_bar
+        """All panels."""
+        yield from self.panels.compose()
 
     def on_mount(self) -> None:
-        """Start looking, then flying."""
-        self._fleet_table.focus()
-        self._event_log.write(
+        """Start refreshing, then the mission."""
+        self.panels.table.focus()
+        self.panels.events.add(
             f"Fleet '{self.fleet.fleet.name}': {len(self.fleet.enabled_names)} vehicles. Press ? for help."
         )
         self.set_interval(REFRESH_S, self.refresh_fleet)
         if not self.is_headless:
-            self.catch_signals()
+            self.shutdown.catch_signals()
             sys.setswitchinterval(SWITCH_S)
             gc.collect()
-            gc.freeze()  # a look at all that was loaded takes as long as a key may take to come to the screen
-        self.start_mission()
+            gc.freeze()  # a collection of all that was loaded takes as long as a key may take to come to the screen
+        self.mission.start()
+
+    async def on_unmount(self) -> None:
+        """Leave no process and no signal handler behind."""
+        self.shutdown.release_signals()
+        await self.orders.stop()
+
+    # -- the terminal ------------------------------------------------------------------------------------------------
+
+    def get_driver_class(self) -> type[Driver]:
+        """Return a driver that does not let an emergency key wait."""
+        return with_hooks(super().get_driver_class(), self.terminal)
+
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        """Return the filters of this terminal."""
+        return self.filters.active(has_colour=not self.no_color)
 
     def on_resize(self, event: events.Resize) -> None:
-        """Other sizes, other rooms."""
-        self._give_rooms(event.size.width, event.size.height)
+        """Share another size among the panels."""
+        self._arrange(event.size.width, event.size.height)
 
     def on_lines_alone(self, message: Lines.Alone) -> None:
-        """A panel takes all the room, or gives it back."""
-        self._give_rooms(*self.size, message.name)
+        """Let a panel take all the room, or share it again."""
+        self._arrange(*self.size, message.name)
 
-    def _give_rooms(self, width: int, height: int, alone: str | None = None) -> None:
+    def _arrange(self, width: int, height: int, alone: str | None = None) -> None:
         screen = self.screen_stack[0]
         if alone is None:
             alone = next((name.removeprefix("only-") for name in screen.classes if name.startswith("only-")), "")
         screen.set_class(height < LOW, "low")
         screen.set_class(width < NARROW, "narrow")
-        count = len(self.client.state.vehicles)
-        self._fleet_table.styles.height, self._plan.styles.width = rooms(
-            width, height, count, self.fleet.fleet.geofence_m, alone
-        )
+        count, fence = len(self.client.state.vehicles), self.fleet.fleet.geofence_m
+        table, plan = self.panels.table, self.panels.plan
+        table.styles.height, plan.styles.width = rooms(width, height, count, fence, alone)
 
-    # -- what is seen ----------------------------------------------------------------------------------------------
+    # -- the picture -------------------------------------------------------------------------------------------------
 
     def refresh_fleet(self) -> None:
         """Draw the fleet as it is now."""
-        if self.is_hung_up:
+        if self.shutdown.is_hung_up:
             return
-        state, now_ns = self.client.state, self.client.now_ns()
-        self._history.add(state, now_ns)
-        self._write_new_events(state)
-        self._fleet_table.show(state, now_ns)
-        self._plan.show(state, now_ns, self._fleet_table.selected, self._fleet_table.marked)
-        self._separation.show(state, now_ns)
+        state, now_ns, panels = self.client.state, self.client.now_ns(), self.panels
+        self.history.add(state, now_ns)
+        self._log_new_events(state)
+        panels.table.show(state, now_ns)
+        panels.plan.show(state, now_ns, panels.table.selected, panels.table.marked)
+        panels.separation.show(state, now_ns)
         heard = sum(view.is_fresh(now_ns) for view in state.vehicles.values())
-        title = self._title_bar
-        title.show(self._fleet_title, heard, len(state.vehicles), len(state.airborne_names), self._mission_text(now_ns))
+        right = self.shutdown.text or self.orders.short(self.mission.text(self._flight_clock(now_ns)))
+        panels.title.show(self.fleet_title, heard, len(state.vehicles), len(state.airborne_names), right)
         self.alarms.update(state, now_ns)
-        if self.has_bell and self.alarms.is_news:
+        if self.has_bell and self.alarms.has_new:
             self.bell()
-        self.show_notices()
-        can_order = self._ordering is not None
-        self._status_bar.show(self.alarms, now_ns, self.armed_kill, KEYS if can_order else VIEW_KEYS)
+        self.orders.update()
+        kill, can_order = self.orders.armed_kill, self.orders.can_order
+        panels.status.show(self.alarms, now_ns, kill, KEYS if can_order else VIEW_KEYS)
         front = self.screen_stack[-1] if self.screen_stack else None
         if isinstance(front, LiveScreen):
-            front.show_fleet(state, now_ns, self.armed_kill, can_order=can_order)
+            front.show_fleet(state, now_ns, kill, can_order=can_order)
         elif isinstance(front, Dialog):
-            front.show_alarms(self.alarms, now_ns, self.armed_kill, can_order=can_order)
-        self.leave_when_down()
+            front.show_alarms(self.alarms, now_ns, kill, can_order=can_order)
+        self.shutdown.update()
 
-    def _mission_text(self, now_ns: int) -> str:
-        start_s = self._history.first_flight_s
-        return self.progress_text("" if start_s is None else f"  {now_ns * 1e-9 - start_s:.0f} s")
+    def _flight_clock(self, now_ns: int) -> str:
+        start_s = self.history.first_flight_s
+        return "" if start_s is None else f"  {now_ns * 1e-9 - start_s:.0f} s"
 
-    def _write_new_events(self, state: FleetState) -> None:
+    def _log_new_events(self, state: FleetState) -> None:
         fresh: list[LoggedEvent] = []
         for logged in reversed(state.events):
-            if logged is self._last_event:
+            if logged is self._newest_event:
                 break
             fresh.append(logged)
+        entries = []
         for logged in reversed(fresh):
             event = logged.event
             if event.severity == "debug":
                 continue
-            if event.code == "identify":
-                self._fleet_table.blink(event.vehicle)
+            if event.code in LOCATE:
+                self.panels.table.blink(event.vehicle)
+            sign = PHASE_SIGNS.get(event.order_outcome) or SEVERITY_SIGNS.get(event.severity, SEVERITY_SIGNS["info"])
             vehicle = "" if event.vehicle == "ground" else event.vehicle
-            stamp = self.time_text(logged.received_ns)
-            if event.order_outcome in theme.PHASE_SIGNS:
-                sign, colour = theme.PHASE_SIGNS[event.order_outcome]
-                self._event_log.add(sign, colour, self.short(event.sentence), vehicle=vehicle, stamp=stamp)
-            else:
-                sentence = self.short(event.sentence)
-                self._event_log.write(sentence, severity=event.severity, vehicle=vehicle, stamp=stamp)
+            sentence, stamp = self.orders.short(event.sentence), self.time_text(logged.received_ns)
+            entries.append(LogEntry.of(sentence, sign, vehicle=vehicle, stamp=stamp))
+        self.panels.events.extend(entries)
         if state.events:
-            self._last_event = state.events[-1]
+            self._newest_event = state.events[-1]
+
+    def forget_events(self) -> None:
+        """Empty the event log; events of the fleet's state come again."""
+        self.panels.events.forget()
+        self._newest_event = None
+
+    def _warn(self, sentence: str) -> None:
+        self.panels.events.add(sentence, SEVERITY_SIGNS["warning"])
 
     def time_text(self, received_ns: int) -> str:
-        """When something was heard, for the event log: the time of day."""
+        """Return the time of day at which something was received, for the event log."""
         ago_s = (self.client.now_ns() - received_ns) * 1e-9
         return time.strftime("%H:%M:%S", time.localtime(time.time() - ago_s))
 
-    # -- moving about ----------------------------------------------------------------------------------------------
+    # -- orders ------------------------------------------------------------------------------------------------------
+
+    async def on_input_submitted(self, message: Input.Submitted) -> None:
+        """Carry out a written order."""
+        await self.orders.take_line(message.value)
+
+    def on_input_changed(self, message: Input.Changed) -> None:
+        """Show the grammar of the order that is being written."""
+        self.orders.show_usage(message.value)
+
+    def on_order_line_completions(self, message: OrderLine.Completions) -> None:
+        """Show the words that the order line may go on with."""
+        self.panels.results.show_sentence("  ".join(message.words), FAINT)
+
+    async def action_order_all(self, verb: Verb) -> None:
+        """Land or hold all vehicles."""
+        await self.orders.order_all(verb)
+
+    async def action_order(self, verb: Verb) -> None:
+        """Order something for the selected vehicles."""
+        await self.orders.order_selected(verb)
+
+    def action_begin_order(self, verb: Verb) -> None:
+        """Begin to write an order for the selected vehicles."""
+        self.orders.begin_line(verb)
+
+    def action_order_line(self) -> None:
+        """Begin to write an order."""
+        self.orders.open_line()
+
+    async def action_kill(self, key: str) -> None:
+        """Kill the vehicle under the cursor at the second press."""
+        await self.orders.kill(key)
+
+    def action_answer_request(self, answer: str) -> None:
+        """Give control to the ground that asks for it, or keep it."""
+        self.orders.answer_request(answer)
+
+    # -- mission and leaving -----------------------------------------------------------------------------------------
+
+    def on_worker_state_changed(self, event: Worker.StateChanged) -> None:
+        """Show why the mission or the connection broke."""
+        self.mission.worker_changed(event)
+
+    def action_verdict(self) -> None:
+        """Hide or show the mission's verdict."""
+        self.mission.toggle_verdict()
+
+    def action_leave(self) -> None:
+        """Quit, after a question when vehicles fly."""
+        self.shutdown.quit()
+
+    async def action_interrupt(self) -> None:
+        """Land and leave; a second time at once."""
+        await self.shutdown.interrupt()
+
+    # -- views -------------------------------------------------------------------------------------------------------
 
     def action_help(self) -> None:
         """Show the keys."""
         self.push_screen(HelpScreen())
 
+    def action_theme(self) -> None:
+        """Change between dark and light."""
+        self.filters.is_light = not self.filters.is_light
+        for screen in self.screen_stack:
+            screen.refresh()
+            for widget in screen.query("*"):
+                widget.refresh()
+
     def action_acknowledge(self) -> None:
-        """All alarms that hold have been seen; they stay in the list."""
+        """Acknowledge all alarms that hold; they stay in the list."""
         self.alarms.acknowledge()
         self.refresh_fleet()
 
     def action_alarms(self) -> None:
-        """Everything that is wrong, with advice."""
+        """Show all alarms with advice."""
         self.push_screen(AlarmsScreen(self.alarms))
         self.refresh_fleet()
 
     def action_vehicle(self) -> None:
-        """Everything about the vehicle under the cursor."""
-        if self._fleet_table.selected is not None and len(self.screen_stack) == 1:
-            self.push_screen(
-                VehicleScreen(
-                    self.fleet,
-                    self.alarms,
-                    self.client.ticks,
-                    selected=lambda: self._fleet_table.selected,
-                    move=self._fleet_table.action_cursor,
-                    time_text=self.time_text,
-                )
-            )
+        """Show everything about the vehicle under the cursor."""
+        table = self.panels.table
+        if table.selected is not None and len(self.screen_stack) == 1:
+            self.push_screen(VehicleScreen(self.fleet, self.alarms, self.client.tick_stream, table, self.time_text))
             self.refresh_fleet()
 
-    @property
-    def chosen(self) -> tuple[str, ...]:
-        """Whom keys mean: on its page a vehicle stands alone, whatever is marked in the table behind it."""
-        front = self.screen_stack[-1] if self.screen_stack else None
-        shown = front.vehicle_name if isinstance(front, VehicleScreen) else None
-        return super().chosen if shown is None else (shown,)
-
     async def action_back(self) -> None:
-        """Back to the fleet."""
-        self._fleet_table.focus()
+        """Go back to the fleet."""
+        self.panels.table.focus()
 
     def action_zoom(self, factor: float) -> None:
         """Zoom the plan."""
-        self._plan.change_zoom(factor)
+        self.panels.plan.change_zoom(factor)
 
-    def action_look_back(self, pages: int) -> None:
-        """Scroll the events."""
-        self._event_log.look_back(pages)
+    def action_scroll_events(self, pages: int) -> None:
+        """Scroll the events by pages."""
+        self.panels.events.scroll_pages(pages)
 
 
 async def run_console(
@@ -258,14 +349,8 @@ async def run_console(
     """Show the console until the operator quits.
 
     Args:
-        fleet: the fleet file.
-        client: started or about to be; the console says whom it waits for.
-        mission: flies the mission and returns its verdict (``sentences``; ``exit_status`` or ``is_passed`` if any).
-        connect: opens the bus, while the console is on the screen already.
-        title: what stands at the top.
-        progress: one line about where the mission is, asked at each look.
-        has_bell: ring the terminal's bell for every new alarm.
         has_preview: show what arm, take-off and moves lead to before they are sent.
+        The others: as of :class:`ConsoleApp`.
 
     Returns:
         The verdict's exit status; 0 without a mission; 130 when the operator cut it short.
@@ -278,7 +363,6 @@ async def run_console(
         title=title,
         progress=progress,
         has_bell=has_bell,
-        has_preview=has_preview,
+        forecaster=Forecaster() if has_preview else None,
     )
-    status = await app.run_async()
-    return 0 if status is None else status
+    return await app.run_async() or 0

@@ -1,365 +1,298 @@
-"""How orders are given: written, by key, with a preview, at once; the kill latch; who operates."""
+"""Orders from the order line and the keys: parsed, previewed or sent at once, and each vehicle's answer shown."""
 
 from __future__ import annotations
 
 import contextlib
 from collections import deque
 from collections.abc import Callable
-from typing import ClassVar, Protocol, runtime_checkable
 
-from textual.binding import Binding, BindingType
-from textual.driver import Driver
-from textual.screen import Screen
+from textual.app import App
 
 from groundstation.console import theme
-from groundstation.console.priority_keys import prompt
+from groundstation.console.clients import ConsoleClient, OrderingClient
+from groundstation.console.kill_latch import KillLatch
+from groundstation.console.panels import Panels
 from groundstation.console.screens.preview import PreviewScreen
-from groundstation.console.terminal_filters import DressedApp
-from groundstation.console.theme import CALM, FAINT, KILL
-from groundstation.console.widgets.event_log import EventLog
-from groundstation.console.widgets.fleet_table import FleetTable
-from groundstation.console.widgets.notices import NoticeLines, notices
-from groundstation.console.widgets.order_line import CONTROL_ORDERS, OrderLine
-from groundstation.console.widgets.results import ResultLine
-from groundstation.fleet.control_authority import FORCE_WORD, Control
-from groundstation.fleet.state import FleetState
-from groundstation.fleet.tick_stream import Ticks
+from groundstation.console.screens.vehicle import VehicleScreen
+from groundstation.console.theme import CALM, FAINT, KILL, PHASE_SIGNS, SEVERITY_SIGNS
+from groundstation.console.widgets.notices import notices
+from groundstation.console.widgets.order_line import CONTROL_ORDERS
+from groundstation.fleet.control_authority import FORCE_WORD
 from groundstation.orders.forecast_process import Forecaster
-from groundstation.orders.grammar import USAGE, Intent, OrderError, Plan, Verb, parse
+from groundstation.orders.grammar import USAGE, Intent, OrderError, Verb, parse
+from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.preview import PREVIEWED
-from groundstation.orders.result import OrderHandle, VehicleResult
+from groundstation.orders.result import OrderResult, VehicleResult
 from onboard.config.fleet import ConfigError, FleetConfig
 
-KILL_WINDOW_S = 1.0
-_AT_ONCE: dict[str, Verb] = {"ctrl+l": "land", "f9": "land", "ctrl+o": "hold", "f8": "hold"}  # for everybody
+_URGENT_KEYS: dict[str, Verb] = {"ctrl+l": "land", "f9": "land", "ctrl+o": "hold", "f8": "hold"}  # for all vehicles
 _ENTER = "enter"
 
 
-class ConsoleClient(Protocol):
-    """What the console needs of :class:`groundstation.client.client.FleetClient`, or of a record."""
+class OrderEntry:
+    """Takes the operator's orders and shows what becomes of them.
 
-    @property
-    def ticks(self) -> Ticks:
-        """The pipeline's values of the vehicle whose page is open."""
+    Args:
+        app: runs workers and shows the preview.
+        forecaster: computes the previews; None sends every order at once.
+        refresh: draws the fleet now.
+    """
 
-    @property
-    def state(self) -> FleetState:
-        """The fleet as known now."""
-
-    def now_ns(self) -> int:
-        """The clock that ages are counted on."""
-
-    async def submit(self, order: Intent | str) -> OrderHandle:
-        """Send an order; results fill in."""
-
-
-@runtime_checkable
-class OrderingClient(Protocol):
-    """What a client has besides, when a fleet is behind it that takes orders."""
-
-    control: Control
-
-    @property
-    def state(self) -> FleetState:
-        """The fleet as known now."""
-
-    def now_ns(self) -> int:
-        """The clock that ages are counted on."""
-
-    def plan(self, order: Intent | str) -> Plan:
-        """What an order would send now."""
-
-    def submit_now(self, order: Intent | str) -> OrderHandle:
-        """Send an order from any thread; results fill in."""
-
-
-class OrderingApp(DressedApp):
-    """An app that gives orders; :class:`groundstation.console.app.ConsoleApp` puts the widgets on the screen."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("ctrl+l,f9", "order_all('land')", "LAND ALL", priority=True),
-        Binding("ctrl+o,f8", "order_all('hold')", "HOLD ALL", priority=True),
-        Binding("f7", "order_chosen('land')", "land the chosen", priority=True),
-        Binding("f6", "order_chosen('hold')", "hold the chosen", priority=True),
-        Binding("f2", "order_chosen('arm')", "arm the chosen"),
-        Binding("f3", "order_chosen('takeoff')", "take off"),
-        Binding("f4", "write_order('move')", "move the chosen"),
-        Binding("f5", "write_order('formation')", "formation"),
-        Binding("w", "order_chosen('locate')", "locate"),
-        Binding("f12", "kill('f12')", "KILL", priority=True),
-        Binding("ctrl+backslash", "kill('ctrl+backslash')", "KILL", priority=True),
-        Binding("ctrl+y", "give_control", "give control", priority=True),
-        Binding("ctrl+n", "keep_control", "keep control", priority=True),
-    ]
-    fleet: FleetConfig
-    client: ConsoleClient
-    _fleet_table: FleetTable
-    _event_log: EventLog
-
-    def __init__(self, fleet: FleetConfig, client: ConsoleClient, *, has_preview: bool = True) -> None:
-        super().__init__()
-        self.fleet, self.client = fleet, client
+    def __init__(
+        self,
+        app: App[int],
+        fleet: FleetConfig,
+        client: ConsoleClient,
+        panels: Panels,
+        *,
+        forecaster: Forecaster | None,
+        refresh: Callable[[], None],
+    ) -> None:
+        self._app, self._fleet, self._client, self._panels, self._refresh = app, fleet, client, panels, refresh
         self._ordering = client if isinstance(client, OrderingClient) else None
-        self._forecaster = Forecaster() if has_preview and self._ordering is not None else None
-        self._early: deque[OrderHandle] = deque()  # of keys whose turn comes
-        self._kill: tuple[str, tuple[str, ...], float] | None = None
+        self._forecaster = forecaster if self._ordering is not None else None
         self._is_warm = False
-        self._killed: set[str] = set()
+        self._sent_early: deque[OrderResult] = deque()  # by the thread that reads the keys; their turn comes
+        self._latch = KillLatch()
         self._written = ""  # the order that is being taken from the order line
-        self._handle: OrderHandle | None = None
-        self._result_line = ResultLine("result")
-        self._order_line = OrderLine(fleet)
-        self._notices = NoticeLines()
+        self.newest: OrderResult | None = None  # the order whose results are shown
 
     @property
-    def control(self) -> Control | None:
-        """Who operates; None where there is nobody to order, as in a replay."""
-        return None if self._ordering is None else self._ordering.control
+    def can_order(self) -> bool:
+        """Whether there is a fleet that takes orders from here."""
+        return self._ordering is not None
+
+    @property
+    def is_operator(self) -> bool:
+        """Whether moves may be ordered from here; without it, leaving changes nothing for the vehicles."""
+        return self._ordering is not None and self._ordering.control.refusal("move") is None
 
     @property
     def armed_kill(self) -> str | None:
-        """Whom the next press of the kill key stops; None when it would only arm."""
-        if self._kill is not None and self.client.now_ns() * 1e-9 - self._kill[2] > KILL_WINDOW_S:
-            self._kill = None
-        return None if self._kill is None else self.short(",".join(self._kill[1]))
+        """The vehicles that the next press of the kill key stops; None when it would only arm."""
+        names = self._latch.armed(self._now_s)
+        return self.short(",".join(names)) if names else None
 
     @property
-    def chosen(self) -> tuple[str, ...]:
-        """Whom keys mean: the marked vehicles, else the one under the cursor."""
-        table = self._fleet_table
-        return table.marked or ((table.selected,) if table.selected is not None else ())
+    def selected(self) -> tuple[str, ...]:
+        """The vehicles that keys mean: the marked ones, else the one under the cursor; on its page the one shown."""
+        table = self._panels.table
+        marked = () if isinstance(self._app.screen, VehicleScreen) else table.marked
+        return marked or ((table.selected,) if table.selected is not None else ())
+
+    @property
+    def _now_s(self) -> float:
+        return self._client.now_ns() * 1e-9
 
     def short(self, text: str) -> str:
-        """``all`` for the list of all vehicles: it is what people write, and it fits."""
-        names = self.fleet.enabled_names
+        """Return ``text`` with ``all`` for the list of all vehicles, as people write it."""
+        names = self._fleet.enabled_names
         return text.replace(",".join(names), "all") if len(names) > 1 else text
 
-    def show_notices(self) -> None:
-        """Bring the lines that stay up to date."""
-        if self.control is not None:
-            self.control.look(self.client.state)
-        self._notices.show(notices(tuple(sorted(self._killed)), self.control))
+    def update(self) -> None:
+        """Bring the notices up to date."""
+        control = None if self._ordering is None else self._ordering.control
+        if control is not None:
+            control.update(self._client.state)
+        self._panels.notices.show(notices(self._latch.killed, control))
 
-    async def on_unmount(self) -> None:
-        """No process is left behind."""
+    async def stop(self) -> None:
+        """End the forecast's process."""
         if self._forecaster is not None:
             await self._forecaster.stop()
 
     # -- written orders ----------------------------------------------------------------------------------------------
 
-    async def on_order_line_given(self, message: OrderLine.Given) -> None:
-        """An order was written: the line is left, and comes back with it when it was refused."""
-        self._order_line.action_leave()
-        self._written = message.text
-        words = message.text.split()
+    def open_line(self) -> None:
+        """Begin to write an order."""
+        self._panels.order_line.focus()
+        self._warm_up()
+
+    def show_usage(self, text: str) -> None:
+        """Show the grammar of the order that is being written."""
+        verb = next((verb for verb in USAGE if text.lower().split()[:1] == [verb]), None)
+        if verb is not None:
+            self._panels.results.show_sentence(USAGE[verb], FAINT)
+        if text.strip():
+            self._warm_up()
+
+    async def take_line(self, text: str) -> None:
+        """Carry out a written line; the order line gets it back when it is refused."""
+        self._panels.order_line.action_leave()
+        self._written = text
+        words = text.split()
         if words[:2] in (["take", "control"], ["give", "control"], ["keep", "control"]) and len(words) <= 3:
-            self._talk_about_control(words)
+            self._change_control(words[0], *words[2:])
         elif words[0] == "reset":
             self._reset(" ".join(words[1:]))
         else:
-            await self.order(message.text, is_written=True)
+            await self.order(text, is_written=True)
         self._written = ""
 
-    def on_order_line_choices(self, message: OrderLine.Choices) -> None:
-        """Tab found several ways to go on."""
-        self._result_line.show_sentence("  ".join(message.words), FAINT)
+    def begin_line(self, verb: Verb) -> None:
+        """Begin to write an order for the selected vehicles; the operator adds the numbers."""
+        names = self.short(",".join(self.selected))
+        if verb == "formation":
+            formation = next(iter(self._fleet.formations), "")
+            names = f"{formation} {names}" if len(self.selected) > 1 else formation
+        self._panels.order_line.write(f"{verb} {names} ")
+        self._panels.table.keep_marks()
 
-    def on_input_changed(self, message: OrderLine.Changed) -> None:
-        """While an order is written its grammar stands above it."""
-        if message.input is not self._order_line or not message.value.strip():
-            return
-        first = message.value.split()[0].lower()
-        verb = next((verb for verb in USAGE if verb == first), None)
-        if verb is not None:
-            self._result_line.show_sentence(USAGE[verb], FAINT)
-        self.warm_up()
-
-    def warm_up(self) -> None:
-        """Have the forecast's process ready before it is needed."""
+    def _warm_up(self) -> None:
+        """Start the forecast's process before it is needed."""
         if self._forecaster is not None and not self._is_warm:
             self._is_warm = True  # once: a start that is cut short by the next key would leave a process behind
-            self.run_worker(self._forecaster.start(), group="warm")
+            self._app.run_worker(self._forecaster.start(), group="warm")
+
+    # -- orders ------------------------------------------------------------------------------------------------------
 
     async def order(self, order: Intent | str, *, is_written: bool = False) -> None:
-        """An operator's order: a question first where something could go wrong, at once where it makes things safer."""
+        """Preview an order where something could go wrong; send it at once where it makes things safer."""
         try:
-            intent = parse(order, self.fleet) if isinstance(order, str) else order
+            intent = parse(order, self._fleet) if isinstance(order, str) else order
         except OrderError as error:
-            self._not_sent(str(order), str(error))
+            self._refuse(str(order), str(error))
             return
-        latched = sorted(self._killed.intersection(intent.vehicles))
-        if intent.verb in PREVIEWED and latched:
-            who, them = ",".join(latched), "it" if len(latched) == 1 else "them"
-            self._not_sent(str(intent), f"{who} was killed. Look at {them}, then write: reset {who}")
+        is_previewed = intent.verb in PREVIEWED
+        latched = sorted(self._latch.killed.intersection(intent.vehicles))
+        if is_previewed and latched:
+            names, it = ",".join(latched), "it" if len(latched) == 1 else "them"
+            self._refuse(str(intent), f"{names} was killed. Look at {it}, then write: reset {names}")
         elif intent.verb == "kill" and is_written and not self._is_kill_confirmed(_ENTER, intent.vehicles):
-            self._order_line.take_back(str(intent))
-        elif intent.verb in PREVIEWED and self._forecaster is not None and self._ordering is not None:
+            self._panels.order_line.take_back(str(intent))
+        elif is_previewed and self._forecaster is not None and self._ordering is not None:
             refusal = self._ordering.control.refusal(intent.verb)
             if refusal is not None:
-                self._not_sent(str(intent), refusal)
+                self._refuse(str(intent), refusal)
                 return
-            screen = PreviewScreen(self.fleet, self._ordering, intent, self._forecaster, self.short)
-            self.push_screen(screen, self._answered)
+            screen = PreviewScreen(self._fleet, self._ordering, intent, self._forecaster, self.short)
+            self._app.push_screen(screen, self._send_checked)
         else:
-            await self.give(intent)
+            await self.send(intent)
 
-    async def _answered(self, intent: Intent | None) -> None:
-        if intent is not None:
-            await self.give(intent)
+    def _send_checked(self, planned: PlannedOrder | None) -> None:
+        if planned is not None and self._ordering is not None:
+            self._follow(self._ordering.send(planned))
 
-    async def give(self, order: Intent | str, sent: OrderHandle | None = None) -> None:
-        """Send an order at once and show each vehicle's answer; a misspelt one is a sentence.
-
-        ``sent``: it has left already.
-        """
+    async def send(self, order: Intent | str) -> None:
+        """Send an order at once and show each vehicle's answer; a misspelt one is a sentence."""
         try:
-            handle = sent or await self.client.submit(order)
+            self._follow(await self._client.submit(order))
         except (OrderError, RuntimeError) as error:  # RuntimeError: the bus is not open yet, or not any more
-            self._not_sent(str(order), str(error))
-            return
-        self._handle = handle
-        if handle.intent.verb == "kill" and handle.plan.orders:  # it has left, whatever becomes of it
-            self._event_log.add("✖", KILL, f"KILL {','.join(handle.plan.orders)}")
-            self._killed.update(handle.plan.orders)
-            self.show_notices()
-        self._event_log.add("→", CALM, self.short(str(handle.intent)))
-        self._result_line.show_order(handle, self.short(str(handle.intent)))
-        handle.add_listener(lambda result: self._take_result(handle, result))
+            self._refuse(str(order), str(error))
+
+    def _follow(self, handle: OrderResult) -> None:
+        """Show an order that has left, and its results as they come."""
+        self.newest = handle
+        events, words = self._panels.events, self.short(str(handle.intent))
+        if handle.intent.verb == "kill" and handle.planned.orders:  # it has left, whatever becomes of it
+            events.add(f"KILL {','.join(handle.planned.orders)}", ("✖", KILL))
+            self._latch.add(handle.planned.orders)
+            self.update()
+        events.add(words, ("→", CALM))
+        self._panels.results.show_order(handle, words)
+        handle.add_listener(lambda result: self._show_result(handle, result))
         for result in handle.results.values():
             if result.phase == "refused":
                 self._log_result(result)
 
-    def _not_sent(self, order: str, why: str) -> None:
+    def _refuse(self, order: str, reason: str) -> None:
         if self._written:
-            self._order_line.take_back(self._written)
-        self._result_line.show_sentence(why)
-        self._event_log.write(f"Not sent: {theme.clean(self.short(order), 60)}. {why}", severity="warning")
+            self._panels.order_line.take_back(self._written)
+        self._panels.results.show_sentence(reason)
+        self._warn(f"Not sent: {theme.clean(self.short(order), 60)}. {reason}")
 
-    def _take_result(self, handle: OrderHandle, result: VehicleResult) -> None:
-        if handle is self._handle and self.is_running:
-            self._result_line.show_order(handle, self.short(str(handle.intent)))
+    def _warn(self, sentence: str) -> None:
+        self._panels.events.add(sentence, SEVERITY_SIGNS["warning"])
+
+    def _show_result(self, handle: OrderResult, result: VehicleResult) -> None:
+        if handle is self.newest and self._app.is_running:
+            self._panels.results.show_order(handle, self.short(str(handle.intent)))
         if result.phase in ("refused", "no answer", "direct"):  # the other ends come as the vehicle's own events
             self._log_result(result)
 
     def _log_result(self, result: VehicleResult) -> None:
-        sign, colour = theme.PHASE_SIGNS[result.phase]
-        self._event_log.add(sign, colour, result.sentence or result.phase, vehicle=result.vehicle)
+        self._panels.events.add(result.sentence or result.phase, PHASE_SIGNS[result.phase], vehicle=result.vehicle)
 
     # -- keys --------------------------------------------------------------------------------------------------------
 
-    def get_driver_class(self) -> type[Driver]:
-        """A driver that does not let an emergency key wait."""
-        return prompt(super().get_driver_class())
-
-    def hear_key(self, key: str) -> None:
-        """Send what lands or holds everybody, on the thread that reads the terminal; the key's turn comes later."""
-        verb = _AT_ONCE.get(key)
-        if verb is None or self._ordering is None or not self.fleet.enabled_names:
+    def send_urgent(self, key: str) -> None:
+        """Send what lands or holds all vehicles, on the thread that reads the terminal; the key's turn comes later."""
+        verb = _URGENT_KEYS.get(key)
+        if verb is None or self._ordering is None or not self._fleet.enabled_names:
             return
-        with contextlib.suppress(OrderError, RuntimeError):  # told when the key's turn comes
-            self._early.append(self._ordering.submit_now(Intent(verb, self.fleet.enabled_names)))
+        with contextlib.suppress(OrderError, RuntimeError):  # shown when the key's turn comes
+            self._sent_early.append(self._ordering.submit_now(Intent(verb, self._fleet.enabled_names)))
 
-    async def action_order_all(self, verb: Verb) -> None:
-        """Land or hold everybody, from every screen, without a question: it only makes things safer."""
-        sent = self._early.popleft() if self._early else None
-        if self.fleet.enabled_names:
-            await self.give(Intent(verb, self.fleet.enabled_names), sent)
+    async def order_all(self, verb: Verb) -> None:
+        """Land or hold all vehicles, from every screen, without a question: it only makes things safer."""
+        if self._sent_early:
+            self._follow(self._sent_early.popleft())
+        elif self._fleet.enabled_names:
+            await self.send(Intent(verb, self._fleet.enabled_names))
         else:
-            self._not_sent(f"{verb} all", "This fleet has nobody to order: no vehicle is enabled in its file.")
-        self._drop_question()  # only now: the order was not to wait for the screen
+            self._refuse(f"{verb} all", "This fleet has nobody to order: no vehicle is enabled in its file.")
+        self._close_preview()  # only now: the order was not to wait for the screen
 
-    async def action_order_chosen(self, verb: Verb) -> None:
-        """An order for the marked vehicles, or the one under the cursor."""
-        if not self.chosen:
-            self._result_line.show_sentence("No vehicle is chosen: move the cursor to one, or mark some with space.")
+    async def order_selected(self, verb: Verb) -> None:
+        """Order something for the selected vehicles."""
+        names = self.selected
+        if not names:
+            sentence = "No vehicle is selected: move the cursor to one, or mark some with space."
+            self._panels.results.show_sentence(sentence)
             return
         if verb in ("land", "hold"):
-            self._drop_question()
-        height_m = 1.0 if verb == "takeoff" else None
-        await self.order(Intent(verb, self.chosen, height_m=height_m))
+            self._close_preview()
+        await self.order(Intent(verb, names, height_m=1.0 if verb == "takeoff" else None))
 
-    def action_write_order(self, verb: Verb) -> None:
-        """Begin to write an order for the chosen vehicles; the numbers are the operator's."""
-        who = self.short(",".join(self.chosen))
-        if verb == "formation":
-            name = next(iter(self.fleet.formations), "")
-            self._order_line.write(f"formation {name} {who} " if len(self.chosen) > 1 else f"formation {name} ")
-        else:
-            self._order_line.write(f"{verb} {who} ")
-        self._fleet_table.keep_marks()
-
-    def action_order_line(self) -> None:
-        """Write an order."""
-        self._order_line.focus()
-        self.warm_up()
-
-    async def action_kill(self, key: str) -> None:
-        """First press arms the key for one vehicle, the same key within a second kills it."""
-        name = getattr(self.screen, "vehicle_name", None) or self._fleet_table.selected
-        if isinstance(name, str) and self._is_kill_confirmed(key, (name,)):
-            await self.give(Intent("kill", (name,)))
+    async def kill(self, key: str) -> None:
+        """Arm the key for the vehicle under the cursor; the same key within a second kills it."""
+        name = self._panels.table.selected
+        if name is not None and self._is_kill_confirmed(key, (name,)):
+            await self.send(Intent("kill", (name,)))
 
     def _is_kill_confirmed(self, key: str, names: tuple[str, ...]) -> bool:
-        is_armed = self.armed_kill is not None  # forgets an old press
-        armed, self._kill = self._kill, None
-        if is_armed and armed is not None and armed[:2] == (key, names):
-            self._drop_question()
+        if self._latch.press(key, names, self._now_s):
+            self._close_preview()
             return True
-        self._kill = (key, names, self.client.now_ns() * 1e-9)
         if key == _ENTER:
-            self._result_line.show_sentence("Enter again within 1 s stops the motors: they fall.", KILL)
-        self.refresh_fleet()
+            self._panels.results.show_sentence("Enter again within 1 s stops the motors: they fall.", KILL)
+        self._refresh()
         return False
 
-    def refresh_fleet(self) -> None:
-        """Draw the fleet as it is now."""
-        raise NotImplementedError
-
-    def _drop_question(self) -> None:
-        """An order that makes things safer ends whatever was about to be sent."""
-        screen: Screen[object] = self.screen
+    def _close_preview(self) -> None:
+        """End whatever was about to be sent: an order that makes things safer has come."""
+        screen = self._app.screen
         if isinstance(screen, PreviewScreen):
             screen.action_drop()
 
-    def _reset(self, who: str) -> None:
+    def _reset(self, names: str) -> None:
         try:
-            names = self.fleet.select(who) if who else tuple(self._killed)
+            vehicles = self._fleet.select(names) if names else self._latch.killed
         except ConfigError as error:
-            self._not_sent(f"reset {who}", str(error))
+            self._refuse(f"reset {names}", str(error))
             return
-        freed = self._killed.intersection(names)
-        self._killed -= freed
-        who = ", ".join(sorted(freed))
-        sentence = f"{who} may be ordered again." if freed else "Nobody was killed from here."
-        self._result_line.show_sentence(sentence, FAINT)
-        self.show_notices()
+        freed = ", ".join(sorted(self._latch.reset(vehicles)))
+        sentence = f"{freed} may be ordered again." if freed else "No vehicle was killed from here."
+        self._panels.results.show_sentence(sentence, FAINT)
+        self.update()
 
-    # -- control -----------------------------------------------------------------------------------------------------
+    # -- control of the fleet ----------------------------------------------------------------------------------------
 
-    def action_give_control(self) -> None:
-        """Hand over to who asks."""
-        if self.control is not None and self.control.asker is not None:
-            self._talk_about_control(["give", "control"])
+    def answer_request(self, answer: str) -> None:
+        """Hand control over to the ground that asks for it (``give``), or ``keep`` it."""
+        if self._ordering is not None and self._ordering.control.requester is not None:
+            self._change_control(answer)
 
-    def action_keep_control(self) -> None:
-        """Say no to who asks."""
-        if self.control is not None and self.control.asker is not None:
-            self._talk_about_control(["keep", "control"])
-
-    def _talk_about_control(self, words: list[str]) -> None:
-        control, word = self.control, words[2] if len(words) > 2 else ""
-        if control is None:
-            self._result_line.show_sentence("There is nobody to control here.")
+    def _change_control(self, verb: str, word: str = "") -> None:
+        if self._ordering is None:
+            self._panels.results.show_sentence("There is nobody to control here.")
             return
-        if word not in ("", FORCE_WORD) or (word and words[0] != "take"):
-            self._not_sent(" ".join(words), f"Write one of: {', '.join(CONTROL_ORDERS)}.")
+        if word not in ("", FORCE_WORD) or (word and verb != "take"):
+            self._refuse(f"{verb} control {word}", f"Write one of: {', '.join(CONTROL_ORDERS)}.")
             return
-        acts: dict[str, Callable[[], str]] = {
-            "take": lambda: control.take(word),
-            "give": control.give,
-            "keep": control.keep,
-        }
-        sentence = acts[words[0]]()
-        self._result_line.show_sentence(sentence, CALM)
-        self._event_log.write(sentence)
-        self.show_notices()
+        control = self._ordering.control
+        sentence = control.take(word) if verb == "take" else control.hand_over() if verb == "give" else control.keep()
+        self._panels.results.show_sentence(sentence, CALM)
+        self._panels.events.add(sentence)
+        self.update()

@@ -1,29 +1,42 @@
-"""Emergency keys are heard on the thread that reads the terminal: their orders leave while the loop still draws."""
+"""A terminal driver that passes each key on at once, and writes nothing once the terminal is gone."""
 
 from __future__ import annotations
 
-from typing import Protocol, cast
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
 
 from textual import events
 from textual.driver import Driver
 from textual.message import Message
 
 
-class Hearer(Protocol):
-    """What is told of each key, on the thread that reads the terminal."""
+@dataclass(slots=True)
+class TerminalHooks:
+    """What the console adds to Textual's driver."""
 
-    def hear_key(self, key: str) -> None:
-        """Do what cannot wait for the key's turn."""
+    on_key: Callable[[str], None]  # called with each key, on the thread that reads the terminal
+    is_closed: bool = False  # the terminal is gone: what is written is dropped, so that nobody waits for it
 
 
-class _PromptDriver(Driver):
+class _HookedDriver(Driver):
+    hooks: ClassVar[TerminalHooks]
+
     def process_message(self, message: Message) -> None:
-        """Tell the app of a key before it waits among all that the loop has to do."""
+        """Pass a key on before it waits among all that the event loop has to do."""
         if isinstance(message, events.Key):
-            cast(Hearer, self._app).hear_key(message.key)
+            self.hooks.on_key(message.key)
         super().process_message(message)
 
+    def write(self, data: str) -> None:
+        """Write to the terminal while there is one.
 
-def prompt(driver: type[Driver]) -> type[Driver]:
-    """The same terminal driver, but :class:`Hearer`'s app hears each key at once."""
-    return type(f"Prompt{driver.__name__}", (_PromptDriver, driver), {})
+        Textual's writing thread may have died of a closed terminal; its full queue would stop the event loop.
+        """
+        if not self.hooks.is_closed:
+            super().write(data)  # type: ignore[safe-super]  # of the driver that this class is mixed into
+
+
+def with_hooks(driver: type[Driver], hooks: TerminalHooks) -> type[Driver]:
+    """Return the same terminal driver with these hooks."""
+    return type(f"Hooked{driver.__name__}", (_HookedDriver, driver), {"hooks": hooks})

@@ -13,13 +13,14 @@ from textual.widgets import Input
 
 from groundstation.console import theme
 from groundstation.console.app import ConsoleApp
-from groundstation.console.theme import BAD, CALM, FAINT, GOOD, RULE, TEXT, WARN
+from groundstation.console.theme import BAD, CALM, FAINT, GOOD, RULE, SEVERITY_SIGNS, TEXT, WARN
 from groundstation.console.widgets.bars import Bar
 from groundstation.recording.replay import Replay
 
 KEYS = "space play  , . step  ← → 5 s  n N event  < > speed"
 _SKIP_S = 5.0
 _STEP_S = 0.1
+_ACTIONS = ("play_or_pause", "step", "skip", "jump", "speed", "go")
 _MARKS = {"warning": ("┃", WARN), "critical": ("┃", BAD)}
 
 
@@ -36,9 +37,9 @@ class ReplayBar(Bar):
         sign, colour = ("▶", GOOD) if replay.is_playing else ("■" if replay.is_at_end else "‖", WARN)
         if replay.seeking is not None:
             sign, colour = f"… {100.0 * replay.seeking:.0f} %", CALM
-        place = f"{clock(replay.position_s)} / {clock(replay.length_s)}"
+        time_text = f"{clock(replay.position_s)} / {clock(replay.length_s)}"
         cut = "  ✂ cut off" if replay.timeline.broken else ""
-        left = f" {sign} {replay.speed:g}×  {place}{cut}  "
+        left = f" {sign} {replay.speed:g}×  {time_text}{cut}  "
         keys = f"  {KEYS} " if self.size.width >= cell_len(left) + len(KEYS) + 24 else " "
         room = max(0, self.size.width - cell_len(left) - cell_len(keys))
         self.put(
@@ -54,14 +55,14 @@ class ReplayBar(Bar):
             return []
         timeline = self.replay.timeline
         per_ns = (width - 1) / max(1, timeline.end_ns - timeline.begin_ns)
-        here = round((self.replay.now_ns() - timeline.begin_ns) * per_ns)
-        cells = [("━", CALM) if place < here else ("─", RULE) for place in range(width)]
-        for severity in ("info", "warning", "critical"):  # the worst of a cell is seen
+        here = max(0, min(width - 1, round((self.replay.now_ns() - timeline.begin_ns) * per_ns)))
+        cells = [("━", CALM) if column < here else ("─", RULE) for column in range(width)]
+        for severity in ("info", "warning", "critical"):  # the worst of a cell stands there
             for stamp_ns, event in timeline.events:
                 if event.severity == severity:
-                    place = min(width - 1, max(0, round((stamp_ns - timeline.begin_ns) * per_ns)))
-                    cells[place] = _MARKS.get(severity, ("┿" if place < here else "┼", cells[place][1]))
-        cells[max(0, min(width - 1, here))] = ("●", TEXT)
+                    column = min(width - 1, max(0, round((stamp_ns - timeline.begin_ns) * per_ns)))
+                    cells[column] = _MARKS.get(severity, ("┿" if column < here else "┼", cells[column][1]))
+        cells[here] = ("●", TEXT)
         return [Segment(sign, theme.style(colour)) for sign, colour in cells]
 
 
@@ -85,24 +86,23 @@ class ReplayApp(ConsoleApp):
     def __init__(self, replay: Replay, *, title: str, at_s: float = 0.0) -> None:
         super().__init__(replay.fleet, replay, title=title)
         self.replay = replay
+        self.bar = ReplayBar(replay)
         self._at_s = at_s
-        self._bar = ReplayBar(replay)
-        line = self._order_line
-        line.placeholder = line.resting = line.writing = "a recorded flight: there is nobody to order"
-        self._played_s = time.monotonic()
-        replay.add_listener(self._history.add, self._forget)
+        self._played_s = time.monotonic()  # up to which it was played
+        self.panels.order_line.disable("a recorded flight: there is nobody to order")
+        replay.add_listener(self.history.add, self._forget)
 
     def compose(self) -> ComposeResult:
         """The console, and the bar above its last line."""
         for widget in super().compose():
-            if widget is self._status_bar:
-                yield self._bar
+            if widget is self.panels.status:
+                yield self.bar
             yield widget
 
     def on_mount(self) -> None:
-        """Begin where it was asked for; the console's own beginning comes by itself."""
+        """Begin at the given time; Textual also calls the console's own ``on_mount``."""
         if self.replay.timeline.broken:
-            self._event_log.write(self.replay.timeline.broken, severity="warning")
+            self.panels.events.add(self.replay.timeline.broken, SEVERITY_SIGNS["warning"])
         if self._at_s > 0.0:
             self._seek(self._at_s)
 
@@ -112,21 +112,16 @@ class ReplayApp(ConsoleApp):
         elapsed_s, self._played_s = now_s - self._played_s, now_s
         self.replay.play(elapsed_s)
         super().refresh_fleet()
-        self._bar.show()
+        self.bar.show()
 
     def time_text(self, stamp_ns: int) -> str:
-        """Times of the events count from the record's begin."""
+        """Return the time since the record's begin."""
         return f"{clock((stamp_ns - self.replay.timeline.begin_ns) * 1e-9):>8}"
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Where words are written, the keys of the replay are letters."""
-        if action in ("play_or_pause", "step", "skip", "jump", "speed", "go") and self._is_writing:
-            return False
-        return super().check_action(action, parameters)
-
-    @property
-    def _is_writing(self) -> bool:
-        return isinstance(self.focused, Input) or self._fleet_table.is_writing
+        """Let the keys of the replay be letters where words are written."""
+        is_writing = isinstance(self.focused, Input) or self.panels.table.is_writing
+        return not (is_writing and action in _ACTIONS) and super().check_action(action, parameters)
 
     def action_play_or_pause(self) -> None:
         """Play, or pause; from the end it begins again."""
@@ -155,22 +150,21 @@ class ReplayApp(ConsoleApp):
         """To a share of the record."""
         self._seek(share * self.replay.length_s)
 
-    async def action_leave(self) -> None:
-        """Nothing flies here: quit without a question."""
+    def action_leave(self) -> None:
+        """Quit without a question: nothing flies here."""
         self.exit(0)
 
     async def action_interrupt(self) -> None:
-        """The same with ctrl+c."""
+        """Quit."""
         self.exit(0)
 
     def _seek(self, position_s: float) -> None:
         self.run_worker(self.replay.seek(position_s), group="seek")
 
     def _forget(self) -> None:
-        """Before the record is turned back: what the console remembers lies in the future now."""
-        self._history.clear()
-        self._event_log.clear()
-        self._last_event = None
+        """Drop what the console remembers before the record is turned back: it lies in the future then."""
+        self.history.clear()
+        self.forget_events()
 
 
 def clock(seconds: float) -> str:
@@ -184,5 +178,4 @@ def clock(seconds: float) -> str:
 
 async def run_replay(replay: Replay, *, title: str, at_s: float = 0.0) -> int:
     """Show a record until the operator quits; 0."""
-    status = await ReplayApp(replay, title=title, at_s=at_s).run_async()
-    return 0 if status is None else status
+    return await ReplayApp(replay, title=title, at_s=at_s).run_async() or 0

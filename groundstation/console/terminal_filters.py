@@ -1,4 +1,4 @@
-"""How the console is dressed for its terminal: light or dark, with colour or without, in Unicode or in ASCII.
+"""The console on terminals of every kind: light or dark, with colour or without, in Unicode or in ASCII.
 
 Widgets draw one way only: dark, in colour, in Unicode. What a terminal needs otherwise is changed on the way out, line
 by line, so that no widget can forget it. Every sign keeps its width in cells, so nothing moves.
@@ -12,14 +12,11 @@ import sys
 import unicodedata
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import ClassVar
 
 from rich.cells import get_character_cell_size
 from rich.color import Color as RichColor
 from rich.segment import Segment
 from rich.style import Style
-from textual.app import App
-from textual.binding import Binding, BindingType
 from textual.color import Color
 from textual.filter import LineFilter, NoColor
 
@@ -36,30 +33,30 @@ _SIGNS = {
 
 
 def is_ascii_wanted(environ: Mapping[str, str], *, is_utf8_forced: bool = bool(sys.flags.utf8_mode)) -> bool:
-    """Whether the terminal is to see ASCII only: asked for by COVEY_ASCII, or named by a locale that is not UTF-8.
+    """Whether the terminal is to get ASCII only: set by COVEY_ASCII, or by a locale that is not UTF-8.
 
     Without any locale, as in many containers, Unicode is assumed. ``is_utf8_forced``: Python found the plain C locale
-    and wrote its own LC_CTYPE into the environment, which is then nobody's wish.
+    and wrote its own LC_CTYPE into the environment, which nobody has set.
     """
-    asked = environ.get("COVEY_ASCII", "").strip().lower()
-    if asked:
-        return asked not in ("0", "no", "off", "false")
-    own = is_utf8_forced and environ.get("LC_CTYPE", "").upper().replace("-", "") in ("C.UTF8", "UTF8")
-    named = environ.get("LC_ALL") or ("" if own else environ.get("LC_CTYPE")) or environ.get("LANG") or ""
+    own_choice = environ.get("COVEY_ASCII", "").strip().lower()
+    if own_choice:
+        return own_choice not in ("0", "no", "off", "false")
+    is_pythons = is_utf8_forced and environ.get("LC_CTYPE", "").upper().replace("-", "") in ("C.UTF8", "UTF8")
+    named = environ.get("LC_ALL") or ("" if is_pythons else environ.get("LC_CTYPE")) or environ.get("LANG") or ""
     return bool(named) and "utf8" not in named.lower().replace("-", "")
 
 
 def is_light_wanted(environ: Mapping[str, str]) -> bool:
-    """Whether the terminal's ground is light: told by COVEY_THEME, else by COLORFGBG (``foreground;background``)."""
-    asked = environ.get("COVEY_THEME", "").strip().lower()
-    if asked in ("light", "dark"):
-        return asked == "light"
+    """Whether the terminal's ground is light: set by COVEY_THEME, else by COLORFGBG (``foreground;background``)."""
+    own_choice = environ.get("COVEY_THEME", "").strip().lower()
+    if own_choice in ("light", "dark"):
+        return own_choice == "light"
     ground = environ.get("COLORFGBG", "").rpartition(";")[2]
     return ground in ("7", "15")
 
 
 def to_ascii(text: str) -> str:
-    """``text`` in printable ASCII, with the same number of cells."""
+    """Return ``text`` in printable ASCII, with the same number of cells."""
     return text if text.isascii() else text.translate(_ASCII)
 
 
@@ -67,7 +64,7 @@ class Ascii(LineFilter):
     """Signs, borders and braille become ASCII characters."""
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
-        """The same line in ASCII."""
+        """Return the same line in ASCII."""
         return [
             segment if segment.text.isascii() else Segment(to_ascii(segment.text), segment.style, segment.control)
             for segment in segments
@@ -78,37 +75,29 @@ class Light(LineFilter):
     """Colours for a light ground: the console's own by a table, others with their lightness turned around."""
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
-        """The same line in light colours."""
+        """Return the same line in light colours."""
         return [
             Segment(segment.text, None if segment.style is None else _light(segment.style), segment.control)
             for segment in segments
         ]
 
 
-class DressedApp(App[int]):
-    """An app that suits its terminal; ``t`` changes between dark and light."""
+class TerminalFilters:
+    """The filters that this terminal needs, from its environment."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("t", "theme", "light or dark")]
-
-    def __init__(self, *, environ: Mapping[str, str] = os.environ) -> None:
-        super().__init__()
+    def __init__(self, environ: Mapping[str, str] = os.environ) -> None:
         self.is_light = is_light_wanted(environ)
         self.is_ascii = is_ascii_wanted(environ)
-        self._light, self._ascii, self._plain = Light(), Ascii(), NoColor()
+        self._light, self._ascii, self._no_colour = Light(), Ascii(), NoColor()
 
-    def get_line_filters(self) -> Sequence[LineFilter]:
-        """What every line passes on its way out. Textual's own filters are not among them: they would cost a
-        tenth of all drawing, and the console names no colour by its ANSI number."""
-        worn: list[LineFilter] = [self._plain] if self.no_color else [self._light] if self.is_light else []
-        return [*worn, self._ascii] if self.is_ascii else worn
+    def active(self, *, has_colour: bool) -> Sequence[LineFilter]:
+        """Return the filters that every line passes on its way out.
 
-    def action_theme(self) -> None:
-        """Change between dark and light."""
-        self.is_light = not self.is_light
-        for screen in self.screen_stack:
-            screen.refresh()
-            for widget in screen.query("*"):
-                widget.refresh()
+        Textual's own filters are not among them: they would cost a tenth of all drawing, and the console names no
+        colour by its ANSI number.
+        """
+        colour: list[LineFilter] = [self._no_colour] if not has_colour else [self._light] if self.is_light else []
+        return [*colour, self._ascii] if self.is_ascii else colour
 
 
 @lru_cache(4096)
@@ -120,16 +109,16 @@ def _light(style: Style) -> Style:
 def _light_colour(colour: RichColor | None) -> RichColor | None:
     if colour is None or colour.is_default or colour.triplet is None:
         return None
-    known = LIGHT.get(colour.triplet.hex)
-    if known is not None:
-        return RichColor.parse(known)
+    own = LIGHT.get(colour.triplet.hex)
+    if own is not None:
+        return RichColor.parse(own)
     hue, lightness, saturation = colorsys.rgb_to_hls(*colour.triplet.normalized)
     red, green, blue = (round(255 * part) for part in colorsys.hls_to_rgb(hue, 1.0 - lightness, saturation))
     return RichColor.from_rgb(red, green, blue)
 
 
 class _Table(dict[int, str]):
-    """Grows by what was asked: accents are dropped, what has no likeness becomes question marks of its width."""
+    """Grows with the characters that come: accents are dropped, a character without likeness becomes question marks."""
 
     def __missing__(self, code: int) -> str:
         char = chr(code)
@@ -147,7 +136,7 @@ class _Table(dict[int, str]):
 
 
 def _braille(bits: int) -> str:
-    """The ASCII character that looks most like these dots (Unicode's order of bits)."""
+    """Return the ASCII character that is most like these dots (Unicode's order of bits)."""
     left = [bool(bits & bit) for bit in (0x01, 0x02, 0x04, 0x40)]
     right = [bool(bits & bit) for bit in (0x08, 0x10, 0x20, 0x80)]
     count = sum(left) + sum(right)

@@ -1,6 +1,7 @@
-"""This ground's part in the question who operates: takes control when it is free, asks, hands over, gives way.
+"""Control authority of this ground: it takes control of a free fleet, requests it, hands it over and gives way.
 
-What is known comes from the vehicles' telemetry, since grounds do not see each other. Rules: onboard/bus/authority.py.
+Grounds do not see each other: each learns the role tokens of the others from the vehicles' telemetry. The rules are
+those of onboard/bus/authority.py.
 """
 
 from __future__ import annotations
@@ -11,13 +12,13 @@ from typing import Protocol
 from groundstation.fleet.state import FleetState
 from onboard.bus.authority import EMERGENCY, MAX_TERM, Role, Token, parse_token
 
-SETTLE_S = 0.5  # until every vehicle that is there has told who operates
-SILENCE_S = 10.0  # after which control may be taken by force
+SETTLE_S = 0.5  # until every vehicle has sent the operator's name
+SILENCE_S = 10.0  # without an answer, after which control may be taken by force
 FORCE_WORD = "force"
 
 
 class TokenBus(Protocol):
-    """What is needed of the bus."""
+    """The part of :class:`onboard.bus.protocol.Bus` for role tokens."""
 
     @property
     def node(self) -> str: ...
@@ -26,13 +27,14 @@ class TokenBus(Protocol):
 
 
 class Control:
-    """Whether this ground operates.
+    """Control authority of one ground.
 
     Args:
-        bus: where tokens are claimed; open before :meth:`look` is called.
-        wants: take control at the start when nobody has it; otherwise only watch.
-        say: hears what changed, as (severity, sentence).
-        clock_ns: the ground's clock.
+        bus: tokens are claimed there; open before :meth:`update` is called.
+        author: person or program that operates from here.
+        takes_control: take control at the start when nobody has it; otherwise only watch.
+        say: called with (severity, sentence) on every change.
+        clock_ns: the ground's monotonic clock [ns].
     """
 
     def __init__(
@@ -40,31 +42,31 @@ class Control:
         bus: TokenBus,
         author: str,
         *,
-        wants: bool,
+        takes_control: bool,
         say: Callable[[str, str], None],
         clock_ns: Callable[[], int],
     ) -> None:
         self._bus, self._author, self._say, self._clock_ns = bus, author, say, clock_ns
-        self._wants = wants
+        self._takes_control = takes_control
         self._own: dict[Role, Token] = {}
-        self._since_ns = 0  # of what is waited for: the first telemetry, an own claim, an answer
-        self._seen: Token | None = None
-        self.holder: Token | None = None
-        self.asker: Token | None = None
+        self._since_ns = 0  # begin of the present wait: for the first telemetry, an own claim, an answer
+        self._announced: Token | None = None  # the last holder that was told by say
+        self.holder: Token | None = None  # the operator, by the vehicles' telemetry
+        self.requester: Token | None = None  # another ground that requests control
 
     @property
     def is_operator(self) -> bool:
-        """Whether this ground has control, as far as any vehicle says."""
+        """Whether this ground has control, by the vehicles' telemetry."""
         return "operator" in self._own and (self.holder is None or self.holder == self._own["operator"])
 
     @property
     def is_waiting(self) -> bool:
-        """Whether this ground has asked for control and has no answer yet."""
+        """Whether this ground has requested control and has no answer yet."""
         return "asks" in self._own
 
     @property
     def text(self) -> str:
-        """Who operates, in a few words."""
+        """The operator, in a few words."""
         if self.is_operator:
             return "you operate"
         if self.is_waiting and self.holder is not None:
@@ -72,8 +74,15 @@ class Control:
         return f"{self.holder.label} operates" if self.holder is not None else "nobody operates"
 
     def refusal(self, kind: str) -> str | None:
-        """Why an order of this kind may not be given from here; None when it may. Emergencies always may."""
-        if kind in EMERGENCY or self.is_operator or (self._wants and self.holder is None):
+        """Check whether this ground may order.
+
+        Args:
+            kind: of the order; emergencies always may.
+
+        Returns:
+            The reason why not; None when it may.
+        """
+        if kind in EMERGENCY or self.is_operator or (self._takes_control and self.holder is None):
             return None
         if self.holder is None:
             return "This ground only watches, and nobody operates. To order, write: take control."
@@ -82,19 +91,23 @@ class Control:
             "Ask for control with: take control."
         )
 
-    def look(self, state: FleetState) -> None:
-        """Take over what the vehicles say, and do what follows from it."""
+    def update(self, state: FleetState) -> None:
+        """Take over the tokens in the vehicles' telemetry, and react to them.
+
+        Args:
+            state: the fleet as known now.
+        """
         now_ns = self._clock_ns()
-        told = [
+        reports = [
             view.telemetry for view in state.vehicles.values() if view.telemetry is not None and view.is_fresh(now_ns)
         ]
-        if not told:
+        if not reports:
             return
         if self._since_ns == 0:
             self._since_ns = now_ns
-        # all vehicles say the same nearly always: each name is read once
-        holders = [token for name in {one.operator for one in told} if (token := parse_token(name)) is not None]
-        names = {name for roles in {one.roles for one in told} for name in roles}
+        # nearly always all vehicles report the same: each name is parsed once
+        holders = [token for name in {one.operator for one in reports} if (token := parse_token(name)) is not None]
+        names = {name for roles in {one.roles for one in reports} for name in roles}
         others = {token for name in names if (token := parse_token(name)) is not None}
         own = self._own.get("operator")
         rivals = [token for token in holders if token != own]
@@ -104,18 +117,21 @@ class Control:
             self._drop("operator")
             self.holder = min(rivals, key=_rank)
         if rivals and "operator" not in self._own:
-            self._wants = False  # who has watched somebody operate takes control only when told to
-        self.asker = next(
+            self._takes_control = False  # once another ground operates, only an operator's command takes control
+        self.requester = next(
             (one for one in sorted(others, key=str) if one.role == "asks" and one.node != self._bus.node), None
         )
-        self._tell()
+        self._announce()
         self._answer(others, has_holder=bool(holders), is_settled=is_settled)
 
     def take(self, word: str = "") -> str:
-        """Take control if it is free, else ask for it; what happens now, in a sentence.
+        """Take control if it is free, else request it.
 
         Args:
-            word: FORCE_WORD takes it without consent, once the holder has been asked and silent for a while.
+            word: FORCE_WORD takes it without consent, once the holder has left a request unanswered for SILENCE_S.
+
+        Returns:
+            A sentence about the outcome.
         """
         holder = self.holder
         if self.is_operator:
@@ -141,24 +157,32 @@ class Control:
         self._say("warning", f"Control was taken from {holder.author}, who did not answer for {waited_s:.0f} s.")
         return f"You take control from {holder.author}."
 
-    def give(self) -> str:
-        """Hand control over to who asks; with nobody asking, give it up."""
+    def hand_over(self) -> str:
+        """Hand control over to the ground that requests it; without a request, give it up.
+
+        Returns:
+            A sentence about the outcome.
+        """
         if not self.is_operator:
             return "You do not have control."
         self._drop("operator")
-        self._wants = False
+        self._takes_control = False
         self.holder = None
-        return f"Control goes to {self.asker.label}." if self.asker is not None else "You gave up control."
+        return f"Control goes to {self.requester.label}." if self.requester is not None else "You gave up control."
 
     def keep(self) -> str:
-        """Answer no to who asks."""
-        if self.asker is None or not self.is_operator:
+        """Refuse the request for control.
+
+        Returns:
+            A sentence about the outcome.
+        """
+        if self.requester is None or not self.is_operator:
             return "Nobody asks for control."
-        self._hold(Token("keeps", self.asker.term, self.asker.node, self._author))
-        return f"You keep control; {self.asker.author} is told."
+        self._hold(Token("keeps", self.requester.term, self.requester.node, self._author))
+        return f"You keep control; {self.requester.author} is told."
 
     def _answer(self, others: set[Token], *, has_holder: bool, is_settled: bool) -> None:
-        """What follows by itself: claim what is free, hear a no, forget an answered question."""
+        """React to the others' tokens: claim free control, take note of a refusal, forget an answered request."""
         kept = any(one.role == "keeps" and one.node == self._bus.node for one in others)
         if self.is_waiting and kept:
             self._drop("asks")
@@ -168,17 +192,17 @@ class Control:
             if self.is_waiting and first == self._own["asks"]:
                 self._drop("asks")
                 self._claim(1)
-            elif self._wants and is_settled and first is None:
+            elif self._takes_control and is_settled and first is None:
                 self._claim(1)
         answer = self._own.get("keeps")
-        if answer is not None and (self.asker is None or self.asker.node != answer.node):
+        if answer is not None and (self.requester is None or self.requester.node != answer.node):
             self._drop("keeps")
 
-    def _tell(self) -> None:
+    def _announce(self) -> None:
         holder = self.holder
-        if holder == self._seen:
+        if holder == self._announced:
             return
-        before, self._seen = self._seen, holder
+        before, self._announced = self._announced, holder
         if holder is None and before is not None:
             self._say("warning", f"{before.label} does not operate any more: nobody does.")
         elif holder is not None and holder == self._own.get("operator"):
@@ -187,7 +211,7 @@ class Control:
             self._say("warning" if before is not None else "info", f"{holder.label} operates this fleet.")
 
     def _claim(self, term: int) -> None:
-        self._wants = True
+        self._takes_control = True
         self._hold(Token("operator", term, self._bus.node, self._author))
         self._since_ns = self._clock_ns()
 

@@ -1,7 +1,7 @@
-"""The fleet as the ground sees it: a frozen value, folded from the bus one message at a time. Pure.
+"""The fleet as the ground sees it: a frozen value, folded from messages of the bus. Pure.
 
-What is fresh follows from the topics table: telemetry older than its ``stale_after_s`` is shown as silence, never as a
-number of now. Ages are counted from the moment of reception on the ground's own clock.
+Telemetry that is older than ``stale_after_s`` of the table of topics counts as silence and is never shown as present.
+Ages are counted from the moment of reception, on the ground's own clock.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence, Set
 from types import MappingProxyType
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -17,40 +18,51 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from onboard.bus.codec import Malformed
 from onboard.bus.schema import Event, Message, PreflightReport, Telemetry, Truth, Vec3
 from onboard.bus.topics import TOPICS, Topic
 from onboard.config.fleet import FleetConfig
 
 MAX_EVENTS = 500
-DIRECT_DISARMED = "direct_disarmed"  # code of the ground's event: PX4 itself says so, past a silent agent
+DIRECT_DISARMED = "direct_disarmed"  # code of the ground's event: PX4 itself reports it on the direct path
 TELEMETRY_STALE_NS = int(TOPICS[Topic.TELEMETRY].stale_after_s * 1e9)
 PREFLIGHT_STALE_NS = int(TOPICS[Topic.PREFLIGHT].stale_after_s * 1e9)
 TRUTH_STALE_NS = int(TOPICS[Topic.TRUTH].stale_after_s * 1e9)
 _NEVER = -(1 << 62)
 
 
+class NodeSeen(NamedTuple):
+    """A liveliness token of the bus that appeared or vanished."""
+
+    node: str
+    is_alive: bool
+
+
+Received = tuple[Message | Malformed | NodeSeen, int]  # and when it was received [ns]
+
+
 class Separation(Struct, frozen=True):
-    """Horizontal distance between the centres of two vehicles; ``is_truth`` when ground truth says so."""
+    """Horizontal distance between the centres of two vehicles."""
 
     first: str
     second: str
     distance_m: float
     stamp_ns: int
-    is_truth: bool = False
+    is_truth: bool = False  # by ground truth, otherwise by telemetry
 
 
 class LoggedEvent(Struct, frozen=True):
-    """An event and when the ground heard it (its own monotonic clock)."""
+    """An event of the fleet or of the ground."""
 
-    received_ns: int
+    received_ns: int  # on the ground's monotonic clock
     event: Event
 
 
 class VehicleView(Struct, frozen=True):
-    """What is known of one vehicle. ``telemetry`` is the last one heard, however old: ask :meth:`is_fresh`."""
+    """One vehicle as the ground knows it."""
 
     name: str
-    telemetry: Telemetry | None = None
+    telemetry: Telemetry | None = None  # last received, however old: see is_fresh
     received_ns: int = _NEVER
     is_alive: bool = False
     truth: Truth | None = None
@@ -58,7 +70,7 @@ class VehicleView(Struct, frozen=True):
     last_event: Event | None = None
     preflight: PreflightReport | None = None
     preflight_received_ns: int = _NEVER
-    direct_disarmed_ns: int = _NEVER  # when PX4 itself told the ground, past a silent agent, that it is disarmed
+    direct_disarmed_ns: int = _NEVER  # PX4 itself reported then, on the direct path, that it is disarmed
 
     def has_preflight(self, now_ns: int) -> bool:
         """Whether the last go/no-go report may be shown as the present; a flying vehicle sends none."""
@@ -73,11 +85,11 @@ class VehicleView(Struct, frozen=True):
         return self.telemetry is not None and now_ns - self.received_ns <= TELEMETRY_STALE_NS
 
     def has_truth(self, now_ns: int) -> bool:
-        """Whether an emulator tells this vehicle's true position."""
+        """Whether an emulator sends this vehicle's true position."""
         return self.truth is not None and now_ns - self.truth_received_ns <= TRUTH_STALE_NS
 
     def position_enu_m(self, now_ns: int) -> Vec3 | None:
-        """Last reported position carried on with its velocity to now; None without fresh, valid, finite numbers."""
+        """Return the last reported position, carried to now with its velocity; None without a fresh valid one."""
         message = self.telemetry
         if message is None or not self.is_fresh(now_ns) or not message.is_position_valid:
             return None
@@ -86,38 +98,34 @@ class VehicleView(Struct, frozen=True):
 
     @property
     def is_disarmed_by_px4(self) -> bool:
-        """Whether PX4 has told so on the direct way, after the last word of the agent."""
+        """Whether PX4 has reported so on the direct path, after the agent's last telemetry."""
         return self.direct_disarmed_ns > self.received_ns
 
     @property
     def is_armed(self) -> bool:
-        """By the last telemetry, unless PX4 has since told on the direct way that it is not."""
+        """Whether it is armed by the last telemetry, unless PX4 has reported otherwise on the direct path since."""
         return self.telemetry is not None and self.telemetry.is_armed and not self.is_disarmed_by_px4
 
     @property
     def is_airborne(self) -> bool:
-        """By the last telemetry, unless PX4 has since told on the direct way that it is disarmed."""
+        """Whether it flies by the last telemetry, unless PX4 has since reported that it is disarmed."""
         return self.telemetry is not None and self.telemetry.is_airborne and not self.is_disarmed_by_px4
 
 
 class FleetState(Struct, frozen=True):
-    """Everything the ground knows. ``vehicles`` keeps the order of the fleet file.
+    """The whole fleet as the ground knows it."""
 
-    smallest: smallest separation so far while one of the two flew, by telemetry; smallest_truth: the same by ground
-    truth, None outside simulation. nodes: who has a liveliness token. malformed: messages that were none.
-    """
-
-    vehicles: Mapping[str, VehicleView]
-    events: tuple[LoggedEvent, ...] = ()
-    nodes: frozenset[str] = frozenset()
-    smallest: Separation | None = None
-    smallest_truth: Separation | None = None
-    malformed: int = 0
+    vehicles: Mapping[str, VehicleView]  # in the order of the fleet file
+    events: tuple[LoggedEvent, ...] = ()  # the newest MAX_EVENTS, oldest first
+    nodes: frozenset[str] = frozenset()  # liveliness tokens of the bus
+    smallest: Separation | None = None  # smallest so far while one of the two flew, by telemetry
+    smallest_truth: Separation | None = None  # the same by ground truth; None outside simulation
+    malformed: int = 0  # messages that could not be decoded
 
     def closest(self, now_ns: int) -> Separation | None:
-        """The closest pair now, by fresh telemetry; None with fewer than two positions."""
-        spots = [(name, view.position_enu_m(now_ns)) for name, view in self.vehicles.items()]
-        known = [(name, spot) for name, spot in spots if spot is not None]
+        """Return the closest pair now, by fresh telemetry; None with fewer than two positions."""
+        positions = [(name, view.position_enu_m(now_ns)) for name, view in self.vehicles.items()]
+        known = [(name, position) for name, position in positions if position is not None]
         pairs = (
             Separation(one, two, math.dist(p[:2], q[:2]), now_ns)
             for (one, p), (two, q) in itertools.combinations(known, 2)
@@ -126,7 +134,7 @@ class FleetState(Struct, frozen=True):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether any ground truth was heard."""
+        """Whether any ground truth was received."""
         return any(view.truth is not None for view in self.vehicles.values())
 
     @property
@@ -136,14 +144,23 @@ class FleetState(Struct, frozen=True):
 
 
 def initial(fleet: FleetConfig) -> FleetState:
-    """Nobody heard yet."""
+    """Return the state before the first message."""
     return FleetState(MappingProxyType({name: VehicleView(name) for name in fleet.enabled_names}))
 
 
 def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
-    """The state after one message received at ``now_ns``; unknown vehicles and repeated or old samples change nothing.
+    """Fold one message into the state.
 
-    A sample is old when its sequence is not above the last one of the same boot; a new boot id starts over.
+    Unknown vehicles and repeated or old samples change nothing. A sample is old when its sequence number is not above
+    the last one of the same boot; a new boot id starts over.
+
+    Args:
+        state: before the message.
+        message: any message of the bus.
+        now_ns: when it was received, on the ground's monotonic clock [ns].
+
+    Returns:
+        The state after the message.
     """
     if isinstance(message, Telemetry):
         return fold_telemetry(state, ((message, now_ns),))
@@ -157,59 +174,93 @@ def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
         view = state.vehicles.get(message.vehicle)
         if view is None:
             return state
-        told_ns = now_ns if message.code == DIRECT_DISARMED else view.direct_disarmed_ns
-        return _with(state, replace(view, last_event=message, direct_disarmed_ns=told_ns))
+        disarmed_ns = now_ns if message.code == DIRECT_DISARMED else view.direct_disarmed_ns
+        return _with(state, replace(view, last_event=message, direct_disarmed_ns=disarmed_ns))
     return state
 
 
+def fold_batch(state: FleetState, batch: Sequence[Received], now_ns: int) -> FleetState:
+    """Fold everything that has arrived since the last batch.
+
+    Telemetry and ground truth are folded together, after the rest: the pairs to compare grow with the square of the
+    vehicles.
+
+    Args:
+        state: before the batch.
+        batch: items with their times of reception, oldest first.
+        now_ns: the ground's monotonic clock [ns].
+
+    Returns:
+        The state after the batch.
+    """
+    telemetry: list[tuple[Telemetry, int]] = []
+    truths: list[Truth] = []
+    for item, received_ns in batch:
+        if isinstance(item, Telemetry):
+            telemetry.append((item, received_ns))
+        elif isinstance(item, Truth):
+            truths.append(item)
+        elif isinstance(item, NodeSeen):
+            state = fold_alive(state, *item)
+        elif isinstance(item, Malformed):
+            state = replace(state, malformed=state.malformed + 1)
+        else:
+            state = fold(state, item, received_ns)
+    if telemetry:
+        state = fold_telemetry(state, telemetry)
+    return fold_truths(state, truths, now_ns) if truths else state
+
+
 def fold_alive(state: FleetState, node: str, is_alive: bool) -> FleetState:
-    """A liveliness token came or went."""
+    """Fold a liveliness token that appeared or vanished."""
     nodes = state.nodes | {node} if is_alive else state.nodes - {node}
     state = replace(state, nodes=nodes)
     view = state.vehicles.get(node)
     return state if view is None else _with(state, replace(view, is_alive=is_alive))
 
 
-def fold_malformed(state: FleetState) -> FleetState:
-    """Something arrived that was no message: counted, otherwise ignored."""
-    return replace(state, malformed=state.malformed + 1)
+def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]]) -> FleetState:
+    """Fold telemetry of several vehicles; all separations are computed at once.
 
+    A vehicle that occurs twice is compared twice, so that no close encounter is skipped.
 
-def fold_telemetry(state: FleetState, heard: Sequence[tuple[Telemetry, int]]) -> FleetState:
-    """The state after telemetry of several vehicles, each with when it was received; the same for one of them.
+    Args:
+        state: before the messages.
+        received: each with when it was received, on the ground's monotonic clock [ns].
 
-    What a large fleet says at once is compared at once. Who speaks twice is compared twice: nothing near is skipped.
+    Returns:
+        The state after the messages.
     """
-    vehicles, told, now_ns, malformed = dict(state.vehicles), set[str](), 0, state.malformed
-    for message, now_ns in heard:
+    vehicles, updated, now_ns, malformed = dict(state.vehicles), set[str](), 0, state.malformed
+    for message, now_ns in received:
         view = vehicles.get(message.vehicle)
         if view is None:
             continue
         last = view.telemetry
         if last is not None and last.boot_id == message.boot_id and message.sequence <= last.sequence:
             continue
-        if view.name in told:
-            state = _compared(replace(state, vehicles=MappingProxyType(dict(vehicles))), told, now_ns)
-            told.clear()
+        if view.name in updated:
+            state = _compared(replace(state, vehicles=MappingProxyType(dict(vehicles))), updated, now_ns)
+            updated.clear()
         if not _finite(message.position_enu_m) or not _finite(message.velocity_enu_m_s):
             malformed += 1
             message = _without_position(message)
         vehicles[view.name] = replace(view, telemetry=message, received_ns=now_ns)
-        told.add(view.name)
-    if not told:
+        updated.add(view.name)
+    if not updated:
         return state
-    return _compared(replace(state, vehicles=MappingProxyType(vehicles), malformed=malformed), told, now_ns)
+    return _compared(replace(state, vehicles=MappingProxyType(vehicles), malformed=malformed), updated, now_ns)
 
 
-def _compared(state: FleetState, told: Set[str], now_ns: int) -> FleetState:
-    """With the smallest separation between those who just ``told`` their place and everybody."""
+def _compared(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
+    """The state with the smallest separation between the vehicles just ``updated`` and all vehicles."""
     if not any(view.is_airborne for view in state.vehicles.values()):
         return state
-    known = [(view, spot) for view in state.vehicles.values() if (spot := view.position_enu_m(now_ns)) is not None]
+    known = [(view, at) for view in state.vehicles.values() if (at := view.position_enu_m(now_ns)) is not None]
     pair = _closest_pair(
-        np.array([spot[:2] for _, spot in known]),
+        np.array([position[:2] for _, position in known]),
         np.array([view.is_airborne for view, _ in known]),
-        np.array([view.name in told for view, _ in known]),
+        np.array([view.name in updated for view, _ in known]),
         math.inf if state.smallest is None else state.smallest.distance_m,
     )
     if pair is None:
@@ -220,22 +271,22 @@ def _compared(state: FleetState, told: Set[str], now_ns: int) -> FleetState:
 
 
 def _closest_pair(
-    spots: NDArray[np.float64], is_up: NDArray[np.bool_], is_told: NDArray[np.bool_], below_m: float
+    position_enu_m: NDArray[np.float64], is_up: NDArray[np.bool_], is_updated: NDArray[np.bool_], below_m: float
 ) -> tuple[int, int, float] | None:
-    """The closest two of ``spots`` (n, 2) in metres, one of which flies and one of which was just told.
+    """The closest two of ``position_enu_m`` (n, 2), one of which flies and one of which was just updated.
 
-    None where nobody comes closer than ``below_m``.
+    None when no two are closer than ``below_m``.
     """
-    rows = np.flatnonzero(is_told)
+    rows = np.flatnonzero(is_updated)
     if not len(rows) or not is_up.any():
         return None
-    offset = spots[rows, None] - spots[None]
+    offset = position_enu_m[rows, None] - position_enu_m[None]
     distance_m = np.hypot(offset[..., 0], offset[..., 1])
     distance_m[~(is_up[rows, None] | is_up[None])] = np.inf
     distance_m[np.arange(len(rows)), rows] = np.inf
-    row, other = divmod(int(distance_m.argmin()), len(spots))
-    found = float(distance_m[row, other])
-    return (int(rows[row]), other, found) if found < below_m else None
+    row, other = divmod(int(distance_m.argmin()), len(position_enu_m))
+    smallest_m = float(distance_m[row, other])
+    return (int(rows[row]), other, smallest_m) if smallest_m < below_m else None
 
 
 def _fold_preflight(state: FleetState, message: PreflightReport, now_ns: int) -> FleetState:
@@ -249,9 +300,18 @@ def _fold_preflight(state: FleetState, message: PreflightReport, now_ns: int) ->
 
 
 def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> FleetState:
-    """The state after ground truth of several vehicles, received together; the same for one of them."""
+    """Fold ground truth of several vehicles, received together.
+
+    Args:
+        state: before the messages.
+        messages: of one emulator, hence of one clock.
+        now_ns: the ground's monotonic clock [ns].
+
+    Returns:
+        The state after the messages.
+    """
     vehicles = dict(state.vehicles)
-    told = set()
+    updated = set()
     for message in messages:
         view = vehicles.get(message.vehicle)
         if view is None or not (_finite(message.position_enu_m) and _finite(message.velocity_enu_m_s)):
@@ -259,21 +319,21 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
         if view.truth is not None and message.stamp_ns <= view.truth.stamp_ns and view.has_truth(now_ns):
             continue
         vehicles[view.name] = replace(view, truth=message, truth_received_ns=now_ns)
-        told.add(view.name)
-    if not told:
+        updated.add(view.name)
+    if not updated:
         return state
     state = replace(state, vehicles=MappingProxyType(vehicles))
     known = [view.truth for view in vehicles.values() if view.truth is not None and view.has_truth(now_ns)]
-    # All samples come from one clock; the older ones are carried on to the newest one's stamp.
+    # older samples are carried to the newest one's stamp
     newest_ns = max([truth.stamp_ns for truth in known])
-    spots = np.array([t.position_enu_m for t in known])[:, :2]
+    position_enu_m = np.array([t.position_enu_m for t in known])[:, :2]
     if any(truth.stamp_ns != newest_ns for truth in known):
         ahead_s = np.array([(newest_ns - truth.stamp_ns) * 1e-9 for truth in known])
-        spots = spots + ahead_s[:, None] * np.array([t.velocity_enu_m_s for t in known])[:, :2]
+        position_enu_m = position_enu_m + ahead_s[:, None] * np.array([t.velocity_enu_m_s for t in known])[:, :2]
     pair = _closest_pair(
-        spots,
+        position_enu_m,
         np.array([not truth.is_on_ground for truth in known]),
-        np.array([truth.vehicle in told for truth in known]),
+        np.array([truth.vehicle in updated for truth in known]),
         math.inf if state.smallest_truth is None else state.smallest_truth.distance_m,
     )
     if pair is None:

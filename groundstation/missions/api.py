@@ -8,18 +8,18 @@ from collections.abc import Callable, Sequence
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
-from groundstation.missions.verdict import Arrival, StepResult, is_landed, smallest
+from groundstation.missions.landing import land_all
+from groundstation.missions.readiness import NotReady as NotReady  # missions import it from here
+from groundstation.missions.readiness import is_ready, not_ready
+from groundstation.missions.verdict import Arrival, StepResult, smallest
 from groundstation.orders.grammar import DEFAULT_HEIGHT_M, Intent, OrderError
 from groundstation.orders.result import VehicleResult
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
 
-READY_STATES = ("ready", "landed", "armed", "flying", "holding")
 ARRIVED_M = 0.15
-LAND_AGAIN_S = 6.0
-TOLD_WITHIN_S = 0.3
 Results = dict[str, VehicleResult]
-Who = str | Sequence[str]
+Vehicles = str | Sequence[str]  # "all", names or indices: "mav0,mav2", "0-1", or a list of names
 
 
 class OrderFailed(RuntimeError):
@@ -31,14 +31,6 @@ class OrderFailed(RuntimeError):
             f"{result.vehicle} {result.phase}: {result.sentence}" for result in results.values() if not result.is_done
         ]
         super().__init__(f"'{intent}' failed. {' '.join(reasons)}")
-
-
-class NotReady(RuntimeError):
-    """The fleet did not get ready in time; ``heard`` tells whether anybody answered at all."""
-
-    def __init__(self, sentence: str, heard: bool) -> None:
-        self.heard = heard
-        super().__init__(sentence)
 
 
 class Fleet:
@@ -67,60 +59,102 @@ class Fleet:
 
     @property
     def state(self) -> FleetState:
-        """What is known now."""
+        """The fleet as known now."""
         return self.client.state
 
-    def __getitem__(self, name: str) -> VehicleHandle:
+    def __getitem__(self, name: str) -> MissionVehicle:
         if name not in self.names:
             raise ConfigError(
                 f"'{name}' is not a vehicle of fleet '{self.config.fleet.name}': {', '.join(self.names)}."
             )
-        return VehicleHandle(self, name)
+        return MissionVehicle(self, name)
 
     async def ready(self, timeout_s: float = 60.0) -> None:
-        """Wait until every vehicle reports that it may fly. NotReady otherwise."""
+        """Wait until every vehicle reports that it may fly.
 
-        def is_ready(state: FleetState) -> bool:
-            return all(_is_ready(state, name, self.client.now_ns()) for name in self.names)
+        Args:
+            timeout_s: longest wait [s].
 
-        if await self.client.wait_for(is_ready, timeout_s):
-            refusal = self.client.control.refusal("takeoff")
-            if refusal is not None:
-                raise NotReady(refusal, True)
-            return
-        now_ns = self.client.now_ns()
-        reasons, heard = [], False
-        for name in self.names:
-            view = self.state.vehicles[name]
-            if view.telemetry is None or not view.is_fresh(now_ns):
-                reasons.append(f"{name} does not answer.")
-                continue
-            heard = True
-            if not _is_ready(self.state, name, now_ns):
-                why = " ".join(view.telemetry.not_ready) or view.telemetry.reason or "it does not say why."
-                reasons.append(f"{name} is {view.telemetry.state}: {why.rstrip('.')}.")
-        raise NotReady(f"Not ready within {timeout_s:g} s. {' '.join(reasons)}", heard)
+        Raises:
+            NotReady: a vehicle is not ready in time, or another ground operates the fleet.
+        """
 
-    async def arm(self, vehicles: Who = "all", *, timeout_s: float = 15.0) -> Results:
-        """Arm on the ground."""
+        def are_ready(state: FleetState) -> bool:
+            return all(is_ready(state, name, self.client.now_ns()) for name in self.names)
+
+        if not await self.client.wait_for(are_ready, timeout_s):
+            raise not_ready(self.state, self.names, self.client.now_ns(), timeout_s)
+        refusal = self.client.control.refusal("takeoff")
+        if refusal is not None:
+            raise NotReady(refusal, True)
+
+    async def arm(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
+        """Arm on the ground.
+
+        Args:
+            vehicles: to order.
+            timeout_s: longest wait for the end of the order [s].
+
+        Returns:
+            One result per vehicle.
+
+        Raises:
+            OrderFailed: a vehicle did not do it.
+        """
         return await self.order(Intent("arm", self._select(vehicles)), timeout_s)
 
-    async def locate(self, vehicles: Who, *, timeout_s: float = 5.0) -> Results:
-        """Let vehicles play a tune, so that an operator sees which ones they are."""
+    async def locate(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:
+        """Let vehicles play a tune, so that an operator sees which ones they are.
+
+        Args:
+            vehicles: to order.
+            timeout_s: longest wait for the end of the order [s].
+
+        Returns:
+            One result per vehicle.
+
+        Raises:
+            OrderFailed: a vehicle did not do it.
+        """
         return await self.order(Intent("locate", self._select(vehicles)), timeout_s)
 
     identify = locate  # the former name, which missions may still use
 
     async def takeoff(
-        self, height_m: float = DEFAULT_HEIGHT_M, vehicles: Who = "all", *, timeout_s: float = 40.0
+        self, height_m: float = DEFAULT_HEIGHT_M, vehicles: Vehicles = "all", *, timeout_s: float = 40.0
     ) -> Results:
-        """Climb to a height above the fleet's origin."""
+        """Take off.
+
+        Args:
+            height_m: height above the fleet's origin [m].
+            vehicles: to order.
+            timeout_s: longest wait for the end of the order [s].
+
+        Returns:
+            One result per vehicle.
+
+        Raises:
+            OrderFailed: a vehicle did not do it.
+        """
         return await self.order(Intent("takeoff", self._select(vehicles), height_m=height_m), timeout_s)
 
     async def move(
-        self, position_enu_m: Vec3, vehicles: Who = "all", *, duration_s: float = 0.0, timeout_s: float = 40.0
+        self, position_enu_m: Vec3, vehicles: Vehicles = "all", *, duration_s: float = 0.0, timeout_s: float = 40.0
     ) -> Results:
-        """One vehicle: its own goal. Several: the position of the formation that holds."""
+        """Move one vehicle to a goal, or several in the formation that holds.
+
+        Args:
+            position_enu_m: goal of one vehicle, position of the formation of several [m], ENU.
+            vehicles: to order.
+            duration_s: of the move [s]; 0 leaves it to the vehicles' limits.
+            timeout_s: longest wait for the end of the order [s].
+
+        Returns:
+            One result per vehicle.
+
+        Raises:
+            OrderFailed: a vehicle did not do it.
+        """
         names = self._select(vehicles)
         return await self.order(Intent("move", names, position_enu_m=position_enu_m, duration_s=duration_s), timeout_s)
 
@@ -128,12 +162,27 @@ class Fleet:
         self,
         name: str,
         position_enu_m: Vec3,
-        vehicles: Who = "all",
+        vehicles: Vehicles = "all",
         *,
         duration_s: float = 0.0,
         timeout_s: float = 40.0,
     ) -> Results:
-        """Take up a formation at a position."""
+        """Take up a formation at a position.
+
+        Args:
+            name: of the formation in the fleet file.
+            position_enu_m: of the formation [m], ENU.
+            vehicles: to order.
+            duration_s: of the move [s]; 0 leaves it to the vehicles' limits.
+            timeout_s: longest wait for the end of the order [s].
+
+        Returns:
+            One result per vehicle.
+
+        Raises:
+            ConfigError: the fleet file has no such formation.
+            OrderFailed: a vehicle did not do it.
+        """
         if name not in self.config.formations:
             known = ", ".join(self.config.formations) or "none"
             raise ConfigError(f"'{name}' is no formation of this fleet; it has {known}.")
@@ -143,36 +192,81 @@ class Fleet:
         intent = Intent("formation", names, position_enu_m=position_enu_m, formation=name, duration_s=duration_s)
         return await self.order(intent, timeout_s)
 
-    async def hold(self, vehicles: Who = "all", *, timeout_s: float = 15.0) -> Results:
-        """Stop at the present spot."""
+    async def hold(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
+        """Hold the present position.
+
+        Args:
+            vehicles: to order.
+            timeout_s: longest wait for the end of the order [s].
+
+        Returns:
+            One result per vehicle.
+
+        Raises:
+            OrderFailed: a vehicle did not do it.
+        """
         return await self.order(Intent("hold", self._select(vehicles)), timeout_s)
 
-    async def land(self, vehicles: Who = "all", *, timeout_s: float = 40.0) -> Results:
-        """Land and disarm."""
+    async def land(self, vehicles: Vehicles = "all", *, timeout_s: float = 40.0) -> Results:
+        """Land and disarm.
+
+        Args:
+            vehicles: to order.
+            timeout_s: longest wait for the end of the order [s].
+
+        Returns:
+            One result per vehicle.
+
+        Raises:
+            OrderFailed: a vehicle did not do it.
+        """
         return await self.order(Intent("land", self._select(vehicles)), timeout_s)
 
-    async def disarm(self, vehicles: Who = "all", *, timeout_s: float = 15.0) -> Results:
-        """Disarm on the ground."""
+    async def disarm(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
+        """Disarm on the ground.
+
+        Args:
+            vehicles: to order.
+            timeout_s: longest wait for the end of the order [s].
+
+        Returns:
+            One result per vehicle.
+
+        Raises:
+            OrderFailed: a vehicle did not do it.
+        """
         return await self.order(Intent("disarm", self._select(vehicles)), timeout_s)
 
     async def wait(self, duration_s: float) -> None:
-        """Let time pass."""
+        """Let time pass.
+
+        Args:
+            duration_s: seconds.
+        """
         await asyncio.sleep(duration_s)
 
     async def fault(
         self,
         name: str,
-        vehicles: Who,
+        vehicles: Vehicles,
         *,
         after_s: float = 0.0,
         duration_s: float = 0.0,
         is_rehearsal: bool = False,
         **parameters: float | str,
     ) -> None:
-        """Let something go wrong in the emulator, `after_s` of simulated time from now; 0 for ever.
+        """Inject a fault into the emulator.
+
+        Args:
+            name: of the fault; `covey sitl --faults` lists them.
+            vehicles: that have it.
+            after_s: time from now until it begins, simulated seconds.
+            duration_s: how long it lasts, simulated seconds; 0 for ever.
+            is_rehearsal: only check whether it would be possible.
+            parameters: of this fault.
 
         Raises:
-            FaultRefused: impossible, or this flight is not simulated.
+            FaultRefused: the fault is impossible, or this flight is not simulated.
         """
         for vehicle in self._select(vehicles):
             sentence = await self.client.fault(
@@ -183,17 +277,29 @@ class Fleet:
                 self.say(f"fault{when}: {sentence}")
 
     async def order(self, intent: Intent, timeout_s: float) -> Results:
-        """Give an order, wait for its end, note the results. OrderFailed unless every vehicle did it."""
+        """Give an order, wait for its end and log the results.
+
+        Args:
+            intent: the order.
+            timeout_s: longest wait for its end [s].
+
+        Returns:
+            One result per vehicle.
+
+        Raises:
+            ConfigError: the order is none.
+            OrderFailed: a vehicle did not do it.
+        """
         self.say(f"{intent}")
         begin_ns = self.client.now_ns()
         try:
-            handle = await self.client.submit(intent)
+            order = await self.client.submit(intent)
         except OrderError as error:
             raise ConfigError(str(error)) from None
-        results = await handle.wait(timeout_s)
-        for name, order in handle.plan.orders.items():
-            if order.position_enu_m is not None:
-                self.arrivals.append(self._arrival(str(intent.verb), name, order.position_enu_m))
+        results = await order.wait(timeout_s)
+        for name, message in order.planned.orders.items():
+            if message.position_enu_m is not None:
+                self.arrivals.append(self._arrival(str(intent.verb), name, message.position_enu_m))
         self.steps.append(
             StepResult(
                 step=str(intent),
@@ -212,44 +318,17 @@ class Fleet:
         return results
 
     async def land_all(self, timeout_s: float = 40.0) -> bool:
-        """Land whoever is not down yet, whatever happened; True when all are landed and disarmed.
+        """Land all vehicles that are not down yet. A landing under way goes on: no new order replaces an operator's.
 
-        Who is landing already goes on with that: an operator's order is not replaced by one that asks the same.
+        Args:
+            timeout_s: longest wait [s].
+
+        Returns:
+            Whether all are landed and disarmed.
         """
-        up = tuple(name for name in self.names if _may_fly(self.state, name))
-        end_ns = self.client.now_ns() + int(timeout_s * 1e9)
-        taken = [
-            name for name, phase in (self.steps[-1].vehicles if self.steps else {}).items() if phase == "superseded"
-        ]
-        if taken:  # somebody else has ordered something: the next telemetry tells whether it was to land
-            await self.client.wait_for(lambda _: all(map(self._is_landing, taken)), TOLD_WITHIN_S)
-        left = up
-        while left and self.client.now_ns() < end_ns:
-            asked = tuple(name for name in left if not self._is_landing(name))
-            if not asked:
-                if await self.client.wait_for(_all_landed(up), LAND_AGAIN_S):
-                    return True
-                left = tuple(name for name in left if not is_landed(self.state, name))
-                continue
-            self.say(f"Landing {', '.join(asked)}.")
-            handle = await self.client.submit(Intent("land", asked))
-            await handle.wait((end_ns - self.client.now_ns()) * 1e-9)
-            # An order can end before the vehicle is down: when a failsafe has taken over, PX4 lands by itself.
-            # Whom PX4 itself reports disarmed, on the second way, has no agent left to tell it.
-            down = {name for name, result in handle.results.items() if result.is_done}
-            left = tuple(name for name in left if name not in down)
-            if await self.client.wait_for(_all_landed(up), LAND_AGAIN_S if left else 1.0):
-                return True
-            for name, result in handle.results.items():
-                if not result.is_done:
-                    self.say(f"  {name} {result.phase}: {result.sentence}")
-            left = tuple(name for name in left if not is_landed(self.state, name))
-        return not left
-
-    def _is_landing(self, name: str) -> bool:
-        view = self.state.vehicles[name]
-        told = view.telemetry
-        return told is not None and view.is_fresh(self.client.now_ns()) and told.state == "landing"
+        last = self.steps[-1].vehicles if self.steps else {}
+        superseded = [name for name, phase in last.items() if phase == "superseded"]
+        return await land_all(self.client, superseded, timeout_s, say=self.say)
 
     def _closest_words(self) -> str:
         near = smallest(self.state)
@@ -257,7 +336,7 @@ class Fleet:
             "" if near is None else f"; smallest distance so far {near.distance_m:.2f} m ({near.first}, {near.second})"
         )
 
-    def _select(self, vehicles: Who) -> tuple[str, ...]:
+    def _select(self, vehicles: Vehicles) -> tuple[str, ...]:
         return self.config.select(vehicles if isinstance(vehicles, str) else ",".join(vehicles))
 
     def _arrival(self, step: str, name: str, goal: Vec3) -> Arrival:
@@ -265,11 +344,12 @@ class Fleet:
         now_ns = self.client.now_ns()
         if view.truth is not None and view.has_truth(now_ns):
             return Arrival(step, name, round(math.dist(view.truth.position_enu_m, goal), 4), True)
-        spot = view.position_enu_m(now_ns)
-        return Arrival(step, name, math.inf if spot is None else round(math.dist(spot, goal), 4), False)
+        position = view.position_enu_m(now_ns)
+        distance_m = math.inf if position is None else round(math.dist(position, goal), 4)
+        return Arrival(step, name, distance_m, False)
 
 
-class VehicleHandle:
+class MissionVehicle:
     """One vehicle of a fleet."""
 
     def __init__(self, fleet: Fleet, name: str) -> None:
@@ -278,51 +358,40 @@ class VehicleHandle:
 
     @property
     def position_enu_m(self) -> Vec3 | None:
-        """Where it reports to be; None when it does not, now."""
+        """Its reported position, metres ENU; None without a fresh valid one."""
         return self._fleet.state.vehicles[self.name].position_enu_m(self._fleet.client.now_ns())
 
     async def reached(self, position_enu_m: Vec3, within_m: float = ARRIVED_M, timeout_s: float = 40.0) -> bool:
-        """Wait until it reports a position within ``within_m``; False when it did not in time."""
+        """Wait until it reports to be at a position.
+
+        Args:
+            position_enu_m: metres ENU.
+            within_m: distance that counts as there [m].
+            timeout_s: longest wait [s].
+
+        Returns:
+            Whether it was there in time.
+        """
 
         def is_there(state: FleetState) -> bool:
-            spot = state.vehicles[self.name].position_enu_m(self._fleet.client.now_ns())
-            return spot is not None and math.dist(spot, position_enu_m) <= within_m
+            position = state.vehicles[self.name].position_enu_m(self._fleet.client.now_ns())
+            return position is not None and math.dist(position, position_enu_m) <= within_m
 
         return await self._fleet.client.wait_for(is_there, timeout_s)
 
     async def takeoff(self, height_m: float = DEFAULT_HEIGHT_M, *, timeout_s: float = 40.0) -> VehicleResult:
-        """Climb to a height above the fleet's origin."""
+        """Take off; as :meth:`Fleet.takeoff`."""
         return (await self._fleet.takeoff(height_m, self.name, timeout_s=timeout_s))[self.name]
 
     async def move(self, position_enu_m: Vec3, *, duration_s: float = 0.0, timeout_s: float = 40.0) -> VehicleResult:
-        """Fly to a point."""
+        """Move to a goal; as :meth:`Fleet.move`."""
         results = await self._fleet.move(position_enu_m, self.name, duration_s=duration_s, timeout_s=timeout_s)
         return results[self.name]
 
     async def hold(self, *, timeout_s: float = 15.0) -> VehicleResult:
-        """Stop at the present spot."""
+        """Hold the present position; as :meth:`Fleet.hold`."""
         return (await self._fleet.hold(self.name, timeout_s=timeout_s))[self.name]
 
     async def land(self, *, timeout_s: float = 40.0) -> VehicleResult:
-        """Land and disarm."""
+        """Land and disarm; as :meth:`Fleet.land`."""
         return (await self._fleet.land(self.name, timeout_s=timeout_s))[self.name]
-
-
-def _all_landed(names: Sequence[str]) -> Callable[[FleetState], bool]:
-    return lambda state: all(is_landed(state, name) for name in names)
-
-
-def _may_fly(state: FleetState, name: str) -> bool:
-    """Whether it flies or is about to: an order to take off precedes the telemetry that shows it."""
-    telemetry = state.vehicles[name].telemetry
-    if telemetry is None:
-        return False
-    return not is_landed(state, name) or telemetry.state in ("armed", "taking off", "flying", "holding", "landing")
-
-
-def _is_ready(state: FleetState, name: str, now_ns: int) -> bool:
-    view = state.vehicles[name]
-    telemetry = view.telemetry
-    return (
-        telemetry is not None and view.is_fresh(now_ns) and telemetry.state in READY_STATES and not telemetry.not_ready
-    )

@@ -9,7 +9,8 @@ from typing import Any, Literal, cast
 
 import msgspec
 
-from groundstation.orders.grammar import Intent, plan
+from groundstation.orders.grammar import Intent, default_formation
+from groundstation.orders.plan import HeldFormation, plan_order
 from onboard.config.fleet import ConfigError, FleetConfig, Vec3, check_schema, convert, load_fleet, read_toml
 
 Names = str | list[str]
@@ -68,7 +69,7 @@ class DisarmStep(_OrderStep, frozen=True, kw_only=True):
 
 
 class FaultStep(_Step, frozen=True, kw_only=True):
-    """Let something go wrong in the emulator; `covey sitl --faults` lists what. Simulated flights only."""
+    """Inject a fault into the emulator; `covey sitl --faults` lists them. Simulated flights only."""
 
     vehicles: Names
     name: str
@@ -84,7 +85,7 @@ class WaitStep(_Step, frozen=True, kw_only=True):
 
 
 class Expect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What has to come true. As a step: so far. As ``[expect]``: judged at the end of the mission."""
+    """Expectations. As a step: about the flight so far. As ``[expect]``: about the whole mission."""
 
     min_separation_m: float | None = None
     arrived_within_m: float | None = None
@@ -92,7 +93,7 @@ class Expect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
 
 class ExpectStep(_Step, frozen=True, kw_only=True):
-    """Judge now; the mission goes on only if all of it holds."""
+    """Judge now; the mission goes on only if all expectations are met."""
 
     min_separation_m: float | None = None
     arrived_within_m: float | None = None
@@ -109,7 +110,7 @@ class ExpectStep(_Step, frozen=True, kw_only=True):
 
 
 class OnFailure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What happens when a step fails: land everybody, or stop everybody where they are."""
+    """Reaction to a step that fails: all vehicles land, or all hold."""
 
     do: Literal["land", "hold"] = "land"
 
@@ -148,7 +149,14 @@ class Mission(msgspec.Struct, frozen=True):
 
 
 def load_mission(path: str | os.PathLike[str], fleet: FleetConfig | str | None = None) -> Mission:
-    """Read and check a mission, TOML or Python; ``fleet`` overrides the fleet that it names.
+    """Read and check a mission, TOML or Python.
+
+    Args:
+        path: of the file.
+        fleet: instead of the fleet that the mission names.
+
+    Returns:
+        The mission with its fleet.
 
     Raises:
         ConfigError: missing file, unknown key, unknown vehicle or formation, goal outside the fence ...
@@ -189,7 +197,18 @@ def mission_from_mapping(
 
 
 def intent_of(step: OrderStep, fleet: FleetConfig) -> Intent:
-    """The order that a step gives; ConfigError on unknown vehicles."""
+    """Return the order that a step gives.
+
+    Args:
+        step: of a mission file.
+        fleet: the fleet file.
+
+    Returns:
+        Its intent.
+
+    Raises:
+        ConfigError: a vehicle is unknown.
+    """
     vehicles = step.vehicles if isinstance(step.vehicles, str) else ",".join(step.vehicles)
     names = fleet.select(vehicles)
     if isinstance(step, TakeoffStep):
@@ -244,8 +263,8 @@ def _check_expect(expect: Expect, path: str, key: str) -> None:
 
 
 def _check_steps(mission: Mission) -> None:
-    """Every order of the mission is checked as if it were given, so that nothing starts that must fail later."""
-    fleet, formation = mission.fleet, next(iter(mission.fleet.formations), None)
+    """Check every order of the mission as if it were given now, so that no mission starts that must fail later."""
+    fleet, held = mission.fleet, HeldFormation(default_formation(mission.fleet))
     for index, step in enumerate(mission.steps):
         key = f"step[{index}]"
         if isinstance(step, (WaitStep, ExpectStep)):
@@ -262,15 +281,15 @@ def _check_steps(mission: Mission) -> None:
             intent = intent_of(step, fleet)
         except ConfigError as error:
             raise ConfigError(f"{mission.path}: '{key}.vehicles': {error}") from None
-        checked = plan(intent, fleet, None, formation=formation, author="check", now_ns=0)
-        formation = checked.formation
-        if checked.refusals:
-            reason = next(iter(checked.refusals.values()))
+        planned = plan_order(intent, fleet, None, held=held, author="check", now_ns=0)
+        held = planned.held
+        if planned.refusals:
+            reason = next(iter(planned.refusals.values()))
             raise ConfigError(f"{mission.path}: '{key}' ({step.do}): {reason}")
 
 
 def _check_fault(step: FaultStep, fleet: FleetConfig, where: str) -> None:
-    """What can be said without an emulator; the emulator is asked for the rest before the mission's first step."""
+    """Check a fault without an emulator; the emulator checks the rest before the mission's first step."""
     misplaced = set(step.parameters) & set(FaultStep.__struct_fields__)
     if misplaced:
         raise ConfigError(f"{where}.parameters' has '{min(misplaced)}', which is a key of the step. Move it up.")

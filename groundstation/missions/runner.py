@@ -1,4 +1,4 @@
-"""Fly a mission from the first step to the verdict; whatever fails, everybody lands and the verdict is written."""
+"""Fly a mission from the first step to the verdict; after any failure all vehicles land, and there is a verdict."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ import traceback
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from groundstation.client.client import FaultRefused, FleetClient
+from groundstation.client.client import FleetClient
+from groundstation.client.fault_orders import FaultRefused
 from groundstation.client.preflight_page import advice_of
 from groundstation.fleet.state import FleetState
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
 from groundstation.missions.files import ExpectStep, FaultStep, Mission, WaitStep, intent_of
-from groundstation.missions.verdict import Flown, Verdict, check, is_landed, judge, smallest
+from groundstation.missions.verdict import FlightObservations, Verdict, check, is_landed, judge, smallest
 from onboard.config.fleet import ConfigError
 
 LAND_TIMEOUT_S = 40.0
 READY_TIMEOUT_SIM_S = 60.0  # for the first step, when emulator and agents start with the mission
-LAST_WORD_S = 0.5
-SILENT_S = 2.0  # of telemetry in flight, after which the mission ends
+LAST_TELEMETRY_S = 0.5
+SILENT_S = 2.0  # without telemetry in flight, after which the mission ends
 
 
 class MissionRun:
@@ -56,9 +57,10 @@ class MissionRun:
         self._task: asyncio.Task[Any] | None = None
 
     async def run(self) -> Verdict:
-        """Fly it. The verdict of what was heard live; with :meth:`flown` a record can be judged beside it.
+        """Fly it. Cancelling this coroutine is an interruption: all vehicles land, then it returns.
 
-        Cancelling this coroutine is an interruption: everybody lands, then the verdict is returned.
+        Returns:
+            The verdict by the live state; with :meth:`flown` a record can be judged as well.
         """
         task = self._task = asyncio.create_task(self._steps())
         if self._is_interrupted or self._aborted is not None:
@@ -68,7 +70,7 @@ class MissionRun:
         except asyncio.CancelledError:
             self.interrupt()
             await asyncio.wait({task})
-        # Whatever a mission raises, also a mistake of its author, the vehicles come down: no list of exceptions.
+        # the vehicles land after any exception of a mission, also after a mistake of its author
         error = None if task.cancelled() else task.exception()
         if task.cancelled() and self._aborted is not None:
             self._failure = self._aborted
@@ -77,7 +79,7 @@ class MissionRun:
                 await self.fleet.land_all(LAND_TIMEOUT_S)
         elif task.cancelled():
             self._is_interrupted = True
-            self.fleet.say("Interrupted: who flies lands.")
+            self.fleet.say("Interrupted: all flying vehicles land.")
             await self.fleet.land_all(LAND_TIMEOUT_S)
         elif isinstance(error, NotReady):
             self._failure, self._nobody = str(error), not error.heard
@@ -87,27 +89,36 @@ class MissionRun:
             self._failure = str(error) if is_known else "".join(traceback.format_exception(error)).strip()
             self.fleet.say(f"The mission ends here: {self._failure}")
             await self._on_failure()
-        # Ends of orders are never lost, a telemetry may be: the next one tells what the last step led to.
-        await self.client.wait_for(self._is_at_rest, LAST_WORD_S)
+        # ends of orders are never lost, but telemetry may be: the next one shows the result of the last step
+        await self.client.wait_for(self._is_at_rest, LAST_TELEMETRY_S)
         self._end_ns = self.client.now_ns()
         return self.verdict()
 
     def interrupt(self) -> None:
-        """Stop the mission and land everybody; :meth:`run` returns when they are down."""
+        """Stop the mission and land all vehicles; :meth:`run` returns when they are down."""
         if not self._is_interrupted:
             self._is_interrupted = True
             if self._task is not None:
                 self._task.cancel()
 
     def abort(self, reason: str, *, can_land: bool = True) -> None:
-        """End the mission as failed, for a reason from outside; without landing when nobody could be reached."""
+        """End the mission as failed, for a reason from outside.
+
+        Args:
+            reason: a sentence.
+            can_land: whether vehicles can still be reached.
+        """
         if self._aborted is None and not self._is_interrupted:
             self._aborted, self._can_land = reason, can_land
             if self._task is not None:
                 self._task.cancel()
 
     def abort_if_silent(self) -> bool:
-        """End the mission when a vehicle that was armed when it was last heard has been silent too long."""
+        """End the mission when a vehicle whose last telemetry was armed has been silent for SILENT_S.
+
+        Returns:
+            Whether one has.
+        """
         now_ns = self.client.now_ns()
         silent = [
             name
@@ -115,8 +126,8 @@ class MissionRun:
             if view.telemetry is not None and view.telemetry.is_armed and view.age_s(now_ns) > SILENT_S
         ]
         if silent:
-            who = ", ".join(silent)
-            reason = f"Nothing heard from {who} for {SILENT_S:g} s in flight: the agent hangs or is cut off."
+            names = ", ".join(silent)
+            reason = f"Nothing heard from {names} for {SILENT_S:g} s in flight: the agent hangs or is cut off."
             self.client.publish_event("critical", "agent_silent", reason)
             self.abort(reason)
         return bool(silent)
@@ -124,9 +135,9 @@ class MissionRun:
     def _is_at_rest(self, state: FleetState) -> bool:
         return all(is_landed(state, name) or state.vehicles[name].is_airborne for name in self.fleet.names)
 
-    def flown(self) -> Flown:
-        """What was observed so far."""
-        return Flown(
+    def flown(self) -> FlightObservations:
+        """Return the observations so far."""
+        return FlightObservations(
             mission=self.mission.name,
             fleet=self.mission.fleet,
             state=self.client.state,
@@ -141,7 +152,7 @@ class MissionRun:
         )
 
     def verdict(self) -> Verdict:
-        """Judge what was heard live."""
+        """Judge the flight by the live state."""
         return judge(self.flown(), self.mission.expect)
 
     async def _steps(self) -> None:
@@ -156,7 +167,7 @@ class MissionRun:
         for step in self.mission.steps:
             if isinstance(step, FaultStep):
                 try:
-                    await self._fault(step, is_rehearsal=True)  # nobody takes off for what cannot be done later
+                    await self._fault(step, is_rehearsal=True)  # no take-off before a fault that will be impossible
                 except FaultRefused:
                     self._is_wrong_input = True
                     raise
@@ -196,11 +207,21 @@ class MissionRun:
 
 
 class MissionFailed(RuntimeError):
-    """An expectation in the middle of a mission did not come true."""
+    """An expectation in the middle of a mission was not met."""
 
 
 def load_function(mission: Mission) -> Callable[[Fleet], Awaitable[None]]:
-    """The coroutine function ``mission`` of a Python mission; ConfigError when its module cannot be run."""
+    """Load the coroutine function ``mission`` of a Python mission.
+
+    Args:
+        mission: loaded and checked.
+
+    Returns:
+        The function.
+
+    Raises:
+        ConfigError: its module cannot be run.
+    """
     spec = importlib.util.spec_from_file_location(f"covey_mission_{mission.name}", mission.path)
     if spec is None or spec.loader is None:
         raise ConfigError(f"{mission.path}: this file cannot be loaded as a Python module.")

@@ -1,4 +1,4 @@
-"""The verdict on a flight: what was expected, what was found, in numbers and in words. Pure."""
+"""The verdict on a flight: each expectation and its outcome, in numbers and in words. Pure."""
 
 from __future__ import annotations
 
@@ -11,11 +11,17 @@ from groundstation.fleet.state import FleetState, Separation
 from groundstation.missions.files import Expect
 from groundstation.recording.report import PERIOD_NOMINAL_MS, FlightReport
 from onboard.config.fleet import FleetConfig
+from onboard.exit_status import (
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    EXIT_MIXED,
+    EXIT_NO_ANSWER,
+    EXIT_OK,
+    EXIT_WRONG_INPUT,
+)
 
-EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT, EXIT_NO_ANSWER, EXIT_MIXED, EXIT_INTERRUPTED = 0, 1, 2, 10, 50, 130
 
-
-class Check(msgspec.Struct, frozen=True):
+class ExpectationResult(msgspec.Struct, frozen=True):
     """One expectation and whether it came true."""
 
     name: str
@@ -24,16 +30,16 @@ class Check(msgspec.Struct, frozen=True):
 
 
 class Arrival(msgspec.Struct, frozen=True):
-    """How far a vehicle was from its goal when its order was done."""
+    """Distance of a vehicle from its goal when its order was done."""
 
     step: str
     vehicle: str
     distance_m: float
-    is_truth: bool
+    is_truth: bool  # by ground truth, otherwise by telemetry
 
 
 class StepResult(msgspec.Struct, frozen=True):
-    """One step of the mission and each vehicle's phase and sentence."""
+    """One step of the mission, with each vehicle's phase and sentence."""
 
     step: str
     duration_s: float
@@ -66,15 +72,15 @@ class Closest(msgspec.Struct, frozen=True):
 
 
 class Verdict(msgspec.Struct, frozen=True):
-    """All that ``verdict.json`` holds; ``passed`` only if everything declared came true."""
+    """The content of ``verdict.json``."""
 
-    passed: bool
+    passed: bool  # everything that the mission declares came true
     exit_status: int
     summary: str
     mission: str
     fleet: str
     law: str
-    checks: list[Check]
+    checks: list[ExpectationResult]
     steps: list[StepResult]
     closest: Closest | None
     is_collision: bool
@@ -93,8 +99,8 @@ class Verdict(msgspec.Struct, frozen=True):
         return [*describe(self), self.summary]
 
 
-class Flown(msgspec.Struct, frozen=True):
-    """What the runner observed; the input of :func:`judge`."""
+class FlightObservations(msgspec.Struct, frozen=True):
+    """Observations of the mission's runner; the input of :func:`judge`."""
 
     mission: str
     fleet: FleetConfig
@@ -103,16 +109,16 @@ class Flown(msgspec.Struct, frozen=True):
     end_ns: int
     steps: list[StepResult]
     arrivals: list[Arrival]
-    failure: str = ""
-    nobody: bool = False
+    failure: str = ""  # sentence that ended the mission
+    nobody: bool = False  # no vehicle answered
     is_wrong_input: bool = False
     is_interrupted: bool = False
 
 
 def is_landed(state: FleetState, name: str) -> bool:
-    """Landed and disarmed, by the vehicle's own telemetry, at the last it was heard.
+    """Whether a vehicle is landed and disarmed, by its last telemetry.
 
-    Without its agent, PX4's own heartbeat on the direct way counts, if it came after the agent's last word.
+    PX4's own heartbeat on the direct path counts too, if it came after the agent's last telemetry.
     """
     view = state.vehicles.get(name)
     if view is None or view.telemetry is None:
@@ -123,7 +129,7 @@ def is_landed(state: FleetState, name: str) -> bool:
 
 
 def smallest(state: FleetState) -> Separation | None:
-    """By ground truth where there is one."""
+    """Return the smallest separation so far, by ground truth where there is one."""
     return state.smallest_truth or state.smallest
 
 
@@ -134,19 +140,31 @@ def check(
     arrivals: Sequence[Arrival],
     landed: Mapping[str, bool],
     collided: Sequence[str] = (),
-) -> list[Check]:
-    """Each declared expectation against what was found."""
-    checks: list[Check] = []
+) -> list[ExpectationResult]:
+    """Compare each declared expectation with the flight.
+
+    Args:
+        expect: the expectations.
+        fleet: the fleet file.
+        closest: smallest separation; None when none was measured.
+        arrivals: distances from goals at the end of orders.
+        landed: whether each vehicle is landed and disarmed.
+        collided: vehicles that touched something.
+
+    Returns:
+        One result for each declared expectation.
+    """
+    checks: list[ExpectationResult] = []
     if expect.min_separation_m is not None:
         limit = expect.min_separation_m
         if closest is None:
             few = len(fleet.enabled_names) < 2
-            found = "there is only one vehicle" if few else "no separation was measured"
-            checks.append(Check("min_separation_m", few, f"At least {limit:.2f} m between all: {found}."))
+            outcome = "there is only one vehicle" if few else "no separation was measured"
+            checks.append(ExpectationResult("min_separation_m", few, f"At least {limit:.2f} m between all: {outcome}."))
         else:
             touched = f" {' and '.join(collided)} collided." if collided else ""
             checks.append(
-                Check(
+                ExpectationResult(
                     "min_separation_m",
                     closest.distance_m >= limit and not collided,
                     f"At least {limit:.2f} m between all: {closest.first} and {closest.second} came to "
@@ -158,11 +176,11 @@ def check(
         worst = max(arrivals, key=lambda arrival: arrival.distance_m, default=None)
         if worst is None:
             sentence = f"Goals reached within {limit:.2f} m: no goal was flown to."
-            checks.append(Check("arrived_within_m", False, sentence))
+            checks.append(ExpectationResult("arrived_within_m", False, sentence))
         else:
             late = [arrival for arrival in arrivals if not arrival.distance_m <= limit]
             checks.append(
-                Check(
+                ExpectationResult(
                     "arrived_within_m",
                     not late,
                     f"Goals reached within {limit:.2f} m: {len(arrivals) - len(late)} of {len(arrivals)}; furthest off "
@@ -171,13 +189,25 @@ def check(
             )
     if expect.all_landed is not None:
         flying = [name for name in fleet.enabled_names if not landed.get(name, False)]
-        found = f"not {', '.join(flying)}" if flying else "all"
-        checks.append(Check("all_landed", (not flying) == expect.all_landed, f"Landed and disarmed: {found}."))
+        outcome = f"not {', '.join(flying)}" if flying else "all"
+        checks.append(
+            ExpectationResult("all_landed", (not flying) == expect.all_landed, f"Landed and disarmed: {outcome}.")
+        )
     return checks
 
 
-def judge(flown: Flown, expect: Expect, report: FlightReport | None = None, record: str = "") -> Verdict:
-    """The verdict. A record's ground truth counts beside what was heard live: the smaller distance is believed."""
+def judge(flown: FlightObservations, expect: Expect, report: FlightReport | None = None, record: str = "") -> Verdict:
+    """Judge a flight. Of the live state and the record, the smaller distance counts.
+
+    Args:
+        flown: observations of the runner.
+        expect: expectations at the end of the mission.
+        report: evaluation of the record.
+        record: its folder.
+
+    Returns:
+        The verdict with its exit status.
+    """
     state, fleet = flown.state, flown.fleet
     closest = smallest(state)
     if (
@@ -239,7 +269,7 @@ def judge(flown: Flown, expect: Expect, report: FlightReport | None = None, reco
 
 
 def describe(verdict: Verdict) -> list[str]:
-    """Distance, arrival, landing and timing in words."""
+    """Return distance, arrival, landing and timing in words, one sentence a line."""
     lines = []
     if verdict.closest is not None:
         near = verdict.closest
@@ -261,7 +291,7 @@ def describe(verdict: Verdict) -> list[str]:
     return lines
 
 
-def _summary(flown: Flown, checks: Sequence[Check], exit_status: int) -> str:
+def _summary(flown: FlightObservations, checks: Sequence[ExpectationResult], exit_status: int) -> str:
     law = f"law '{flown.fleet.law.name}'"
     if exit_status == EXIT_OK:
         return f"PASSED: mission '{flown.mission}' with {law}: everything it declares came true."
@@ -275,12 +305,11 @@ def _summary(flown: Flown, checks: Sequence[Check], exit_status: int) -> str:
 def _loops(state: FleetState, report: FlightReport | None) -> dict[str, Loop]:
     if report is not None and report.loops:
         return {name: Loop(loop.p50_ms, loop.p99_ms, loop.max_ms, loop.ticks) for name, loop in report.loops.items()}
-    found = {}
-    for name, view in state.vehicles.items():
-        told = view.telemetry
-        if told is not None:
-            found[name] = Loop(told.loop_period_p50_ms, told.loop_period_p99_ms, told.loop_period_max_ms, 0)
-    return found
+    return {
+        name: Loop(one.loop_period_p50_ms, one.loop_period_p99_ms, one.loop_period_max_ms, 0)
+        for name, view in state.vehicles.items()
+        if (one := view.telemetry) is not None
+    }
 
 
 def _metres(value: float) -> str:

@@ -1,7 +1,7 @@
-"""Forecast of an order: the paths of all vehicles, their smallest distance and the time, by a rollout of the pipeline.
+"""Forecast of an order: all vehicles' paths, smallest distance and time, by the rollout of the control code.
 
-A process of its own computes it (:mod:`groundstation.orders.forecast_process`), so that nothing else has to wait. A
-vehicle that moves is computed from a standstill where it is.
+Pure. A process of its own computes it (:mod:`groundstation.orders.forecast_process`), so that nothing else has to wait.
+A vehicle that moves is computed from a standstill at its present position.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ _ROOM_S, _MOST_S = 10.0, 90.0
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """Path of one vehicle from its present position to its goal."""
+    """One vehicle's straight way to its goal."""
 
     start_enu_m: Vec3
     goal_enu_m: Vec3
-    duration_s: float = 0.0
+    duration_s: float = 0.0  # 0 leaves it to the vehicle's limits
     is_ordered: bool = True  # by this order, not by an earlier one
-    is_parked: bool = False
+    is_parked: bool = False  # stands on the ground
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,16 +43,25 @@ class Forecast:
     """The worst of several perturbed flights."""
 
     paths_enu_m: Mapping[str, Sequence[Vec3]] = field(default_factory=dict)  # per vehicle, evenly in time
-    closest_m: float = math.inf  # smallest horizontal distance of ``pair``; infinite with fewer than two vehicles
-    pair: tuple[str, str] = ("", "")
-    closest_s: float = 0.0  # time of the smallest distance
+    closest_m: float = math.inf  # smallest horizontal distance; infinite with fewer than two vehicles
+    pair: tuple[str, str] = ("", "")  # that comes so close
+    closest_s: float = 0.0  # time of it
     now_m: float = math.inf  # smallest horizontal distance now
-    duration_s: float = 0.0  # until all have arrived; infinite when a vehicle does not
+    duration_s: float = 0.0  # until all have arrived; infinite when one does not
     outside: tuple[str, ...] = ()  # vehicles that leave the fence on the way
 
 
 def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False) -> Forecast:
-    """Fly the legs, several times at once with different errors, and keep the flight that came closest."""
+    """Fly the legs several times with different errors, and keep the flight with the smallest distance.
+
+    Args:
+        fleet: the fleet file.
+        legs: of all vehicles with a known position.
+        is_takeoff: add the time that arming and spinning up take.
+
+    Returns:
+        The worst of the flights.
+    """
     names = tuple(legs)
     if not any(leg.is_ordered for leg in legs.values()):
         return Forecast()
@@ -60,15 +69,15 @@ def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = 
     goal = np.array([legs[name].goal_enu_m for name in names])
     longest_m = float(np.linalg.norm(goal - start, axis=-1).max())
     slowest_m_s = min(fleet.vehicles[name].max_speed_m_s for name in names)
-    commanded_s = max(leg.duration_s for leg in legs.values())
+    ordered_s = max(leg.duration_s for leg in legs.values())
     seeds = SEEDS if len(names) <= _MANY else SEEDS[:1]
     count = len(seeds)
     flight = fly(
         Scenario(
             np.repeat(start[None], count, axis=0),
             np.repeat(goal[None, None], count, axis=0),
-            np.array([commanded_s]),
-            timeout_s=min(_MOST_S, _ROOM_S + max(commanded_s, 4.0 * longest_m / slowest_m_s)),
+            np.array([ordered_s]),
+            timeout_s=min(_MOST_S, _ROOM_S + max(ordered_s, 4.0 * longest_m / slowest_m_s)),
             is_parked=tuple(leg.is_parked for leg in legs.values()),
             arrival_m=ARRIVED_M,
         ),
@@ -99,33 +108,44 @@ def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = 
     )
 
 
-def against(expected: Forecast, intent: Intent, fleet: FleetConfig) -> tuple[str, ...]:
-    """Return the reasons not to send the order, in sentences; empty when there is none."""
+def objections(predicted: Forecast, intent: Intent, fleet: FleetConfig) -> tuple[str, ...]:
+    """Return reasons not to send an order.
+
+    Args:
+        predicted: the order's forecast.
+        intent: the order.
+        fleet: the fleet file.
+
+    Returns:
+        Sentences; none when the forecast gives no reason.
+    """
     limit_m = fleet.fleet.safety_distance_m
     reasons = []
-    if expected.closest_m < limit_m and expected.closest_m < expected.now_m - 0.02:
+    if predicted.closest_m < limit_m and predicted.closest_m < predicted.now_m - 0.02:
         reasons.append(
-            f"{' and '.join(expected.pair)} would come within {expected.closest_m:.2f} m, below the safety distance of "
-            f"{limit_m:.2f} m. Move them one after the other, or choose another goal."
+            f"{' and '.join(predicted.pair)} would come within {predicted.closest_m:.2f} m, below the safety distance "
+            f"of {limit_m:.2f} m. Move them one after the other, or choose another goal."
         )
-    if expected.outside:
-        reasons.append(f"{', '.join(expected.outside)} would leave the fence on the way. Choose a goal further inside.")
-    if not math.isfinite(expected.duration_s):
+    if predicted.outside:
         reasons.append(
-            f"Somebody would not arrive within {ARRIVED_M:g} m in time: the others are in the way. Spread the goals, "
+            f"{', '.join(predicted.outside)} would leave the fence on the way. Choose a goal further inside."
+        )
+    if not math.isfinite(predicted.duration_s):
+        reasons.append(
+            f"A vehicle would not arrive within {ARRIVED_M:g} m in time: the others block it. Spread the goals, "
             f"or {intent.verb} fewer vehicles at once."
         )
     return tuple(reasons)
 
 
 def _closest(trace: Array, names: Sequence[str]) -> tuple[float, tuple[str, str], float]:
-    """Return the smallest horizontal distance over a trace (T, N, 3), the pair, and the time [s]."""
+    """Smallest horizontal distance over a trace (T, N, 3), its pair, and its time [s]."""
     first, second = np.triu_indices(len(names), 1)
     if not len(first) or not len(trace):
         return math.inf, ("", ""), 0.0
     gap_m = np.linalg.norm(trace[:, first, :2] - trace[:, second, :2], axis=-1)
-    at, pair = divmod(int(gap_m.argmin()), len(first))
-    return float(gap_m[at, pair]), (names[first[pair]], names[second[pair]]), at * TICK_S
+    step, index = divmod(int(gap_m.argmin()), len(first))
+    return float(gap_m[step, index]), (names[first[index]], names[second[index]]), step * TICK_S
 
 
 def _vec3(point: Array) -> Vec3:

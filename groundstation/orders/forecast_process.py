@@ -1,7 +1,10 @@
-"""A process that computes forecasts, one after the other; the console's own process only waits for an answer.
+"""A process that computes forecasts, one after the other; the console's own process only waits for the result.
 
-Requests and answers are pickled between a parent and the child that it started itself. The child ends with its input,
+Requests and results are pickled between a parent and the child that it started itself. The child ends with its input,
 so that none is left behind whatever happens to the parent.
+
+This is no process pool of the standard library, for two measured reasons (Python 3.11): its workers cannot be
+cancelled, so a new forecast waits for the old one to end, and a worker lives on when its parent is killed.
 """
 
 from __future__ import annotations
@@ -25,23 +28,31 @@ _LIMIT_S = 120.0  # the very first start on a machine compiles for half a minute
 
 
 class ForecastFailed(RuntimeError):
-    """No forecast could be computed: a sentence."""
+    """No forecast could be computed: a sentence with the reason."""
 
 
 class Forecaster:
-    """Asks the child; starts it when it is needed, and again when it has ended."""
+    """Sends requests to the child; starts it for the first request, and again when it has ended."""
 
     def __init__(self) -> None:
         self._process: asyncio.subprocess.Process | None = None
         self._turn = asyncio.Lock()
 
     async def start(self) -> None:
-        """Start the child ahead of the first request: what it needs takes a second to load."""
+        """Start the child ahead of the first request: its imports take a second."""
         async with self._turn:
             await self._started()
 
     async def forecast(self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False) -> Forecast:
-        """As :func:`groundstation.orders.forecast.forecast`. Cancelled, the child ends: its answer would be nobody's.
+        """Compute a forecast in the child; a cancellation kills the child, and the next request starts anew.
+
+        Args:
+            fleet: the fleet file.
+            legs: of all vehicles with a known position.
+            is_takeoff: whether the order is a take-off.
+
+        Returns:
+            As :func:`groundstation.orders.forecast.forecast`.
 
         Raises:
             ForecastFailed: the child ended or did not answer.

@@ -1,4 +1,4 @@
-"""An order under way: one result per vehicle, and somebody who waits for them."""
+"""Result of an order under way: one per vehicle, filled in as replies and events come."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from groundstation.orders.grammar import Intent, Plan
+from groundstation.orders.grammar import Intent
+from groundstation.orders.plan import PlannedOrder
 
 Phase = Literal[
     "sent", "accepted", "direct", "done", "refused", "no answer", "superseded", "failed", "timed out", "unfinished"
@@ -17,20 +18,20 @@ OPEN_PHASES: tuple[Phase, ...] = ("sent", "accepted", "direct")
 
 @dataclass(frozen=True, slots=True)
 class VehicleResult:
-    """How far an order is with one vehicle, and a sentence why.
+    """How far an order is with one vehicle.
 
-    sent -> accepted -> done | superseded | failed | timed out; or refused; or no answer; ``direct``: on the second way,
-    straight to PX4; ``unfinished``: the waiting ended before the order did.
+    Phases: sent -> accepted -> done | superseded | failed | timed out; or refused; or no answer. ``direct``: the order
+    goes straight to PX4. ``unfinished``: waiting ended before the order did.
     """
 
     vehicle: str
     order_id: str
     phase: Phase
-    sentence: str
+    sentence: str  # reason, by the agent, PX4 or the ground
 
     @property
     def is_final(self) -> bool:
-        """Whether nothing more will come."""
+        """Whether the phase cannot change any more."""
         return self.phase not in OPEN_PHASES
 
     @property
@@ -39,20 +40,28 @@ class VehicleResult:
         return self.phase == "done"
 
 
-class OrderHandle:
-    """Results of one order, filled in as answers and events come; for the event loop's thread only."""
+class OrderResult:
+    """Results of one order that has been sent; for the event loop's thread only.
 
-    def __init__(self, intent: Intent, plan: Plan) -> None:
-        self.intent = intent
-        self.plan = plan
+    Args:
+        planned: the order as it was sent.
+    """
+
+    def __init__(self, planned: PlannedOrder) -> None:
+        self.planned = planned
         self.results: dict[str, VehicleResult] = {
-            name: VehicleResult(name, plan.orders[name].order_id, "sent", "")
-            if name in plan.orders
-            else VehicleResult(name, "", "refused", plan.refusals.get(name, ""))
-            for name in intent.vehicles
+            name: VehicleResult(name, planned.orders[name].order_id, "sent", "")
+            if name in planned.orders
+            else VehicleResult(name, "", "refused", planned.refusals.get(name, ""))
+            for name in planned.intent.vehicles
         }
         self._changed = asyncio.Event()
         self._listeners: list[Callable[[VehicleResult], None]] = []
+
+    @property
+    def intent(self) -> Intent:
+        """The order, every number filled in."""
+        return self.planned.intent
 
     @property
     def is_final(self) -> bool:
@@ -69,7 +78,13 @@ class OrderHandle:
         self._listeners.append(listener)
 
     def update(self, vehicle: str, phase: Phase, sentence: str) -> None:
-        """Take over news; an end stays, except that a late answer of the agent replaces ``no answer``."""
+        """Set a vehicle's phase. An end stays, except that a late reply of the agent replaces ``no answer``.
+
+        Args:
+            vehicle: its name.
+            phase: the new phase.
+            sentence: the reason.
+        """
         old = self.results[vehicle]
         if old.is_final and old.phase != "no answer":
             return
@@ -82,7 +97,14 @@ class OrderHandle:
             listener(result)
 
     async def wait(self, timeout_s: float | None = None) -> dict[str, VehicleResult]:
-        """Until every vehicle's order has ended, or ``timeout_s``; what is still open then counts as unfinished."""
+        """Wait until every vehicle's order has ended.
+
+        Args:
+            timeout_s: longest wait [s]; None waits for ever.
+
+        Returns:
+            One result per vehicle; an order that is still open then is ``unfinished``.
+        """
         try:
             async with asyncio.timeout(timeout_s):
                 while not self.is_final:

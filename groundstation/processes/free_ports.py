@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import random
-import re
 import socket
 from collections.abc import Iterator
 from typing import Any
+
+import tomli_w
 
 from onboard.config.fleet import ConfigError, FleetConfig
 
@@ -29,7 +30,7 @@ def is_free(port: int, kind: socket.SocketKind) -> bool:
 
 
 def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
-    """The fleet file's data with every endpoint on a free loopback port; what it says else stays as it is.
+    """Return the fleet file's data with every endpoint on a free loopback port; all else stays as it is.
 
     Args:
         data: the file's content; not changed.
@@ -49,17 +50,17 @@ def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
 
 
 def busy_ports(fleet: FleetConfig) -> list[str]:
-    """Endpoints of a fleet file on this machine that are in use: a sentence each."""
-    wanted = [("fleet.simulator", fleet.simulator_endpoint, 0, socket.SOCK_STREAM)]
+    """Return a sentence for each endpoint of a fleet file on this machine that is in use."""
+    endpoints = [("fleet.simulator", fleet.simulator_endpoint, 0, socket.SOCK_STREAM)]
     for name in fleet.enabled_names:
         vehicle = fleet.vehicles[name]
-        wanted.append((f"vehicles.{name}.agent", vehicle.agent, 0, socket.SOCK_STREAM))
+        endpoints.append((f"vehicles.{name}.agent", vehicle.agent, 0, socket.SOCK_STREAM))
         for offset in (0, PX4_OFFSET):
-            wanted.append((f"vehicles.{name}.autopilot", vehicle.autopilot, offset, socket.SOCK_DGRAM))
+            endpoints.append((f"vehicles.{name}.autopilot", vehicle.autopilot, offset, socket.SOCK_DGRAM))
         if vehicle.direct is not None:
-            wanted.append((f"vehicles.{name}.direct", vehicle.direct, 0, socket.SOCK_DGRAM))
+            endpoints.append((f"vehicles.{name}.direct", vehicle.direct, 0, socket.SOCK_DGRAM))
     busy = []
-    for key, endpoint, offset, kind in wanted:
+    for key, endpoint, offset, kind in endpoints:
         port = endpoint.rsplit(":", 1)[-1]
         if port.isdigit() and not is_free(int(port) + offset, kind):
             protocol = "TCP" if kind == socket.SOCK_STREAM else "UDP"
@@ -68,7 +69,7 @@ def busy_ports(fleet: FleetConfig) -> list[str]:
 
 
 def _free_ports() -> Iterator[int]:
-    """Ports that are free for TCP and UDP, together with the one that an emulated PX4 binds beside them."""
+    """Yield ports that are free for TCP and UDP, together with the one that an emulated PX4 binds beside them."""
     low, high = PORT_RANGE
     step = 2 * PX4_OFFSET
     starts = list(range(low, high - step, step))
@@ -92,44 +93,6 @@ def _next(ports: Iterator[int]) -> int:
 
 
 def toml_text(data: dict[str, Any], comment: str = "") -> str:
-    """TOML of nested tables of plain values, enough for fleet files (the standard library only reads TOML)."""
-    lines = [f"# {line}" for line in comment.splitlines()]
-    _emit(data, (), lines)
-    return "\n".join(lines) + "\n"
-
-
-def _emit(table: dict[str, Any], path: tuple[str, ...], lines: list[str]) -> None:
-    if path:
-        lines += ["", f"[{'.'.join(_key(part) for part in path)}]"]
-    for key, value in table.items():
-        if not isinstance(value, dict):
-            lines.append(f"{_key(key)} = {_value(value)}")
-    for key, value in table.items():
-        if isinstance(value, dict):
-            _emit(value, (*path, key), lines)
-
-
-def _key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _string(key)
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, (int, float)):
-        return repr(value)
-    if isinstance(value, str):
-        return _string(value)
-    if isinstance(value, list):
-        return f"[{', '.join(_value(item) for item in value)}]"
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{_key(key)} = {_value(item)}" for key, item in value.items()) + "}"
-    raise TypeError(f"no TOML for {type(value).__name__}")
-
-
-def _string(text: str) -> str:
-    escaped = "".join(
-        f"\\u{ord(char):04x}" if ord(char) < 32 or ord(char) == 127 else f"\\{char}" if char in '"\\' else char
-        for char in text
-    )
-    return f'"{escaped}"'
+    """Return a fleet file's data as TOML, below a comment."""
+    lines = "".join(f"# {line}\n" for line in comment.splitlines())
+    return lines + tomli_w.dumps(data)

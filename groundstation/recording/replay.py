@@ -21,9 +21,9 @@ from groundstation.fleet import state as fleet_state
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.tick_stream import KEPT
 from groundstation.orders.grammar import Intent, OrderError
-from groundstation.orders.result import OrderHandle
+from groundstation.orders.result import OrderResult
 from groundstation.recording.channels import as_mapping
-from groundstation.recording.timeline import Reading, Timeline, Told
+from groundstation.recording.timeline import Reading, RecordedMessage, Timeline
 from groundstation.recording.writer import event_line
 from onboard.bus.schema import Telemetry, TickSample, Truth
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
@@ -72,7 +72,7 @@ class Replay:
         self.timeline = timeline
         self.is_playing = True
         self.speed = speed
-        self.ticks = RecordedTicks(self._read_again)
+        self.tick_stream = RecordedTicks(self._read_again)
         self.seeking: float | None = None
         self._listeners: list[OnStep] = []
         self._resets: list[Callable[[], None]] = []
@@ -93,7 +93,7 @@ class Replay:
         """The time of the record, on the record's clock."""
         return self._now_ns
 
-    async def submit(self, order: Intent | str) -> OrderHandle:
+    async def submit(self, order: Intent | str) -> OrderResult:
         """Refused: what has happened cannot be ordered.
 
         Raises:
@@ -182,7 +182,7 @@ class Replay:
     def _turn_back(self, before_ns: int) -> None:
         place = max(0, bisect.bisect_right(self._keyframes, before_ns, key=lambda pair: pair[0]) - 1)
         self._now_ns, self._state = self._keyframes[place]
-        self.ticks.values.clear()
+        self.tick_stream.values.clear()
         self._reading = self._read_on()
         for reset in self._resets:
             reset()
@@ -190,13 +190,13 @@ class Replay:
     def _read_again(self) -> None:
         """Another vehicle is followed: what its pipeline has just done comes first."""
         self._reading = self._read_on()
-        if self.ticks.vehicle is not None:
-            for one in self.timeline.told(self._now_ns - TICKS_NS, frozenset(("tick",))).until(self._now_ns):
-                if isinstance(one.message, TickSample) and one.name == self.ticks.vehicle:
-                    self.ticks.values.append(one.message)
+        if self.tick_stream.vehicle is not None:
+            for one in self.timeline.read(self._now_ns - TICKS_NS, frozenset(("tick",))).until(self._now_ns):
+                if isinstance(one.message, TickSample) and one.name == self.tick_stream.vehicle:
+                    self.tick_stream.values.append(one.message)
 
     def _read_on(self) -> Reading:
-        return self.timeline.told(self._now_ns, _SEEN if self.ticks.vehicle is None else _WITH_TICKS)
+        return self.timeline.read(self._now_ns, _SEEN if self.tick_stream.vehicle is None else _WITH_TICKS)
 
     def _steps(self, until_ns: int) -> Iterator[None]:
         """Fold the record on to ``until_ns``, and pause after every step."""
@@ -210,7 +210,7 @@ class Replay:
                 listener(self._state, now_ns)
             yield
 
-    def _folded(self, told: list[Told]) -> FleetState:
+    def _folded(self, told: list[RecordedMessage]) -> FleetState:
         state = self._state
         for topic, group in itertools.groupby(told, key=lambda one: one.topic):
             some = list(group)
@@ -220,14 +220,14 @@ class Replay:
                     truths = [one.message for one in together if isinstance(one.message, Truth)]
                     state = fleet_state.fold_truths(state, truths, together[-1].stamp_ns)
             elif topic == "tick":
-                own = [one.message for one in some if one.name == self.ticks.vehicle]
-                self.ticks.values.extend(sample for sample in own if isinstance(sample, TickSample))
+                own = [one.message for one in some if one.name == self.tick_stream.vehicle]
+                self.tick_stream.values.extend(sample for sample in own if isinstance(sample, TickSample))
             else:
                 state = _told(state, some)
         return state
 
 
-def _told(state: FleetState, some: list[Told]) -> FleetState:
+def _told(state: FleetState, some: list[RecordedMessage]) -> FleetState:
     """The state after messages of vehicles: who speaks is there."""
     heard = [(one.message, one.stamp_ns) for one in some if isinstance(one.message, Telemetry)]
     state = fleet_state.fold_telemetry(state, heard)

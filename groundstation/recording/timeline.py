@@ -1,7 +1,10 @@
-"""A record to walk about in: where which second lies, and its messages in the order of their time. Light on memory.
+"""Index of a record: which chunk holds which time, and the messages in the order of their stamps.
 
-Only an index is held: a row per chunk of the file, read from the chunks' heads, so that a record that was cut off opens
-as well, as far as it goes. Hosts have clocks of their own: a sender whose stamps are far from the others' is moved.
+The index has a row per chunk, read from the heads of the file's records. So a record that was cut off opens as far as
+it goes, and memory does not grow with the messages. The ``mcap`` library decodes the chunks; its seeking reader needs
+the summary at the end, which a record cut by SIGKILL does not have, and ends at the first damaged chunk.
+
+Hosts have clocks of their own: a sender whose stamps are far from the others' is shifted onto the common clock.
 """
 
 from __future__ import annotations
@@ -10,15 +13,21 @@ import bisect
 import heapq
 import math
 import struct
-import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from io import BytesIO
 from itertools import accumulate
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import NamedTuple
 
-import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, McapRecord, Schema
+from mcap.records import Message as McapMessage
+from mcap.stream_reader import breakup_chunk
+from zstandard import ZstdError, frame_content_size
 
 from groundstation.recording.channels import KINDS, REPLY, from_json
 from groundstation.recording.reader import record_path
@@ -28,19 +37,17 @@ from onboard.config.fleet import ConfigError
 MAX_EVENTS = 20_000
 MAX_CHUNK_BYTES = 256 * 1024 * 1024
 CLOCK_APART_NS = 5_000_000_000  # stamps further apart than that within one second of writing are of two clocks
-MAX_CHUNK_NS = 3_600_000_000_000  # a chunk is written within seconds; a stamp beyond that is a lie
+MAX_CHUNK_NS = 3_600_000_000_000  # a chunk is written within seconds; a stamp further away is wrong
 _MAGIC = b"\x89MCAP0\r\n"
-_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _DATA_END = 3, 4, 5, 6, 7, 0x0F
 _HEAD = struct.Struct("<BQ")
-_CHUNK_HEAD = struct.Struct("<QQQI")
-_MESSAGE_HEAD = struct.Struct("<HIQQ")
+_CHUNK_TIMES = struct.Struct("<QQ")
 _GROUND = "ground"
 
 
-class Told(NamedTuple):
-    """A message of the record: when (on the record's one clock), where it was said, and what."""
+class RecordedMessage(NamedTuple):
+    """One message of the record."""
 
-    stamp_ns: int
+    stamp_ns: int  # on the record's common clock
     topic: str
     name: str
     message: Message
@@ -56,33 +63,35 @@ class _Chunk:
 
 
 @dataclass(frozen=True, slots=True)
-class _Channel:
+class _RecordChannel:
     topic: str
     name: str
     kind: type[Message]
 
     @property
     def clock(self) -> str:
-        """Whose clock its stamps are of."""
+        """The clock of its stamps: of a vehicle, the ground, the emulator or the mocap."""
         if self.topic in ("truth", "mocap"):
             return self.topic
         return _GROUND if self.topic in ("order", REPLY) else self.name
 
 
 class Timeline:
-    """The index of a record; ConfigError when the file is no record at all.
+    """Index of a record.
 
-    Attributes:
-        begin_ns, end_ns: first and last stamp. events: (stamp, event), sorted, at most MAX_EVENTS.
-        broken: empty, or a sentence about where and how the record breaks off. malformed: messages that were none.
+    Args:
+        folder: flight folder, or the MCAP file itself.
+
+    Raises:
+        ConfigError: the file is no record, or nothing of it can be read.
     """
 
     def __init__(self, folder: Path) -> None:
         self.path = record_path(folder)
-        self.broken = ""
-        self.malformed = 0
-        self.events: list[tuple[int, Event]] = []
-        self._channels: dict[int, _Channel] = {}
+        self.broken = ""  # sentence about where the record breaks off; empty when it is whole
+        self.malformed = 0  # messages that could not be decoded
+        self.events: list[tuple[int, Event]] = []  # (stamp, event), sorted, at most MAX_EVENTS
+        self._channels: dict[int, _RecordChannel] = {}
         self._schemas: dict[int, str] = {}
         self._chunks: list[_Chunk] = []
         self._stream = self.path.open("rb")
@@ -97,22 +106,30 @@ class Timeline:
             )
         self.begin_ns = min(chunk.begin_ns for chunk in self._chunks)
         self.end_ns = max(chunk.end_ns for chunk in self._chunks)
-        # where a stamp may begin to be found, and until where all later chunks are younger
+        # the latest stamp up to each chunk, and the earliest from each chunk on
         self._latest = list(accumulate((chunk.end_ns for chunk in self._chunks), max))
         self._earliest = list(accumulate((chunk.begin_ns for chunk in reversed(self._chunks)), min))[::-1]
         self.events.sort(key=lambda pair: pair[0])
 
     @property
     def length_s(self) -> float:
-        """From the first stamp to the last."""
+        """Seconds from the first stamp to the last."""
         return (self.end_ns - self.begin_ns) * 1e-9
 
     def close(self) -> None:
         """Close the file."""
         self._stream.close()
 
-    def told(self, after_ns: int, topics: frozenset[str]) -> Reading:
-        """Messages with stamps above ``after_ns`` of channels of these ``topics``, in order; see :class:`Reading`."""
+    def read(self, after_ns: int, topics: frozenset[str]) -> Reading:
+        """Begin to read messages in the order of their stamps.
+
+        Args:
+            after_ns: only stamps above this one.
+            topics: first parts of the channels' names, as ``telemetry``.
+
+        Returns:
+            A reading that goes forward.
+        """
         return Reading(self, after_ns, topics)
 
     # -- the index -------------------------------------------------------------------------------------------------
@@ -131,7 +148,7 @@ class Timeline:
                 break
             opcode, length = _HEAD.unpack(head)
             offset += _HEAD.size
-            if opcode == _DATA_END:
+            if opcode == Opcode.DATA_END:
                 stream.seek(max(0, size - len(_MAGIC)))
                 if stream.read() != _MAGIC:
                     self.broken = "The record was cut off in its closing part; what was flown is whole."
@@ -139,12 +156,12 @@ class Timeline:
             if offset + length > size:
                 self.broken = "The record was cut off in the middle of a piece; what was before it is shown."
                 break
-            if opcode == _CHUNK:
+            if opcode == Opcode.CHUNK:
                 self._chunks.append(_Chunk(offset, length))
-                begin_ns, end_ns, _, _ = _CHUNK_HEAD.unpack(stream.read(_CHUNK_HEAD.size))
-                self._chunks[-1].begin_ns, self._chunks[-1].end_ns = begin_ns, end_ns
+                times = _CHUNK_TIMES.unpack(stream.read(_CHUNK_TIMES.size))
+                self._chunks[-1].begin_ns, self._chunks[-1].end_ns = times
                 stamps.begin()
-            elif opcode == _MESSAGE_INDEX and self._chunks:
+            elif opcode == Opcode.MESSAGE_INDEX and self._chunks:
                 self._index(stream.read(length), stamps)
             offset += length
             stream.seek(offset)
@@ -174,77 +191,92 @@ class Timeline:
         stamps.add(channel.clock, min(first_ns, last_ns), max(first_ns, last_ns), is_event=channel.topic == "event")
 
     def _learn(self, chunk: _Chunk) -> None:
-        place = self._stream.tell()
-        for opcode, start, end, data in self._records(chunk):
-            if opcode == _SCHEMA:
-                number = struct.unpack_from("<H", data, start)[0]
-                self._schemas[number] = _text(data, start + 2)[0]
-            elif opcode == _CHANNEL and end - start > 8:
-                number, schema = struct.unpack_from("<HH", data, start)
-                topic, _, name = _text(data, start + 4)[0].partition("/")
-                kind = KINDS.get(self._schemas.get(schema, "").removeprefix("covey."))
+        position = self._stream.tell()
+        for record in self._records(chunk):
+            if isinstance(record, Schema):
+                self._schemas[record.id] = record.name
+            elif isinstance(record, Channel):
+                topic, _, name = record.topic.partition("/")
+                kind = KINDS.get(self._schemas.get(record.schema_id, "").removeprefix("covey."))
                 if kind is not None:
-                    self._channels[number] = _Channel(topic, name, kind)
-        self._stream.seek(place)
+                    self._channels[record.id] = _RecordChannel(topic, name, kind)
+        self._stream.seek(position)
 
     def _read_events(self, number: int) -> None:
-        for told in self.messages(number, frozenset(("event",))):
-            if isinstance(told.message, Event) and len(self.events) < MAX_EVENTS:
-                self.events.append((told.stamp_ns, told.message))
+        for one in self.messages(number, frozenset(("event",))):
+            if isinstance(one.message, Event) and len(self.events) < MAX_EVENTS:
+                self.events.append((one.stamp_ns, one.message))
 
     # -- the messages ----------------------------------------------------------------------------------------------
 
     def first_chunk(self, after_ns: int) -> int:
-        """The first chunk that may hold a stamp above this one."""
+        """Return the first chunk that may hold a stamp above this one."""
         return bisect.bisect_right(self._latest, after_ns)
 
     def may_begin_ns(self, number: int) -> float:
-        """No message of this chunk or a later one is older than that; infinite after the last."""
+        """Return the earliest stamp of this chunk and all later ones; infinite after the last."""
         return self._earliest[number] if number < len(self._chunks) else math.inf
 
-    def messages(self, number: int, topics: frozenset[str]) -> Iterator[Told]:
-        """Messages of one chunk as they stand in it."""
+    def messages(self, number: int, topics: frozenset[str]) -> Iterator[RecordedMessage]:
+        """Decode one chunk.
+
+        Args:
+            number: of the chunk.
+            topics: first parts of the channels' names, as ``telemetry``.
+
+        Yields:
+            Messages in the order of the file.
+        """
         chunk = self._chunks[number]
-        for opcode, start, end, data in self._records(chunk):
-            if opcode != _MESSAGE or end - start < _MESSAGE_HEAD.size:
+        for record in self._records(chunk):
+            if not isinstance(record, McapMessage):
                 continue
-            channel_id, _, stamp_ns, _ = _MESSAGE_HEAD.unpack_from(data, start)
-            channel = self._channels.get(channel_id)
+            channel = self._channels.get(record.channel_id)
             if channel is None or channel.topic not in topics:
                 continue
-            message = from_json(channel.kind, data[start + _MESSAGE_HEAD.size : end])
+            message = from_json(channel.kind, record.data)
             if message is None:
                 self.malformed += 1
                 continue
-            yield Told(stamp_ns - chunk.shifts_ns.get(channel.clock, 0), channel.topic, channel.name, message)
+            stamp_ns = record.log_time - chunk.shifts_ns.get(channel.clock, 0)
+            yield RecordedMessage(stamp_ns, channel.topic, channel.name, message)
 
-    def _records(self, chunk: _Chunk) -> Iterator[tuple[int, int, int, bytes]]:
-        """Opcode, begin and end of each record within the chunk's bytes; nothing of a damaged chunk."""
-        data = _unpacked(self._stream, chunk)
-        if data is None:
-            self.broken = self.broken or "A piece of the record is damaged; the flight jumps over it."
-            return
-        place = 0
-        while place + _HEAD.size <= len(data):
-            opcode, length = _HEAD.unpack_from(data, place)
-            place += _HEAD.size
-            if place + length > len(data):
-                return
-            yield opcode, place, place + length, data
-            place += length
+    def _records(self, chunk: _Chunk) -> list[McapRecord]:
+        """The chunk's records; none of a damaged chunk."""
+        self._stream.seek(chunk.offset)
+        try:
+            whole = Chunk.read(ReadDataStream(BytesIO(self._stream.read(chunk.size))))
+            size = frame_content_size(whole.data) if whole.compression == "zstd" else whole.uncompressed_size
+            if max(size, whole.uncompressed_size) <= MAX_CHUNK_BYTES:
+                return breakup_chunk(whole, validate_crc=True)
+        except (McapError, ZstdError, struct.error, ValueError, EOFError):
+            pass
+        self.broken = self.broken or "A piece of the record is damaged; the flight jumps over it."
+        return []
 
 
 class Reading:
-    """Messages in the order of their stamps, up to a time that only moves forward."""
+    """Messages in the order of their stamps, up to a time that only moves forward.
+
+    Args:
+        timeline: the record.
+        after_ns: only stamps above this one.
+        topics: first parts of the channels' names.
+    """
 
     def __init__(self, timeline: Timeline, after_ns: int, topics: frozenset[str]) -> None:
         self._timeline, self._after_ns, self._topics = timeline, after_ns, topics
         self._next = timeline.first_chunk(after_ns)
-        self._heap: list[tuple[int, int, Told]] = []
+        self._heap: list[tuple[int, int, RecordedMessage]] = []
         self._count = 0
 
-    def until(self, until_ns: int) -> Iterator[Told]:
-        """All that was not given yet, with stamps up to and including ``until_ns``."""
+    @property
+    def pending(self) -> int:
+        """Number of messages that are decoded and not yet yielded."""
+        return len(self._heap)
+
+    def until(self, until_ns: int) -> Iterator[RecordedMessage]:
+        """Yield the messages not yet yielded, with stamps up to and including ``until_ns``."""
         while True:
             while self._timeline.may_begin_ns(self._next) <= until_ns and (
                 not self._heap or self._timeline.may_begin_ns(self._next) <= self._heap[0][0]
@@ -255,35 +287,35 @@ class Reading:
             yield heapq.heappop(self._heap)[2]
 
     def _load(self) -> None:
-        for told in self._timeline.messages(self._next, self._topics):
-            if told.stamp_ns > self._after_ns:
+        for one in self._timeline.messages(self._next, self._topics):
+            if one.stamp_ns > self._after_ns:
                 self._count += 1
-                heapq.heappush(self._heap, (told.stamp_ns, self._count, told))
+                heapq.heappush(self._heap, (one.stamp_ns, self._count, one))
         self._next += 1
 
 
 class _Settled(NamedTuple):
-    """A chunk on the common clock; ends before it begins when the file has no index of it."""
+    """A chunk on the common clock."""
 
     begin_ns: int
-    end_ns: int
+    end_ns: int  # below begin_ns when the file has no index of this chunk
     shifts_ns: dict[str, int]
     has_events: bool
 
 
 class _Stamps:
-    """First and last stamps of every clock in every chunk, and from them how far each clock is from the common one."""
+    """First and last stamps of every clock in every chunk, and the shift of each clock from the common one."""
 
     def __init__(self) -> None:
         self._chunks: list[dict[str, tuple[int, int]]] = []
         self._with_events: set[int] = set()
 
     def begin(self) -> None:
-        """The next chunk."""
+        """Begin the next chunk."""
         self._chunks.append({})
 
     def add(self, clock: str, first_ns: int, last_ns: int, *, is_event: bool) -> None:
-        """A channel of this clock in the present chunk."""
+        """Add the stamps of one channel of the present chunk."""
         if last_ns - first_ns > MAX_CHUNK_NS:
             last_ns = first_ns
         old = self._chunks[-1].get(clock, (first_ns, last_ns))
@@ -292,7 +324,7 @@ class _Stamps:
             self._with_events.add(len(self._chunks) - 1)
 
     def settled(self) -> Iterator[_Settled]:
-        """All chunks on the clock that is in most of them."""
+        """Yield all chunks, put on the clock that is in most of them."""
         counts = Counter(clock for spans in self._chunks for clock in spans)
         common = max(counts, key=lambda clock: (counts[clock], clock == _GROUND), default=_GROUND)
         now_ns = next((spans[common][0] for spans in self._chunks if common in spans), 0)
@@ -306,27 +338,3 @@ class _Stamps:
             begin_ns = min((span[0] - shifts.get(clock, 0) for clock, span in spans.items()), default=0)
             end_ns = max((span[1] - shifts.get(clock, 0) for clock, span in spans.items()), default=-1)
             yield _Settled(begin_ns, end_ns, shifts, not spans or number in self._with_events)
-
-
-def _unpacked(stream: IO[bytes], chunk: _Chunk) -> bytes | None:
-    """The chunk's records; None when they are damaged."""
-    stream.seek(chunk.offset)
-    data = stream.read(chunk.size)
-    try:
-        _, _, size, crc = _CHUNK_HEAD.unpack_from(data)
-        compression, place = _text(data, _CHUNK_HEAD.size)
-        packed = data[place + 8 :]
-        if size > MAX_CHUNK_BYTES:
-            return None
-        if compression == "zstd":
-            packed = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
-        elif compression:
-            return None
-    except (struct.error, zstandard.ZstdError, UnicodeDecodeError):
-        return None
-    return packed if len(packed) == size and (crc == 0 or zlib.crc32(packed) == crc) else None
-
-
-def _text(data: bytes, place: int) -> tuple[str, int]:
-    length = struct.unpack_from("<I", data, place)[0]
-    return data[place + 4 : place + 4 + length].decode("utf-8", "replace"), place + 4 + length

@@ -1,7 +1,7 @@
-"""The flight record: everything heard, into one folder, without ever holding up the flight.
+"""The flight record: every message of the bus, in one folder, without holding up the flight.
 
-A sink only puts into a bounded queue; ten times a second one thread encodes what is there, and once a second that goes
-to the file, so that a crash costs at most a second. A full disk ends the record with an event, never the flight.
+A sink only appends to a bounded queue. A thread encodes it ten times a second and writes a chunk once a second, so a
+crash costs at most one second. A full disk ends the record with an event, never the flight.
 """
 
 from __future__ import annotations
@@ -10,21 +10,22 @@ import contextlib
 import datetime
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, TextIO
 
 import msgspec
+from mcap.writer import Writer
 
 from groundstation.recording.channels import json_schema, rows
-from groundstation.recording.mcap_file import McapFile
 from onboard.bus.schema import Event, Message, Order, OrderReply
 from onboard.bus.topics import Topic
 
 WRITE_PERIOD_S, FLUSH_PERIOD_S = 0.1, 1.0
 MAX_QUEUED = 20_000
 RECORD_NAME = "flight.mcap"
+_CHUNK_BYTES = 512 * 1024  # each chunk has an index entry per channel
 
 _Item = tuple[Topic, str, Message, int]
 
@@ -116,9 +117,11 @@ class RecordFiles:
 
     def __init__(self, folder: Path, stream: IO[bytes], *, begin_ns: int, begin: str) -> None:
         self._stream = stream
-        self._file = McapFile(stream, "covey")
+        self._mcap = Writer(stream, chunk_size=_CHUNK_BYTES)
+        self._mcap.start(library="covey")
         self._schemas: dict[type[Message], int] = {}
-        self._channels: dict[str, list[int]] = {}  # id and next sequence number
+        self._channels: dict[str, int] = {}
+        self._sequences: Counter[int] = Counter()  # next of each channel
         self._begin_ns = begin_ns
         head = f"# seconds since {begin}\n"
         self._texts: dict[str, TextIO] = {}
@@ -129,9 +132,9 @@ class RecordFiles:
     def write(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
         """Take one message of the bus."""
         for channel, kind, stamp_ns, data in rows(topic, name, message, received_ns):
-            place = self._channels.get(channel) or self._register(channel, kind)
-            self._file.add_message(place[0], stamp_ns, place[1], data)
-            place[1] += 1
+            number = self._channels.get(channel) or self._register(channel, kind)
+            self._mcap.add_message(number, stamp_ns, data, stamp_ns, self._sequences[number])
+            self._sequences[number] += 1
         if isinstance(message, Event):
             self._line("events.txt", received_ns, event_line(message))
             if message.order_id:
@@ -145,14 +148,14 @@ class RecordFiles:
 
     def flush(self) -> None:
         """Bring what was written so far to the disk."""
-        self._file.end_chunk()  # without it a quiet flight would stay in memory for a minute
-        self._stream.flush()
+        # also a chunk that is not full: a quiet flight would stay in memory for a minute
+        self._mcap.flush()  # type: ignore[no-untyped-call]
         for text in self._texts.values():
             text.flush()
 
     def finish(self) -> None:
         """Write the end of the files."""
-        self._file.finish()
+        self._mcap.finish()  # type: ignore[no-untyped-call]
         self._stream.flush()
         for text in self._texts.values():
             text.flush()
@@ -163,14 +166,14 @@ class RecordFiles:
             with contextlib.suppress(OSError):  # what could be written was; the failure itself has been told
                 close()
 
-    def _register(self, name: str, kind: type[Message]) -> list[int]:
+    def _register(self, name: str, kind: type[Message]) -> int:
         schema = self._schemas.get(kind)
         if schema is None:
-            schema = self._schemas[kind] = self._file.register_schema(
+            schema = self._schemas[kind] = self._mcap.register_schema(
                 f"covey.{kind.__name__}", "jsonschema", json_schema(kind)
             )
-        found = self._channels[name] = [self._file.register_channel(name, "json", schema), 0]
-        return found
+        number = self._channels[name] = self._mcap.register_channel(name, "json", schema)
+        return number
 
     def _line(self, name: str, received_ns: int, text: str) -> None:
         seconds = (received_ns - self._begin_ns) * 1e-9

@@ -40,7 +40,8 @@ from onboard.events import (
     TickFailed,
     WatchBodies,
 )
-from onboard.flight import order_checks, takeover
+from onboard.feasibility.bounds import TICK_S
+from onboard.flight import order_checks, state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
 from onboard.localization.odometry_forwarding import OdometryForwarder
@@ -51,7 +52,7 @@ from onboard.px4.required_params import required_params
 from onboard.safety.failsafe_table import Action, Situation
 from onboard.safety.limits import POSITION_LOST_S
 from onboard.safety.setpoint_check import is_sendable
-from onboard.supervision.conditions import PERIOD_S, TickContext
+from onboard.supervision.conditions import TickContext
 from onboard.supervision.failsafe_executor import FailsafeExecutor
 from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
 from onboard.supervision.preflight_reporter import PreflightReporter
@@ -113,7 +114,7 @@ class AgentCore:
         self._ticks_to_choose = 0
         self._last_ns = self._malformed = self._sent_ns = 0
         self._loss_ns = round(1e9 * float(required_params(self.vehicle).get("COM_OF_LOSS_T", 0.3)))
-        self._period_s = PERIOD_S
+        self._period_s = TICK_S
         self._doing = TickContext()
         self._odometry = OdometryForwarder()
         self._sent_thrust_frac = 0.0
@@ -212,50 +213,25 @@ class AgentCore:
         return [Reply(reply), *self._drain()]
 
     def _refusal(self, order: Order, view: FlightView) -> str | None:
-        late = order_checks.late_sentence(order, view.now_ns)
-        if late is None and order.kind == "hold" and self.flight.state == "failed":
-            not_ready = self.preflight.reasons_in_air(view, self._hover_frac)
-            return takeover.refusal(view, not_ready, self._distances, self.fleet)
-        refusal = order_checks.refusal(
-            order,
-            view.now_ns,
-            flight=self.flight,
-            snapshot=self._snapshot,
-            position_enu_m=view.position_enu_m,
-            not_ready=self.preflight.not_ready,
-            others=self.neighbours.telemetries(),
-            fleet=self.fleet,
+        facts = order_checks.OrderFacts(
+            view,
+            self.fleet,
+            self.neighbours.telemetries(),
+            self._distances,
+            self.preflight.not_ready,
+            lambda: self.preflight.reasons_in_air(view, self._hover_frac),
         )
+        refusal = order_checks.refusal(order, self.flight, facts)
         return self.failsafes.move_refusal() if refusal is None and order.kind == "move" else refusal
 
     def _begin(self, order: Order, view: FlightView) -> None:
-        flight = self.flight
-        if order.kind not in LOCATE:
-            self.failsafes.ordered()
-        match order.kind:
-            case "locate" | "identify":
-                flight.locate(view, order)
-            case "arm":
-                flight.begin_start(view, order, None)
-            case "takeoff":
-                height = order_checks.DEFAULT_HEIGHT_M if order.height_m is None else order.height_m
-                flight.begin_start(view, order, height)
-            case "move":
-                assert order.position_enu_m is not None
-                flight.begin_move(view, order, order.position_enu_m, max(0.0, order.duration_s))
-                self._conflict_check_ns = view.now_ns + int(_CONFLICT_CHECK_S * 1e9)
-            case "hold" if flight.state == "failed":
-                flight.begin_takeover(view, order)
-            case "hold":
-                flight.begin_hold(view, order, "ordered")
-            case "land" if flight.state == "failed":
-                flight.begin_px4_land(view, "ordered", order)
-            case "land":
-                flight.begin_land(view, order, "ordered")
-            case "disarm":
-                flight.begin_disarm(view, order)
-            case "kill":
-                flight.kill(view, order)
+        if order.kind in LOCATE:
+            state_machine.locate(self.flight, view, order)
+            return
+        self.failsafes.begin_order()
+        state_machine.begin_order(self.flight, view, order)
+        if order.kind == "move":
+            self._conflict_check_ns = view.now_ns + int(_CONFLICT_CHECK_S * 1e9)
 
     # -- a tick ------------------------------------------------------------------------------------------------------
 
@@ -276,7 +252,7 @@ class AgentCore:
 
     def begin_tick(self, now_ns: int) -> Pass:
         """The first half of :meth:`tick`: what the pipeline has to compute; who runs many cores computes it at once."""
-        self._period_s = (now_ns - self._last_ns) * 1e-9 if self._last_ns else PERIOD_S
+        self._period_s = (now_ns - self._last_ns) * 1e-9 if self._last_ns else TICK_S
         if now_ns < self._last_ns:
             self._doing.clock_jump_ns = now_ns
         self._last_ns = now_ns
@@ -289,12 +265,14 @@ class AgentCore:
         self._distances = self.neighbours.distances_m(self._view.position_enu_m, now_ns)
         self._choose_neighbours(now_ns)
         self._watch_over(now_ns)
-        flight.advance(self._view)
+        state_machine.advance(flight, self._view)
         phase = flight.phase
         if state is None:
             start = Vec3(*self.vehicle.start_enu_m)
             state, phase = State(start, ZERO_3, ZERO_3, 0.0, 0.0, 0.0, 0.0), Phase.GROUND
-        return Pass(self._memory, state, flight.goal(), self.neighbours, now_ns, dt_s, phase)
+        order = flight.goal
+        goal = Goal(Vec3(*order.position_enu_m), order.duration_s, order.sequence)
+        return Pass(self._memory, state, goal, self.neighbours, now_ns, dt_s, phase)
 
     def end_tick(self, memory: PipelineMemory, tick: Tick) -> list[Command]:
         """The second half of :meth:`tick`, with what the pipeline made of the pass."""
@@ -336,7 +314,7 @@ class AgentCore:
         is_first, self._ticks_to_choose = self._ticks_to_choose < 0, CHOOSE_TICKS
         is_new = self._view.has_position and self.neighbours.choose(self._view.position_enu_m, now_ns)
         if is_new or is_first:
-            self.flight.out.append(Follow(self.neighbours.followed))
+            self.flight.commands.append(Follow(self.neighbours.followed))
 
     def _look(self, now_ns: int, state: State | None) -> FlightView:
         if state is None:
@@ -366,8 +344,7 @@ class AgentCore:
                 hover_frac=self._hover_frac,
                 conditions=self.failsafes.conditions,
             )
-            if flight.state in ("waiting", "ready") and flight.step is Step.IDLE:
-                flight.state = "waiting" if self.preflight.not_ready else "ready"
+            state_machine.preflight_checked(flight, self._view, not self.preflight.not_ready)
 
     def _to_wire(self, tick: Tick) -> list[Command]:
         out = self._drain()
@@ -384,14 +361,14 @@ class AgentCore:
             # PX4 has begun to land meanwhile: setpoints that come back now would take the vehicle from it
             sentence = f"No setpoint has left for {self._loss_ns * 1e-9:.1f} s: PX4 lands."
             flight.say(self._view, "critical", "setpoints-interrupted", sentence)
-            flight.begin_px4_land(self._view, sentence)
+            state_machine.begin_failsafe(flight, self._view, Action.PX4_LAND, sentence)
             self.failsafes.action = max(self.failsafes.action, Action.PX4_LAND)
             return out + self._drain()
         # last check: finite, bounded, from a fresh position and attitude; else the wire stays silent
         is_fresh = self.own.age_s < POSITION_LOST_S + 0.2 and now_ns - self._snapshot.last_packet_ns < _HEARD_NS
         if is_fresh and is_sendable(setpoint, self.vehicle.max_tilt_deg):
             self._sent_thrust_frac, self._sent_ns = setpoint.thrust_frac, now_ns
-            self._doing.asked_wxyz, self._doing.thrust_frac = (
+            self._doing.commanded_wxyz, self._doing.thrust_frac = (
                 setpoint.quaternion_wxyz,
                 self._sent_thrust_frac,
             )
@@ -399,8 +376,7 @@ class AgentCore:
         return out
 
     def _drain(self) -> list[Command]:
-        out, self.flight.out = self.flight.out, []
-        return out
+        return self.flight.take_commands()
 
     # -- what it says ------------------------------------------------------------------------------------------------
 
@@ -422,8 +398,7 @@ class AgentCore:
             flight.goal_position_enu_m, self.neighbours.telemetries(), self.fleet.fleet.safety_distance_m
         )
         if sentence is not None:
-            flight.finish(self._view, "refused", sentence)
-            flight.begin_hold(self._view, None, sentence)
+            state_machine.begin_failsafe(flight, self._view, Action.HOLD, sentence, "refused")
 
 
 def _is_plausible(snapshot: Snapshot) -> bool:

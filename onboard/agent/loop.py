@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 import os
 import signal
 import sys
@@ -21,6 +20,7 @@ from concurrent.futures import ThreadPoolExecutor
 from onboard import events as ev
 from onboard.agent.core import AgentCore
 from onboard.agent.ticker import Ticker
+from onboard.agent.warm_up import warm_up
 from onboard.autopilot import LinkError
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
@@ -29,6 +29,7 @@ from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessa
 from onboard.bus.session import BusSession
 from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.config.fleet import FleetConfig, MocapConfig
+from onboard.exit_status import EXIT_INTERRUPTED, EXIT_OK, EXIT_WRONG_INPUT
 from onboard.mocap.factory import source_of
 from onboard.mocap.source import MocapSource, OnMalformed, OnPose
 from onboard.process import realtime
@@ -38,7 +39,6 @@ from onboard.px4.mavsdk_link import Px4Link
 from onboard.px4.required_params import differences, required_params
 from onboard.safety.failsafe_table import Situation
 
-EXIT_OK, EXIT_WRONG_INPUT, EXIT_INTERRUPTED = 0, 2, 130
 PERIOD_NS = 20_000_000
 _WATCHED_HZ = 10.0
 _MAX_EVENTS = 2000
@@ -99,7 +99,7 @@ class Agent:
         self._ended = loop.create_future()
         for number in (signal.SIGINT, signal.SIGTERM):  # before anything takes time: a stop asked for early counts too
             loop.add_signal_handler(number, self._signalled)
-        _warm_up(self.fleet, self.name, self._core.law)
+        warm_up(self.fleet, self.name, self._core.law)
         self._link.start()
         try:
             self._bus.start()
@@ -312,7 +312,7 @@ class Agent:
                     for sentence in problems:
                         log.warning("%s", sentence)
                 if self._core.flight.situation is Situation.GROUND:
-                    self._link.settle_global_origin(gives_ours=self.vehicle.mocap_required)
+                    self._link.settle_global_origin(sets_ours=self.vehicle.mocap_required)
                 await asyncio.sleep(_PARAM_REPEAT_S if problems else 1.0)
                 is_full = await loop.run_in_executor(self._blocking, realtime.is_disk_full)
                 self._notices.append(ev.DiskChecked(is_full))
@@ -326,29 +326,6 @@ def _log_end(task: asyncio.Task[None]) -> None:
     """The link's upkeep never ends by itself; if a bug ends it, the flight goes on without it."""
     if not task.cancelled() and task.exception() is not None:
         log.error("upkeep of the link ended", exc_info=task.exception())
-
-
-def _warm_up(fleet: FleetConfig, name: str, law: str) -> None:
-    """Run the whole core on made-up data, so that the first real tick is not the slow one (imports, allocations)."""
-    core = AgentCore(fleet, name, boot_id=0, law=law)
-    vehicle = core.vehicle
-    x, y, z = vehicle.start_enu_m
-    for count in range(1, 60):
-        now_ns = count * PERIOD_NS
-        pose = MocapPose(
-            body=vehicle.body or "",
-            boot_id=1,
-            sequence=count,
-            stamp_ns=now_ns,
-            is_tracked=True,
-            position_enu_m=(x, y, z + 1e-6 * (count % 2)),  # a body that is tracked is never quite still
-            quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
-        )
-        core.own.add_pose(pose, now_ns)
-        core.flight.step = core.flight.step.CLIMB if count > 10 else core.flight.step
-        core.flight.state = "taking off" if count > 10 else "waiting"
-        core.tick(now_ns)
-    assert core.last_tick is None or all(map(math.isfinite, core.last_tick.attitude.quaternion_wxyz))
 
 
 def run_agent(

@@ -6,8 +6,9 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from onboard.agent.loop import EXIT_WRONG_INPUT, run_agent
+from onboard.agent.loop import run_agent
 from onboard.config.fleet import ConfigError, load_fleet
+from onboard.exit_status import EXIT_WRONG_INPUT
 from onboard.process import service
 
 

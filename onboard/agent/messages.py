@@ -176,7 +176,7 @@ def telemetry(
         nearest_distance_m=distances_m.get(nearest, math.inf),
         order_id=order.order_id if order is not None else "",
         order_kind=order.kind if order is not None else "",
-        order_phase=flight.step.value,
+        order_phase=flight.step.text,
         state_age_s=state_age_s,
         mocap_delay_s=mocap_delay_s,
         autopilot_age_s=(now_ns - snapshot.last_packet_ns) * 1e-9 if snapshot.last_packet_ns else math.inf,

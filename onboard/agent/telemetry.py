@@ -46,7 +46,7 @@ class Report:
         self._brief = Brief()
         self._samples: list[TickSample] = []
         self._sequence = 0
-        self._shown = (flight.state, flight.step)
+        self._shown = flight.step
 
     def tick(
         self,
@@ -72,7 +72,7 @@ class Report:
             stamp_ns=now_ns,
             is_valid=view.has_position,
             is_airborne=is_airborne,
-            is_cooperative=view.has_position and flight.gives_way(view) and self._failsafes.is_obeyed,
+            is_cooperative=view.has_position and flight.is_avoiding(view) and self._failsafes.is_law_followed,
         )
         left = None if view.has_position else self._own.px4_check.place(now_ns)
         if left is not None:
@@ -99,10 +99,10 @@ class Report:
             batch = TickBatch(vehicle=name, boot_id=self._boot_id, sequence=self._sequence, ticks=tuple(self._samples))
             self._samples.clear()
             out.append(Publish(Topic.TICK, batch))
-        shown = (flight.state, flight.step)
+        shown = flight.step
         if self._sequence % _TELEMETRY_TICKS == 0 or shown != self._shown:
             self._shown = shown  # who hears of an order's end finds the state that it led to already there
-            conditions, action = self._failsafes.told()
+            conditions, action = self._failsafes.in_words()
             telemetry = messages.telemetry(
                 tick,
                 now_ns,

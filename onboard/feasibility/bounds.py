@@ -1,6 +1,6 @@
-"""What the law can promise, in closed form or by small linear algebra, before anybody flies. Pure functions.
+"""Bounds of the law's performance, in closed form or by small linear algebra. Pure functions.
 
-Used by ``feasibility.py``, which puts a fleet's values in and words around. The constants of the margin are a fit over
+The checks of this room fill in a fleet's values and add the sentences. The constants of the margin are a fit over
 simulated flights (23 settings, 84 flights each), not a theorem: a design distance of ``d_inf + 0.05 m + 4.5 sigma_d``.
 """
 
@@ -13,25 +13,22 @@ import numpy as np
 
 from onboard.types import GRAVITY_M_S2
 
-TICK_S = 0.02
-LAG_ERROR_S = 0.04  # to which the lag has to be known; twice that costs violations in every third flight
+TICK_S = 0.02  # period of the control loop
+LAG_ERROR_S = 0.04  # error with which the lag must be known; twice that costs violations in every third flight
 _SUBSTEPS = 4
 _MARGIN_FLOOR_M, _MARGIN_SIGMAS = 0.05, 4.5
 
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """Error of a vehicle's own estimate per axis: standard deviation and correlation time of position and velocity.
-
-    acceleration_std_m_s2: what moves one vehicle and not the other, gusts of 0.1 m/s^2.
-    """
+    """Error of a vehicle's own estimate per axis: standard deviation and correlation time of position and velocity."""
 
     name: str
     position_std_m: float
     position_time_s: float
     velocity_std_m_s: float
     velocity_time_s: float
-    acceleration_std_m_s2: float = 0.1
+    acceleration_std_m_s2: float = 0.1  # gusts, which accelerate one vehicle and not the other
     acceleration_time_s: float = 1.5
 
 
@@ -44,45 +41,78 @@ ACCURACIES = {
 
 
 def distance_spread_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
-    """Standard deviation of a pair's distance that the estimates' errors cause through the law's rows.
+    """Return the standard deviation of a pair's distance that the errors of both estimates cause.
 
-    Each error passes the row's second-order filter; Phi(tau) is what that lets through at correlation time tau.
+    Each error passes the second-order filter of the law's row; Phi(tau) is its gain for an error of correlation time
+    tau. See docs/check.md.
+
+    Args:
+        accuracy: of both vehicles' estimates.
+        kappa_1_1_s: gain kappa_1 of the law [1/s].
+        kappa_2_1_s: gain kappa_2 of the law [1/s].
+    Returns:
+        sigma_d [m].
     """
     a_1, a_0 = kappa_1_1_s + kappa_2_1_s, kappa_1_1_s * kappa_2_1_s
 
-    def passed(time_s: float) -> float:
+    def phi(time_s: float) -> float:
         return (a_1 + 1.0 / time_s) / (a_0 * a_1 * (1.0 / time_s**2 + a_1 / time_s + a_0))
 
     variance = (
-        (a_1 * accuracy.velocity_std_m_s) ** 2 * passed(accuracy.velocity_time_s)
-        + (a_0 * accuracy.position_std_m) ** 2 * passed(accuracy.position_time_s)
-        + accuracy.acceleration_std_m_s2**2 * passed(accuracy.acceleration_time_s)
+        (a_1 * accuracy.velocity_std_m_s) ** 2 * phi(accuracy.velocity_time_s)
+        + (a_0 * accuracy.position_std_m) ** 2 * phi(accuracy.position_time_s)
+        + accuracy.acceleration_std_m_s2**2 * phi(accuracy.acceleration_time_s)
     )
     return math.sqrt(2.0 * variance)
 
 
-def needed_margin_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
-    """How far the design distance has to lie above the safety distance."""
+def required_margin_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
+    """Return the margin that the law requires between safety distance and design distance.
+
+    Args:
+        accuracy: of both vehicles' estimates.
+        kappa_1_1_s: gain kappa_1 of the law [1/s].
+        kappa_2_1_s: gain kappa_2 of the law [1/s].
+    Returns:
+        margin [m], from the fit over simulated flights.
+    """
     return _MARGIN_FLOOR_M + _MARGIN_SIGMAS * distance_spread_m(accuracy, kappa_1_1_s, kappa_2_1_s)
 
 
 def row_range_m(closing_speed_m_s: float, distance_m: float, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
-    """Distance at which a row begins to brake two vehicles that close head-on: the neighbour must be known by then."""
+    """Return the distance at which a row begins to brake two vehicles that close head-on.
+
+    Args:
+        closing_speed_m_s: of both together.
+        distance_m: design distance d.
+        kappa_1_1_s: gain kappa_1 of the law [1/s].
+        kappa_2_1_s: gain kappa_2 of the law [1/s].
+    Returns:
+        distance between centres [m]; each must know of the other by then.
+    """
     s, q, v = kappa_1_1_s + kappa_2_1_s, kappa_1_1_s * kappa_2_1_s, closing_speed_m_s
     root = max(0.0, s * s * v * v - q * (2.0 * v * v - q * distance_m**2))
     return (s * v + math.sqrt(root)) / q
 
 
 def braking_m_s2(closing_speed_m_s: float, distance_m: float, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
-    """Largest acceleration of each of two vehicles that meet head-on, half of the pair's need each."""
+    """Return the largest acceleration of each of two vehicles that meet head-on and share the braking.
+
+    Args:
+        closing_speed_m_s: of both together.
+        distance_m: design distance d.
+        kappa_1_1_s: gain kappa_1 of the law [1/s].
+        kappa_2_1_s: gain kappa_2 of the law [1/s].
+    Returns:
+        acceleration [m/s^2] of one vehicle.
+    """
     s, q = kappa_1_1_s + kappa_2_1_s, kappa_1_1_s * kappa_2_1_s
     gap, rate = row_range_m(closing_speed_m_s, distance_m, kappa_1_1_s, kappa_2_1_s), -closing_speed_m_s
     largest, dt_s = 0.0, 0.002
     for _ in range(2000):
-        need = (-rate * rate - s * gap * rate - 0.5 * q * (gap * gap - distance_m**2)) / gap
-        push = max(0.0, need)
-        largest = max(largest, push)
-        rate += dt_s * push
+        required = max(0.0, (-rate * rate - s * gap * rate - 0.5 * q * (gap * gap - distance_m**2)) / gap)
+        largest = max(largest, required)
+        rate += dt_s * required
         gap += dt_s * rate
         if rate > -0.01:
             break
@@ -90,13 +120,19 @@ def braking_m_s2(closing_speed_m_s: float, distance_m: float, kappa_1_1_s: float
 
 
 def largest_equal_kappa_1_s(lag_s: float) -> float:
-    """Largest kappa_1 = kappa_2 whose loop does not overshoot behind a lag, without prediction: 4 / (27 lag)."""
+    """Return the largest kappa_1 = kappa_2 whose loop does not overshoot behind a lag without prediction.
+
+    Args:
+        lag_s: from command to acceleration.
+    Returns:
+        4 / (27 lag) [1/s].
+    """
     return 4.0 / (27.0 * max(lag_s, 1e-6))
 
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """From a command to the acceleration: dead time, then second order; ``lag_s`` is their sum to first order."""
+    """Response from a command to the acceleration: dead time, then second order."""
 
     delay_s: float
     wn_rad_s: float
@@ -104,7 +140,7 @@ class Response:
 
     @property
     def lag_s(self) -> float:
-        """L."""
+        """Lag L to first order [s]: dead time + 2 zeta / wn."""
         return self.delay_s + 2.0 * self.zeta / self.wn_rad_s
 
 
@@ -116,10 +152,19 @@ def loop_growth_1_s(
     lag_error_s: float = 0.0,
     is_predicted: bool = True,
 ) -> float:
-    """Growth rate [1/s] of the slowest-dying motion of a distance row that is always active; negative: it dies out.
+    """Return the growth rate of the slowest-dying motion of a distance row that is always active.
 
-    One axis, sampled at 50 Hz: the row at the state predicted over L with the own past commands, the acceleration
-    through dead time and second order. With ``lag_error_s`` the vehicle is slower (or faster) than the law believes.
+    Model: one axis, sampled at 50 Hz; the row is evaluated at the state predicted over L with the own past commands,
+    and the acceleration follows through dead time and second order.
+
+    Args:
+        response: of the vehicle, as configured.
+        kappa_1_1_s: gain kappa_1 of the law [1/s].
+        kappa_2_1_s: gain kappa_2 of the law [1/s].
+        lag_error_s: by so much the vehicle is slower than configured; negative: faster.
+        is_predicted: whether the law predicts over the lag.
+    Returns:
+        growth rate [1/s]; negative if every motion dies out.
     """
     stretch = max(0.05, (response.lag_s + lag_error_s) / response.lag_s)
     delay_s, wn = response.delay_s * stretch, response.wn_rad_s / stretch
@@ -135,8 +180,8 @@ def loop_growth_1_s(
     past = np.concatenate([command[:, None], past], axis=1)
     step_s = TICK_S / _SUBSTEPS
     for index in range(_SUBSTEPS):
-        heard = past[:, max(0, math.ceil((delay_s - index * step_s) / TICK_S - 1e-9))]
-        jerk = jerk + step_s * (wn * wn * (heard - a) - 2.0 * response.zeta * wn * jerk)
+        delayed = past[:, max(0, math.ceil((delay_s - index * step_s) / TICK_S - 1e-9))]
+        jerk = jerk + step_s * (wn * wn * (delayed - a) - 2.0 * response.zeta * wn * jerk)
         a = a + step_s * jerk
         y = y + step_s * v + 0.5 * step_s * step_s * a
         v = v + step_s * a
@@ -145,12 +190,28 @@ def loop_growth_1_s(
 
 
 def available_acceleration_m_s2(max_tilt_deg: float, hover_thrust_frac: float, max_thrust_frac: float = 0.97) -> float:
-    """Horizontal acceleration while height is kept: by tilt, and by what the throttle leaves beside the weight."""
+    """Return the horizontal acceleration that is available while the height is kept.
+
+    Args:
+        max_tilt_deg: largest tilt.
+        hover_thrust_frac: throttle at which the vehicle hovers.
+        max_thrust_frac: largest throttle that is ever sent.
+    Returns:
+        acceleration [m/s^2], limited by tilt or by the throttle left beside the weight.
+    """
     by_tilt = GRAVITY_M_S2 * math.tan(math.radians(max_tilt_deg))
     ratio = max_thrust_frac / hover_thrust_frac
     return min(by_tilt, GRAVITY_M_S2 * math.sqrt(max(0.0, ratio * ratio - 1.0)))
 
 
 def stopping_distance_m(speed_m_s: float, acceleration_m_s2: float, reaction_s: float) -> float:
-    """Way to rest: reaction at full speed, then braking."""
+    """Return the distance flown until rest: reaction at full speed, then braking.
+
+    Args:
+        speed_m_s: at first.
+        acceleration_m_s2: of braking.
+        reaction_s: time before it brakes.
+    Returns:
+        distance [m].
+    """
     return speed_m_s * reaction_s + speed_m_s**2 / (2.0 * max(acceleration_m_s2, 1e-6))

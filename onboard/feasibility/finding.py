@@ -1,8 +1,8 @@
-"""What a feasibility check says: one quantity, its bound, a status, a sentence and a remedy. Pure."""
+"""Findings of feasibility checks: one quantity, its bound, a status, a sentence and a remedy. Pure."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,7 +13,7 @@ ORDER: tuple[Status, ...] = ("refused", "warning", "ok")
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One judged quantity: ``value`` must be ``relation`` ``bound``; the sentence says both, the remedy what to do."""
+    """One judged quantity: ``value`` must be ``relation`` ``bound``."""
 
     name: str
     status: Status
@@ -21,26 +21,38 @@ class Finding:
     bound: float
     unit: str
     relation: Relation
-    sentence: str
+    sentence: str  # with value and bound; ends with the remedy unless the status is ok
     remedy: str
 
 
 def worst_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Refusals, then warnings, then the rest, each in the order found."""
+    """Sort findings.
+
+    Args:
+        findings: any.
+    Returns:
+        refusals, then warnings, then the rest, each in their former order.
+    """
     return tuple(sorted(findings, key=lambda finding: ORDER.index(finding.status)))
 
 
 def worst(findings: Iterable[Finding]) -> Finding:
-    """The finding that is nearest to its bound or farthest beyond it."""
+    """Return the worst of several findings of one kind.
 
-    def room(finding: Finding) -> tuple[int, float]:
+    Args:
+        findings: at least one.
+    Returns:
+        the one nearest to its bound or farthest beyond it.
+    """
+
+    def margin(finding: Finding) -> tuple[int, float]:
         sign = 1.0 if finding.relation == "at least" else -1.0
         return ORDER.index(finding.status), sign * (finding.value - finding.bound)
 
-    return min(findings, key=room)
+    return min(findings, key=margin)
 
 
-def least(
+def at_least(
     name: str,
     value: float,
     bound: float,
@@ -51,16 +63,27 @@ def least(
     refuse_below: float | None = None,
     warn_below: float | None = None,
 ) -> Finding:
-    """A finding whose value must not lie below the bound.
+    """Judge a value that must not lie below its bound.
 
-    ``{value}``, ``{bound}``, ``{relation}`` and ``{lack}`` stand for the numbers with their unit in both texts.
+    Args:
+        name: of the finding.
+        value: of the quantity.
+        bound: to compare with.
+        unit: of both.
+        sentence: template without a full stop; ``{value}``, ``{bound}`` and ``{difference}`` stand for the numbers with
+            their unit, ``{relation}`` for "at least".
+        remedy: template of the same kind, with a full stop.
+        refuse_below: the flight is refused below it; the bound by default.
+        warn_below: there is a warning below it; the bound by default.
+    Returns:
+        the finding.
     """
     refuse, warn = bound if refuse_below is None else refuse_below, bound if warn_below is None else warn_below
-    status = _judged(lambda limit: value < limit - 1e-9, refuse, warn)
-    return _finding(name, status, (value, bound), unit, "at least", sentence, remedy)
+    status: Status = "refused" if value < refuse - 1e-9 else "warning" if value < warn - 1e-9 else "ok"
+    return _finding(name, status, (value, bound), unit, "at least", (sentence, remedy))
 
 
-def most(
+def at_most(
     name: str,
     value: float,
     bound: float,
@@ -71,36 +94,39 @@ def most(
     refuse_above: float | None = None,
     warn_above: float | None = None,
 ) -> Finding:
-    """A finding whose value must not lie above the bound; see :func:`least`."""
+    """Judge a value that must not lie above its bound.
+
+    Args:
+        name: of the finding.
+        value: of the quantity.
+        bound: to compare with.
+        unit: of both.
+        sentence: template as in :func:`at_least`.
+        remedy: template as in :func:`at_least`.
+        refuse_above: the flight is refused above it; the bound by default.
+        warn_above: there is a warning above it; the bound by default.
+    Returns:
+        the finding.
+    """
     refuse, warn = bound if refuse_above is None else refuse_above, bound if warn_above is None else warn_above
-    status = _judged(lambda limit: value > limit + 1e-9, refuse, warn)
-    return _finding(name, status, (value, bound), unit, "at most", sentence, remedy)
-
-
-def _judged(is_beyond: Callable[[float], bool], refuse: float, warn: float) -> Status:
-    return "refused" if is_beyond(refuse) else "warning" if is_beyond(warn) else "ok"
+    status: Status = "refused" if value > refuse + 1e-9 else "warning" if value > warn + 1e-9 else "ok"
+    return _finding(name, status, (value, bound), unit, "at most", (sentence, remedy))
 
 
 def _finding(
-    name: str,
-    status: Status,
-    numbers: tuple[float, float],
-    unit: str,
-    relation: Relation,
-    sentence: str,
-    remedy: str,
+    name: str, status: Status, numbers: tuple[float, float], unit: str, relation: Relation, texts: tuple[str, str]
 ) -> Finding:
     value, bound = numbers
     words = {
         "value": f"{value:.3g} {unit}".strip(),
         "bound": f"{bound:.3g} {unit}".strip(),
         "relation": relation,
-        "lack": f"{abs(bound - value):.2f} {unit}".strip(),
+        "difference": f"{abs(bound - value):.2f} {unit}".strip(),
     }
-    said = sentence.format(**words) + "."
+    sentence, remedy = (text.format(**words) for text in texts)
+    sentence = f"{sentence}."
     if status == "ok":
         remedy = "Nothing to do."
     else:
-        remedy = remedy.format(**words)
-        said = f"{said} {remedy}"
-    return Finding(name, status, round(value, 4), round(bound, 4), unit, relation, said, remedy)
+        sentence = f"{sentence} {remedy}"
+    return Finding(name, status, round(value, 4), round(bound, 4), unit, relation, sentence, remedy)

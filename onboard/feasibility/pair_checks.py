@@ -8,7 +8,7 @@ from dataclasses import replace
 from onboard.config.fleet import FleetConfig, Vehicle, parking_distance_m
 from onboard.feasibility import bounds
 from onboard.feasibility.bounds import LAG_ERROR_S, Accuracy, Response
-from onboard.feasibility.finding import Finding, least, most, worst
+from onboard.feasibility.finding import Finding, at_least, at_most, worst
 from onboard.feasibility.vehicle_checks import GUST_M_S2, available_m_s2
 
 _MESSAGE_AGE_S = 0.08  # 20 ms period, 40 ms of delay, one message lost
@@ -16,20 +16,34 @@ _BODY_GAP_M = 0.10
 _LONG_LAG_S, _LONGEST_LAG_S = 0.35, 0.40  # form3 and swap8: 0 of 24 flights violate at 0.36 s, 2 of 24 at 0.41 s
 _SLOW_GROWTH_1_S, _FAST_GROWTH_1_S = 0.0, 1.5
 _USEFUL_NEIGHBOURS = 6  # fewer rows than this cost separation in a crowd, more gain nothing
-_MARGIN_SHARE = 0.8  # of the fitted margin, below which the promise has been seen to break
+_MARGIN_SHARE = 0.8  # of the fitted margin, below which vehicles have come too close in simulation
 
 
 def response_of(vehicle: Vehicle) -> Response:
-    """From a command to the acceleration, as the vehicle is configured."""
+    """Return the response from a command to the acceleration.
+
+    Args:
+        vehicle: as configured.
+    Returns:
+        its response.
+    """
     return Response(vehicle.attitude_delay_s, vehicle.attitude_wn_rad_s, vehicle.attitude_zeta)
 
 
 def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accuracy) -> list[Finding]:
-    """Everything that only matters to more than one vehicle; ``accuracy`` is that of the own estimates."""
+    """Check everything that matters only with more than one vehicle.
+
+    Args:
+        fleet: the fleet file.
+        vehicles: one of each kind.
+        accuracy: of their estimates.
+    Returns:
+        the findings.
+    """
     found = [_body_gap(fleet)]
     if fleet.law.name == "off":
-        sentence = f"law.name is 'off': nothing keeps {len(fleet.enabled_names)} vehicles apart."
-        remedy = "Set law.name = 'covey' unless this is what you want to see, in simulation."
+        sentence = f"law.name is 'off', so nothing keeps the {len(fleet.enabled_names)} vehicles apart."
+        remedy = "Set law.name = 'covey', unless you want to fly without avoidance, in simulation."
         found.append(Finding("law", "warning", 0.0, 1.0, "", "at least", f"{sentence} {remedy}", remedy))
         return found
     found.append(_margin(fleet, accuracy))
@@ -46,35 +60,35 @@ def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accurac
 
 def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
     kappa_1, kappa_2 = _kappa_values(fleet)
-    needed_m = bounds.needed_margin_m(accuracy, kappa_1, kappa_2)
+    needed_m = bounds.required_margin_m(accuracy, kappa_1, kappa_2)
     is_covey = fleet.law.name == "covey"
-    what = {"fixed": "law.design_margin_m is {value}", "accuracy": "The margin will be {value} in flight"}[
+    subject = {"fixed": "law.design_margin_m is {value}", "accuracy": "In flight the margin will be {value}"}[
         fleet.law.margin
     ]
-    what = what if is_covey else "The paper's law has no margin ({value})"
+    subject = subject if is_covey else "The paper's law has no margin ({value})"
     apart_m = fleet.fleet.safety_distance_m + needed_m + 0.10
-    return least(
+    return at_least(
         "margin",
         effective_margin_m(fleet, accuracy),
         needed_m,
         "m",
-        f"{what}; estimates as accurate as '{accuracy.name}' (position {accuracy.position_std_m:g} m, velocity "
+        f"{subject}; estimates as accurate as '{accuracy.name}' (position {accuracy.position_std_m:g} m, velocity "
         f"{accuracy.velocity_std_m_s:g} m/s per axis) need {{relation}} {{bound}}",
         f"Set law.design_margin_m = {math.ceil(100.0 * needed_m) / 100.0:.2f}{'' if is_covey else ' of law covey'} and "
         f"park vehicles {apart_m:.2f} m apart or more, or fly on a better position.",
-        # the paper's law can only be flown to see what it does, and with a mocap at least its sensors are not to blame
+        # the paper's law is flown for comparison only; with a mocap its sensors are good enough for that
         warn_below=0.95 * needed_m,
         refuse_below=_MARGIN_SHARE * needed_m if is_covey or accuracy.name != "mocap" else 0.0,
     )
 
 
 def _shortfall(fleet: FleetConfig) -> Finding:
-    return most(
+    return at_most(
         "shortfall gain",
         fleet.law.shortfall_gain,
         0.95,
         "",
-        "law.shortfall_gain is {value}, with which two vehicles react to each other; {relation} {bound} dies out",
+        "law.shortfall_gain is {value}; at {relation} {bound} the reactions of two vehicles to each other die out",
         "Set law.shortfall_gain = 0.85.",
         refuse_above=1.0,
     )
@@ -82,14 +96,14 @@ def _shortfall(fleet: FleetConfig) -> Finding:
 
 def _body_gap(fleet: FleetConfig) -> Finding:
     section = fleet.fleet
-    return least(
+    return at_least(
         "body",
         section.safety_distance_m - section.body_diameter_m,
         _BODY_GAP_M,
         "m",
         f"At fleet.safety_distance_m = {section.safety_distance_m:g} m {{value}} of air are left between bodies of "
-        f"{section.body_diameter_m:g} m, {{relation}} {{bound}} is needed against downwash and a turned body",
-        "Raise fleet.safety_distance_m by {lack}.",
+        f"{section.body_diameter_m:g} m; downwash and a turned body need {{relation}} {{bound}}",
+        "Raise fleet.safety_distance_m by {difference}.",
     )
 
 
@@ -98,41 +112,41 @@ def _range(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
     closing = 2.0 * fleet.law.avoid_speed_frac * vehicle.max_speed_m_s
     range_m = bounds.row_range_m(closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2)
     range_m += closing * (_MESSAGE_AGE_S + (vehicle.lag_s if fleet.law.name == "covey" else 0.0))
-    return least(
+    return at_least(
         "sensing range",
         fleet.law.range_m,
         range_m,
         "m",
-        f"law.range_m is {{value}}; two like {vehicle.name} closing with {closing:.1f} m/s must know of each "
-        "other {bound} before",
-        "Raise law.range_m by {lack}, or lower max_speed_m_s.",
+        f"law.range_m is {{value}}; two vehicles like {vehicle.name} that approach each other with {closing:.1f} "
+        "m/s must know of each other {bound} apart",
+        "Raise law.range_m by {difference}, or lower max_speed_m_s.",
     )
 
 
 def _message_age(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
     margin_m = max(margin_m, 0.01)
     tolerated_s = math.sqrt(2.0 * margin_m / available_m_s2(vehicle))
-    return most(
+    return at_most(
         "bus delay",
         _MESSAGE_AGE_S,
         tolerated_s,
         "s",
-        "A neighbour's word is {value} old at 50 Hz, 40 ms of delay and one message lost; a manoeuvre at "
+        "A neighbour's state is up to {value} old (50 Hz, 40 ms of delay, one message lost); a manoeuvre at "
         f"{vehicle.name}'s full tilt uses up the margin of {margin_m:.2f} m in {{bound}}",
         "Lower max_tilt_deg, or raise law.design_margin_m.",
-        # the paper's law has no margin at all: said under that name
+        # the paper's law has no margin at all; the finding "margin" says so
         refuse_above=math.inf if fleet.law.name == "paper" else tolerated_s,
     )
 
 
 def _lag(vehicle: Vehicle) -> Finding:
-    return most(
+    return at_most(
         "lag",
         vehicle.lag_s,
         _LONG_LAG_S,
         "s",
-        f"{vehicle.name} follows a command {{value}} later; the law predicts over a lag of {{relation}} {{bound}} well "
-        f"enough for a crowd, and beyond {_LONGEST_LAG_S:.2g} s it has been seen to break its promise",
+        f"{vehicle.name} follows a command {{value}} later; the law's prediction is good enough for a crowd with a lag "
+        f"of {{relation}} {{bound}}, and beyond {_LONGEST_LAG_S:.2g} s vehicles have come too close in simulation",
         "Tune its attitude control to be faster (attitude_delay_s + 2 attitude_zeta / attitude_wn_rad_s).",
         refuse_above=_LONGEST_LAG_S,
     )
@@ -157,14 +171,14 @@ def _kappas(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         )
 
     stable = next((step / 20.0 for step in range(20, 0, -1) if growth(step / 20.0) <= _SLOW_GROWTH_1_S), 0.05)
-    return most(
+    return at_most(
         "kappas",
         growth(1.0),
         _SLOW_GROWTH_1_S,
         "1/s",
-        f"With law.kappa_1_1_s = {kappa_1:g} and kappa_2_1_s = {kappa_2:g} a bounce between two vehicles like "
-        f"{vehicle.name} (lag {vehicle.lag_s:.2f} s, known to {1e3 * LAG_ERROR_S:.0f} ms) grows with {{value}}, "
-        "{relation} {bound} dies out",
+        f"With law.kappa_1_1_s = {kappa_1:g} and kappa_2_1_s = {kappa_2:g} an oscillation between two vehicles like "
+        f"{vehicle.name} (lag {vehicle.lag_s:.2f} s, known to {1e3 * LAG_ERROR_S:.0f} ms) grows with {{value}}; it "
+        "dies out with {relation} {bound}",
         f"Use kappas up to {stable * kappa_1:.1f} and {stable * kappa_2:.1f} 1/s, or a vehicle with less lag.",
         refuse_above=_FAST_GROWTH_1_S,
     )
@@ -173,12 +187,12 @@ def _kappas(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
 def _paper_kappas(vehicle: Vehicle, response: Response, kappa: float) -> Finding:
     bound = bounds.largest_equal_kappa_1_s(response.lag_s)
     growth = bounds.loop_growth_1_s(response, kappa, kappa, is_predicted=False)
-    return most(
+    return at_most(
         "kappas",
         kappa,
         bound,
         "1/s",
-        f"law.paper_kappa_1_1_s and _2 are up to {{value}}; behind {vehicle.name}'s lag of {response.lag_s:.2f} s, "
+        f"law.paper_kappa_1_1_s and _2 are up to {{value}}; with {vehicle.name}'s lag of {response.lag_s:.2f} s, "
         "which the paper's law does not predict, {relation} {bound} does not overshoot",
         f"Lower them to {bound:.2f}, or set law.name = 'covey', which predicts over the lag.",
         refuse_above=bound if growth > -0.5 else math.inf,
@@ -188,66 +202,94 @@ def _paper_kappas(vehicle: Vehicle, response: Response, kappa: float) -> Finding
 def _braking(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
     kappa_1, kappa_2 = _kappa_values(fleet)
     closing = 2.0 * vehicle.max_speed_m_s
-    asked = bounds.braking_m_s2(closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2)
+    required = bounds.braking_m_s2(closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2)
     left = max(0.0, available_m_s2(vehicle) - vehicle.drag_1_s * vehicle.max_speed_m_s - GUST_M_S2)
-    return most(
+    return at_most(
         "braking",
-        asked,
+        required,
         left,
         "m/s^2",
-        f"Two like {vehicle.name} meeting head-on with {closing:.1f} m/s brake with {{value}} each; tilt and thrust "
-        "leave {bound} beside drag and gusts",
+        f"Two vehicles like {vehicle.name} that meet head-on with {closing:.1f} m/s must brake with {{value}} each; "
+        "tilt and thrust leave {bound} beside drag and gusts",
         "Lower max_speed_m_s or the kappas, or raise max_tilt_deg.",
         warn_above=0.8 * left,
     )
 
 
 def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
-    """How full the fence is, and whether enough neighbours count."""
+    """Check how full the geofence is, and that the law considers enough neighbours.
+
+    Args:
+        fleet: the fleet file.
+        vehicles: all that take part.
+    Returns:
+        the finding.
+    """
     law, fence = fleet.law, fleet.fleet.geofence_m
-    wanted = min(len(vehicles) - 1, _USEFUL_NEIGHBOURS)
-    if law.name == "covey" and law.max_neighbours < wanted:
-        return least(
+    useful = min(len(vehicles) - 1, _USEFUL_NEIGHBOURS)
+    if law.name == "covey" and law.max_neighbours < useful:
+        return at_least(
             "neighbours",
             float(law.max_neighbours),
-            float(wanted),
+            float(useful),
             "",
             f"law.max_neighbours is {{value}}; in a crowd of {len(vehicles)} the nearest {{bound}} matter",
-            f"Set law.max_neighbours = {wanted} or more.",
+            f"Set law.max_neighbours = {useful} or more.",
         )
     area_m2 = (fence.x[1] - fence.x[0]) * (fence.y[1] - fence.y[0])
     share = len(vehicles) * math.sqrt(0.75) * parking_distance_m(fleet) ** 2 / area_m2
-    return most(
+    return at_most(
         "crowding",
         100.0 * share,
         30.0,
         "%",
-        f"{len(vehicles)} vehicles at their parking distance take {{value}} of the fence's area, {{relation}} "
-        "{bound} leaves ways around each other",
+        f"{len(vehicles)} vehicles at their parking distance take {{value}} of the geofence's area; to "
+        "fly around each other they need {relation} {bound}",
         "Widen fleet.geofence_m, or fly fewer vehicles.",
         refuse_above=60.0,
     )
 
 
 def effective_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
-    """What the law keeps on top of the safety distance in flight: the configured margin, or more by its own policy."""
+    """Return the margin that the law keeps above the safety distance in flight.
+
+    Args:
+        fleet: the fleet file.
+        accuracy: of the vehicles' estimates.
+    Returns:
+        the configured margin [m], or more by the policy ``law.margin``.
+    """
     law = fleet.law
     if law.name != "covey":
         return 0.0
     if law.margin == "fixed":
         return _configured_margin_m(fleet)
     time_s = law.accuracy_time_s  # the law does not know an error's own correlation time
-    told = replace(accuracy, position_time_s=time_s, velocity_time_s=time_s, acceleration_std_m_s2=0.0)
-    return max(_configured_margin_m(fleet), bounds.needed_margin_m(told, *_kappa_values(fleet)))
+    known = replace(accuracy, position_time_s=time_s, velocity_time_s=time_s, acceleration_std_m_s2=0.0)
+    return max(_configured_margin_m(fleet), bounds.required_margin_m(known, *_kappa_values(fleet)))
 
 
 def least_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
-    """Margin below which the promise has been seen to break."""
-    return _MARGIN_SHARE * bounds.needed_margin_m(accuracy, *_kappa_values(fleet))
+    """Return the margin below which vehicles have come too close in simulation.
+
+    Args:
+        fleet: the fleet file.
+        accuracy: of the vehicles' estimates.
+    Returns:
+        margin [m].
+    """
+    return _MARGIN_SHARE * bounds.required_margin_m(accuracy, *_kappa_values(fleet))
 
 
 def parking_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
-    """Parking distance of the configuration, with the margin that the accuracy asks for where it asks for more."""
+    """Return the distance at which vehicles can park, with the larger margin that the accuracy may require.
+
+    Args:
+        fleet: the fleet file.
+        accuracy: of the vehicles' estimates.
+    Returns:
+        distance between centres [m].
+    """
     configured_m = parking_distance_m(fleet)
     if fleet.law.name != "covey":
         return configured_m
@@ -256,7 +298,7 @@ def parking_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
 
 
 def _configured_margin_m(fleet: FleetConfig) -> float:
-    """Of the slowest vehicle, for which the law keeps the most."""
+    """Return the margin of the slowest vehicle, which is the largest one."""
     return fleet.law.margin_m(max((vehicle.lag_s for vehicle in fleet.vehicles.values()), default=0.0))
 
 

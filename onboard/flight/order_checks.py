@@ -1,120 +1,125 @@
-"""Which orders are refused, and why. Pure: the answer depends on what is passed in."""
+"""Refusals of orders, each with its reason. Pure: the answer depends on what is passed in."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
-from onboard.autopilot import Snapshot, Vec3
+from onboard.autopilot import Vec3
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import LOCATE, Order, Telemetry
 from onboard.config.fleet import FleetConfig
+from onboard.flight import takeover
 from onboard.flight.context import FlightContext
-from onboard.flight.types import Step
+from onboard.flight.effects import takeoff_height_m
+from onboard.flight.state_machine import accepts
+from onboard.flight.types import FlightView
 
 _LOWEST_GOAL_M = 0.2
 _LONGEST_MOVE_S = 3600.0
-DEFAULT_HEIGHT_M = 1.0
 
 
-def refusal(
-    order: Order,
-    now_ns: int,
-    *,
-    flight: FlightContext,
-    snapshot: Snapshot,
-    position_enu_m: Vec3,
-    not_ready: tuple[str, ...],
-    others: Mapping[str, Telemetry],
-    fleet: FleetConfig,
-) -> str | None:
-    """A sentence why ``order`` cannot be begun, or None. Kill is never refused, not even when it is late."""
+class OrderFacts(NamedTuple):
+    """Facts that an order is judged by, besides the flight."""
+
+    view: FlightView
+    fleet: FleetConfig
+    others: Mapping[str, Telemetry]
+    distances_m: Mapping[str, float]  # to the others, horizontally
+    not_ready: tuple[str, ...]  # of the preflight check for a take-off
+    not_ready_in_air: Callable[[], tuple[str, ...]]  # of the one for a takeover; it is expensive
+
+
+def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
+    """Return the reason why ``order`` cannot be begun, or None. Kill is never refused, not even when it is late."""
     if order.kind == "kill":
         return None
-    late = late_sentence(order, now_ns)
+    late = late_sentence(order, facts.view.now_ns)
     if late is not None:
         return late
     if not order.order_id:
-        return "An order needs an id of its own, by which its end is told: give it one."
+        return "An order needs an id of its own, by which its end is reported: set order_id."
     if order.kind in LOCATE:
         return None
+    if order.kind == "hold" and flight.state == "failed":
+        return takeover.refusal(facts.view, facts.not_ready_in_air(), facts.distances_m, facts.fleet)
+    if not accepts(flight.step, order.kind):
+        return _wrong_step(order, flight)
+    if order.kind == "disarm" and flight.state == "failed" and not facts.view.is_on_ground:
+        return _IN_AIR
     if order.kind in ("arm", "takeoff"):
-        return _start(order, flight, position_enu_m, not_ready, others, fleet)
-    if order.kind == "disarm":
-        in_air = flight.state in ("taking off", "flying", "holding") or flight.step is Step.DESCENT
-        if in_air or (flight.state == "failed" and snapshot.landed.name != "ON_GROUND"):
-            return "The vehicle is in the air: order land, or kill if it must fall."
-        return None
-    if order.kind == "land":
-        if flight.state in ("flying", "holding", "landing") or flight.state == "failed" or _is_climbing(flight):
-            return None
-        return f"The vehicle is not in the air (it is {flight.state})."
-    if flight.state not in ("flying", "holding") and not _is_climbing(flight):
-        return f"The vehicle does not fly (it is {flight.state}): order take-off first."
-    if order.kind == "move":
-        return _move(order, others, fleet)
-    return None
+        return _start(order, facts)
+    return _move(order, facts) if order.kind == "move" else None
+
+
+_IN_AIR = "The vehicle is in the air: order land, or kill if it must fall."
+
+
+def _wrong_step(order: Order, flight: FlightContext) -> str:
+    doing = f"{flight.state} ({flight.step.text})" if flight.step.text else flight.state
+    match order.kind:
+        case "arm" if flight.state == "armed":
+            return "The vehicle is armed already."
+        case "arm" | "takeoff":
+            return f"The vehicle cannot start now: it is {doing}."
+        case "disarm":
+            return _IN_AIR
+        case "land":
+            return f"The vehicle is not in the air (it is {doing})."
+        case _:
+            return f"The vehicle does not fly (it is {doing}): order take-off first."
 
 
 def late_sentence(order: Order, now_ns: int) -> str | None:
-    """What to say of an order that came after its deadline; None of one in time."""
+    """Return the sentence about an order that came after its deadline; None for one in time."""
     if not order.deadline_ns or order.deadline_ns >= now_ns:
         return None
     return f"The order came {1e-9 * (now_ns - order.deadline_ns):.1f} s after its deadline: send it again."
 
 
-def _start(
-    order: Order,
-    flight: FlightContext,
-    position_enu_m: Vec3,
-    not_ready: tuple[str, ...],
-    others: Mapping[str, Telemetry],
-    fleet: FleetConfig,
-) -> str | None:
-    if flight.state == "armed" and order.kind == "arm":
-        return "The vehicle is armed already."
-    if flight.state not in ("waiting", "ready", "landed", "armed") or flight.step is not Step.IDLE:
-        return f"The vehicle cannot start now: it is {flight.state}."
-    if not_ready:
-        return not_ready[0]
-    if order.kind == "takeoff":
-        height = DEFAULT_HEIGHT_M if order.height_m is None else order.height_m
-        x, y, z = position_enu_m
-        if not math.isfinite(height) or height < z + _LOWEST_GOAL_M:
-            return f"A take-off to {height:g} m does not leave the ground: order at least {z + _LOWEST_GOAL_M:.1f} m."
-        if not fleet.fleet.geofence_m.contains((x, y, height)):
-            return f"Height {height:g} m at ({x:.2f}, {y:.2f}) m lies outside the geofence."
-        for name, other in others.items():
-            distance = math.hypot(other.position_enu_m[0] - x, other.position_enu_m[1] - y)
-            if other.is_position_valid and distance < fleet.fleet.safety_distance_m:
-                return (
-                    f"{name} stands {distance:.2f} m away, nearer than the safety distance "
-                    f"{fleet.fleet.safety_distance_m:.2f} m: carry them apart."
-                )
+def _start(order: Order, facts: OrderFacts) -> str | None:
+    if facts.not_ready:
+        return facts.not_ready[0]
+    if order.kind == "arm":
+        return None
+    limits, height_m = facts.fleet.fleet, takeoff_height_m(order)
+    x, y, z = facts.view.position_enu_m
+    if not math.isfinite(height_m) or height_m < z + _LOWEST_GOAL_M:
+        return f"A take-off to {height_m:g} m does not leave the ground: order at least {z + _LOWEST_GOAL_M:.1f} m."
+    if not limits.geofence_m.contains((x, y, height_m)):
+        return f"Height {height_m:g} m at ({x:.2f}, {y:.2f}) m lies outside the geofence."
+    for name, other in facts.others.items():
+        distance_m = math.hypot(other.position_enu_m[0] - x, other.position_enu_m[1] - y)
+        if other.is_position_valid and distance_m < limits.safety_distance_m:
+            return (
+                f"{name} stands {distance_m:.2f} m away, nearer than the safety distance "
+                f"{limits.safety_distance_m:.2f} m: carry them apart."
+            )
     return None
 
 
-def _move(order: Order, others: Mapping[str, Telemetry], fleet: FleetConfig) -> str | None:
-    goal = order.position_enu_m
+def _move(order: Order, facts: OrderFacts) -> str | None:
+    limits, goal = facts.fleet.fleet, order.position_enu_m
     if goal is None or not is_finite(goal):
         return "A move needs a finite position [x, y, z] in metres."
     if not order.duration_s <= _LONGEST_MOVE_S:
         return f"A move cannot take {order.duration_s:g} s: give up to {_LONGEST_MOVE_S:.0f} s, or 0 for the shortest."
     text = "(" + ", ".join(f"{value:.2f}" for value in goal) + ") m"
-    if not fleet.fleet.geofence_m.contains(goal) or goal[2] < fleet.fleet.geofence_m.z[0] + _LOWEST_GOAL_M:
+    if not limits.geofence_m.contains(goal) or goal[2] < limits.geofence_m.z[0] + _LOWEST_GOAL_M:
         return f"Goal {text} lies outside the geofence, or less than {_LOWEST_GOAL_M} m above its floor."
-    for name, other in others.items():
+    for name, other in facts.others.items():
         # A flying neighbour may just have been ordered elsewhere; one on the ground, or landing, stays where it is.
         if other.is_airborne and other.state != "landing":
             continue
         distance = math.hypot(other.position_enu_m[0] - goal[0], other.position_enu_m[1] - goal[1])
-        if other.is_position_valid and distance < fleet.fleet.safety_distance_m:
+        if other.is_position_valid and distance < limits.safety_distance_m:
             return f"Goal {text} is {distance:.2f} m from {name}, which is {other.state}: choose another goal."
     return None
 
 
 def goal_conflict(goal: Vec3, others: Mapping[str, Telemetry], distance_m: float) -> str | None:
-    """Another flying vehicle's announced goal that is too near to ours, in words."""
+    """Return the conflict with another flying vehicle's announced goal in a sentence, or None."""
     for name, other in others.items():
         if not other.is_airborne:
             continue
@@ -122,7 +127,3 @@ def goal_conflict(goal: Vec3, others: Mapping[str, Telemetry], distance_m: float
         if distance < distance_m:
             return f"Our goal is {distance:.2f} m from the goal of {name}: the two cannot both be reached."
     return None
-
-
-def _is_climbing(flight: FlightContext) -> bool:
-    return flight.state == "taking off" and flight.step is Step.CLIMB

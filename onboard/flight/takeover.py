@@ -1,4 +1,4 @@
-"""When an agent that found its vehicle in the air, or lost it, may fly it again: from PX4's hold, knowing all. Pure.
+"""Refusals of a takeover: an agent flies a vehicle that it found in the air, or lost, from PX4's hold only. Pure.
 
 Until then it sends nothing: it has not seen how the vehicle got there, and two hands on one vehicle are worse than
 PX4's own hold, which a pilot can end. The order to hold asks for it; the flight then goes on from where it stands.
@@ -34,10 +34,11 @@ MOVING_M_S = 0.5
 def refusal(
     view: FlightView, not_ready: tuple[str, ...], distances_m: Mapping[str, float], fleet: FleetConfig
 ) -> str | None:
-    """Why the vehicle cannot be taken over now, in words, or None.
+    """Return the reason why the vehicle cannot be taken over now, or None.
 
     Args:
-        not_ready: what the rules above find. distances_m: to the others, horizontally.
+        not_ready: reasons of the preflight rules above.
+        distances_m: to the others, horizontally.
     """
     snapshot, speed_m_s = view.snapshot, math.hypot(*view.velocity_enu_m_s)
     if not snapshot.is_armed or snapshot.landed is Landed.ON_GROUND:

@@ -1,9 +1,9 @@
-"""Words and facts of a flight: where in its state a vehicle is, and what the state machine knows at one tick."""
+"""Steps of a flight, the events that move it on, and what it sees of its vehicle at one tick."""
 
 from __future__ import annotations
 
 from enum import Enum
-from functools import cache
+from typing import NamedTuple
 
 from msgspec import Struct
 
@@ -14,51 +14,79 @@ from onboard.safety.failsafe_table import Situation
 
 
 class Step(Enum):
-    """Where in its state the vehicle is; the words are shown to people."""
+    """Steps of a flight.
 
-    __hash__ = object.__hash__  # members are what they are; Enum's own costs a call of Python for each look-up
+    The columns: state and text for people, situation for failsafes, phase for the pipeline, and whether setpoints leave
+    at every tick.
+    """
 
-    IDLE = ""
-    OFFBOARD = "waiting for OFFBOARD"
-    ARMING = "waiting to be armed"
-    LIFTOFF = "lift-off"
-    CLIMB = "climb"
-    LEG = "on the way"
-    ARRIVED = "arrived"
-    DESCENT = "descent"
-    CONTACT = "on the ground, waiting for PX4"
-    PX4 = "PX4 lands"
-    TAKEOVER = "taking over from PX4's hold"
+    __hash__ = object.__hash__  # Enum's own costs a call of Python for each look-up
+
+    WAITING = "waiting", "", Situation.GROUND, Phase.GROUND, False
+    READY = "ready", "", Situation.GROUND, Phase.GROUND, False
+    ARM_OFFBOARD = "ready", "waiting for OFFBOARD", Situation.ARMED, Phase.GROUND, True
+    ARM_ARMING = "ready", "waiting to be armed", Situation.ARMED, Phase.GROUND, True
+    ARMED = "armed", "", Situation.ARMED, Phase.GROUND, True
+    TAKEOFF_OFFBOARD = "taking off", "waiting for OFFBOARD", Situation.ARMED, Phase.GROUND, True
+    TAKEOFF_ARMING = "taking off", "waiting to be armed", Situation.ARMED, Phase.GROUND, True
+    LIFTOFF = "taking off", "lift-off", Situation.LIFTOFF, Phase.LIFTOFF, True
+    CLIMB = "taking off", "climb", Situation.FLYING, Phase.FLYING, True
+    LEG = "flying", "on the way", Situation.FLYING, Phase.FLYING, True
+    ARRIVED = "flying", "arrived", Situation.FLYING, Phase.FLYING, True
+    HOLDING = "holding", "arrived", Situation.FLYING, Phase.FLYING, True
+    TAKEOVER = "holding", "taking over from PX4's hold", Situation.FLYING, Phase.FLYING, True
+    DESCENT = "landing", "descent", Situation.LANDING, Phase.LANDING, True
+    CONTACT = "landing", "on the ground, waiting for PX4", Situation.LANDING, Phase.GROUND, True
+    PX4_LANDING = "landing", "PX4 lands", Situation.PX4_LANDING, Phase.GROUND, False
+    LANDED = "landed", "", Situation.GROUND, Phase.GROUND, False
+    DISARMING = "armed", "waiting to be disarmed", Situation.ARMED, Phase.GROUND, False
+    DISARMED = "ready", "waiting for PX4 to confirm", Situation.GROUND, Phase.GROUND, False
+    FAILSAFE_DISARMING = "waiting", "waiting to be disarmed", Situation.GROUND, Phase.GROUND, False
+    FAILED = "failed", "", Situation.SILENT, Phase.GROUND, False
+    FAILED_DISARMING = "failed", "waiting to be disarmed", Situation.SILENT, Phase.GROUND, False
+    KILLING = "failed", "waiting for the motors to stop", Situation.SILENT, Phase.GROUND, False
+
+    def __init__(self, state: AgentState, text: str, situation: Situation, phase: Phase, is_streaming: bool) -> None:
+        self.state = state
+        self.text = text
+        self.situation = situation
+        self.phase = phase
+        self.is_streaming = is_streaming
 
 
-@cache
-def situation_of(state: AgentState, step: Step) -> Situation:
-    """For the failsafe table."""
-    if state == "failed":
-        return Situation.SILENT
-    if state == "armed" or step in (Step.OFFBOARD, Step.ARMING):
-        return Situation.ARMED
-    if step is Step.LIFTOFF:
-        return Situation.LIFTOFF
-    if state in ("taking off", "flying", "holding"):
-        return Situation.FLYING
-    if state == "landing":
-        return Situation.PX4_LANDING if step is Step.PX4 else Situation.LANDING
-    return Situation.GROUND
+class FlightEvent(Enum):
+    """Causes of a change: an order, a failsafe's action, the preflight check, or what a tick observes."""
+
+    __hash__ = object.__hash__
+
+    ARM = "order arm"
+    TAKEOFF = "order takeoff"
+    MOVE = "order move"
+    HOLD = "order hold"
+    LAND = "order land"
+    DISARM = "order disarm"
+    KILL = "order kill"
+    FAILSAFE_SLOW = "failsafe slow"
+    FAILSAFE_HOLD = "failsafe hold"
+    FAILSAFE_LAND = "failsafe land"
+    FAILSAFE_PX4_LAND = "failsafe px4 land"
+    FAILSAFE_DISARM = "failsafe disarm"
+    FAILSAFE_STOP = "failsafe stop"
+    PREFLIGHT_PASSED = "preflight check passed"
+    PREFLIGHT_REFUSED = "preflight check refused"
+    TICK = "tick"
 
 
-@cache
-def phase_of(state: AgentState, step: Step) -> Phase:
-    """For the pipeline."""
-    if step is Step.LIFTOFF:
-        return Phase.LIFTOFF
-    if step is Step.DESCENT:
-        return Phase.LANDING
-    return Phase.FLYING if situation_of(state, step) is Situation.FLYING else Phase.GROUND
+class FlightGoal(NamedTuple):
+    """Point to fly to, as the trajectory takes it."""
+
+    position_enu_m: Vec3
+    duration_s: float  # 0: as fast as the limits allow
+    sequence: int  # changes when the trajectory is to be planned anew
 
 
 class FlightView(Struct, frozen=True):
-    """What the flight needs to know at one tick; position and velocity in fleet ENU."""
+    """Facts that a flight decides on at one tick; position and velocity in fleet ENU."""
 
     now_ns: int
     position_enu_m: Vec3
@@ -68,5 +96,5 @@ class FlightView(Struct, frozen=True):
 
     @property
     def is_on_ground(self) -> bool:
-        """PX4 says so."""
+        """Whether PX4 says so."""
         return self.snapshot.landed is Landed.ON_GROUND

@@ -20,8 +20,8 @@ from typing import Any
 import msgspec
 
 from onboard.bus.schema import Vec3, Vec4
+from onboard.exit_status import EXIT_OK, EXIT_WRONG_INPUT
 
-EXIT_OK, EXIT_REFUSED = 0, 2
 _PR_SET_PDEATHSIG = 1
 _NUMERIC_ONLY = {"optitrack"}  # this part of the package understands addresses, not names
 
@@ -70,7 +70,7 @@ def main(argv: list[str]) -> int:
         write_frame(pipe, RawFrame(0, {}, NOT_INSTALLED))
     except (RuntimeError, OSError, ValueError) as error:
         write_frame(pipe, RawFrame(0, {}, _sentence(settings, error)))
-    return EXIT_REFUSED
+    return EXIT_WRONG_INPUT
 
 
 NOT_INSTALLED = (

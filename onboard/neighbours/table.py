@@ -53,7 +53,7 @@ class NeighbourRow(NamedTuple):
     name: str
     age_s: float
     stamp_ns: int
-    is_promised: bool
+    is_cooperative: bool
     numbers: list[float]
 
     def value(self, name: str) -> float:
@@ -275,6 +275,10 @@ class NeighbourTable:
         says = (self._flags[3] & self._flags[0])[at].tolist()
         stamps, numbers = self._stamp_ns[at].tolist(), self._numbers[at].tolist()
         return [NeighbourRow(*row) for row in zip(self._near, self._near_ages_s, stamps, says, numbers, strict=True)]
+
+    def set_distrusted(self, name: str, is_distrusted: bool) -> None:
+        """Let a vehicle's announcement that it cooperates count, or not."""
+        (self.distrusted.add if is_distrusted else self.distrusted.discard)(self._places[name])
 
     def missing(self, now_ns: int) -> tuple[str, ...]:
         """Vehicles that must be there (enabled = true) and are not heard."""

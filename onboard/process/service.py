@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from onboard.config.fleet import ConfigError, load_fleet
+from onboard.exit_status import EXIT_FAILED, EXIT_OK, EXIT_WRONG_INPUT
 
 VERBS = ("install", "status", "logs")
-EXIT_OK, EXIT_NOT_RUNNING, EXIT_WRONG_INPUT = 0, 1, 2
 WATCHDOG_S, RESTART_S, MEMORY_MIB = 2, 2, 400
 _MARK = "# Written by covey agent install"
 _SYSTEM_FOLDER = Path("/etc/systemd/system")
@@ -173,7 +173,7 @@ def status(service: Service) -> int:
     result = told.get("Result", "")
     reason = why.get(result, f"{result}, exit status {told.get('ExecMainStatus')}")
     print(f"{service.unit} does not run ({told.get('ActiveState')}{again}): {reason}. Look with covey agent logs.")
-    return EXIT_NOT_RUNNING
+    return EXIT_FAILED
 
 
 def logs(service: Service, *, follows: bool, lines: int) -> int:

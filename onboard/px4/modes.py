@@ -28,7 +28,7 @@ _AUTO_MAIN = 4
 
 
 def mode_name(custom_mode: int) -> str:
-    """PX4's custom mode in words: main mode in bits 16-23, AUTO's submode in bits 24-31."""
+    """Return PX4's custom mode in words: main mode in bits 16-23, AUTO's submode in bits 24-31."""
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
     if main == _AUTO_MAIN:
         return _AUTO.get(sub, f"AUTO {sub}")

@@ -1,4 +1,4 @@
-"""One agent per autopilot: MAVSDK binds a taken port without an error, and then the clients starve each other."""
+"""One agent per autopilot: MAVSDK binds a port in use without an error, and then each client gets some packets only."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from onboard.autopilot import LinkError
 
 
 class PortClaim:
-    """An autopilot's endpoint that this process alone uses, held by a file lock until :meth:`release`.
+    """An autopilot's endpoint that only this process uses, held by a file lock until :meth:`release`.
 
-    The lock finds other agents (their MAVSDK shares the port), binding a UDP port once finds everybody else.
+    The lock excludes other agents, whose MAVSDK would share the port; binding the UDP port once finds other programs.
     """
 
     def __init__(self, endpoint: str) -> None:
@@ -26,40 +26,40 @@ class PortClaim:
         """Claim the UDP port, the remote port or the serial device of the endpoint; a second call does nothing.
 
         Raises:
-            LinkError: somebody else has it.
+            LinkError: another process has it.
         """
         if self._lock_fd is not None:
             return
-        found = re.fullmatch(r"udpin://(.+):(\d+)", self.endpoint)
+        udp = re.fullmatch(r"udpin://(.+):(\d+)", self.endpoint)
         path = Path(tempfile.gettempdir()) / f"covey-{os.getuid()}-{_key(self.endpoint)}.lock"
         fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if found is not None:
+            if udp is not None:
                 with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                    probe.bind((found[1], int(found[2])))
+                    probe.bind((udp[1], int(udp[2])))
         except OSError as error:
             os.close(fd)
-            what = f"UDP port {found[2]} of {self.endpoint}" if found is not None else self.endpoint
+            name = f"UDP port {udp[2]} of {self.endpoint}" if udp is not None else self.endpoint
             raise LinkError(
-                f"{what} is taken ({error.strerror}). Another agent or ground station "
-                "listens to this autopilot: stop it, or change 'autopilot' of this vehicle in the fleet file."
+                f"{name} is in use ({error.strerror}). Another agent or ground station is connected to this autopilot: "
+                "stop it, or change 'autopilot' of this vehicle in the fleet file."
             ) from None
         self._lock_fd = fd
 
     def release(self) -> None:
-        """Give the port back; a second call does nothing."""
+        """Release the port; a second call does nothing."""
         fd, self._lock_fd = self._lock_fd, None
         if fd is not None:
             os.close(fd)
 
 
 def _key(endpoint: str) -> str:
-    """A file name for what can be used once only: a port here, a port there, or a device whatever its baud rate."""
-    kind, _, where = endpoint.partition("://")
+    """Return a file name for the resource: a local port, a remote endpoint, or a device whatever its baud rate."""
+    kind, _, address = endpoint.partition("://")
     if kind == "udpin":
-        return f"udp-{where.rpartition(':')[2]}"
+        return f"udp-{address.rpartition(':')[2]}"
     if kind.startswith("serial"):
-        device, _, rate = where.rpartition(":")
-        where = os.path.realpath(device if device and rate.isdigit() else where)
-    return re.sub(r"[^A-Za-z0-9._-]", "_", f"{kind}-{where}")
+        device, _, rate = address.rpartition(":")
+        address = os.path.realpath(device if device and rate.isdigit() else address)
+    return re.sub(r"[^A-Za-z0-9._-]", "_", f"{kind}-{address}")

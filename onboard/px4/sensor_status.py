@@ -1,12 +1,12 @@
-"""What PX4's SYS_STATUS says of its sensors: which are unhealthy and needed, and whether RC is heard."""
+"""PX4's SYS_STATUS: sensors that are unhealthy, and whether a radio control is heard."""
 
 from __future__ import annotations
 
 from onboard.autopilot import Snapshot
 
 _RC_RECEIVER = 0x10000
-# MAV_SYS_STATUS_SENSOR: bit, name, needed for flight with a mocap (None: not even worth a word), and without one. The
-# prearm bit is left out: in HOLD without satellites PX4 keeps it down and arms all the same when setpoints stream.
+# MAV_SYS_STATUS_SENSOR: bit, name, required for flight with a mocap (None: not reported), and without one. The prearm
+# bit is left out: in HOLD without satellites PX4 keeps it low and arms all the same when setpoints arrive.
 _SENSORS: tuple[tuple[int, str, bool | None, bool], ...] = (
     (0x1, "gyroscope", True, True),
     (0x2, "accelerometer", True, True),
@@ -26,16 +26,16 @@ _SENSORS: tuple[tuple[int, str, bool | None, bool], ...] = (
 
 
 def unhealthy(snapshot: Snapshot, has_mocap: bool) -> tuple[tuple[str, bool], ...]:
-    """Name of each sensor that is there, enabled and not healthy, and whether this flight needs it."""
+    """Return the name of each sensor that is enabled and not healthy, and whether this flight requires it."""
     if not snapshot.sensors_ns:
         return ()
     bad = snapshot.sensors_enabled & ~snapshot.sensors_healthy
-    found = ((name, with_mocap if has_mocap else bare) for bit, name, with_mocap, bare in _SENSORS if bad & bit)
-    return tuple((name, is_needed) for name, is_needed in found if is_needed is not None)
+    sensors = ((name, with_mocap if has_mocap else bare) for bit, name, with_mocap, bare in _SENSORS if bad & bit)
+    return tuple((name, is_required) for name, is_required in sensors if is_required is not None)
 
 
 def has_rc(snapshot: Snapshot) -> bool | None:
-    """Whether PX4 hears a radio control; None while it has said nothing of its sensors."""
+    """Whether PX4 hears a radio control; None before the first SYS_STATUS."""
     if not snapshot.sensors_ns:
         return None
     return bool(snapshot.sensors_enabled & snapshot.sensors_healthy & _RC_RECEIVER)

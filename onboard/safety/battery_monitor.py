@@ -1,4 +1,4 @@
-"""Will the battery last until the vehicle is down? From the trend of what PX4 tells of it. Pure."""
+"""Detects a battery that will not last until the vehicle is down, from the trend of PX4's reports. Pure."""
 
 from __future__ import annotations
 
@@ -15,24 +15,32 @@ _SAG_SHARE = 0.12  # of the voltage, lost within the window
 
 @dataclass(slots=True)
 class BatteryMonitor:
-    """Call :meth:`look` some times a second; on the ground and after it begins anew.
+    """Memory of one battery; call :meth:`update` some times a second in flight, :meth:`reset` on the ground.
 
-    A percentage falls by about 0.2 % a second in ordinary flight. What matters is whether, at the present rate, more
-    than half of the landing level is left when the vehicle is down and a reserve has passed.
+    A percentage falls by about 0.2 % a second in ordinary flight. The battery is falling when, at the present rate,
+    less than half of the landing level would be left after the descent and a reserve.
     """
 
     is_falling: bool = False
-    _past: deque[tuple[float, float, float]] = field(default_factory=deque)
+    _past: deque[tuple[float, float, float]] = field(default_factory=deque)  # time, share, voltage
 
-    def rest(self) -> None:
-        """On the ground: loads come and go."""
+    def reset(self) -> None:
+        """Begin anew; on the ground loads come and go."""
         self._past.clear()
         self.is_falling = False
 
-    def look(
+    def update(
         self, time_s: float, remaining_frac: float, voltage_v: float, *, land_frac: float, height_m: float
     ) -> None:
-        """One look in flight; ``remaining_frac`` and ``voltage_v`` may be NaN when PX4 does not tell."""
+        """Take one sample in flight.
+
+        Args:
+            time_s: now, on any clock.
+            remaining_frac: share left; NaN while PX4 does not report it.
+            voltage_v: NaN while PX4 does not report it.
+            land_frac: level at which the vehicle lands in any case.
+            height_m: above the ground.
+        """
         past = self._past
         past.append((time_s, remaining_frac, voltage_v))
         while time_s - past[0][0] > _OVER_S:

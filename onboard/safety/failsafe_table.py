@@ -1,13 +1,14 @@
-"""The failsafe table: what a vehicle does when something is wrong, decided for every pair before anything happens.
+"""The failsafe table: the action for every pair of a situation and a condition, decided beforehand. Pure data.
 
-Pure data: (situation, condition) -> action. Of all conditions that hold the strongest action counts, and it is kept:
-what a failsafe has begun ends only by a stronger one or by an operator's order (:func:`latched`).
+Of all conditions that hold, the strongest action counts, and it is kept: an action ends only by a stronger one or by an
+operator's order (:func:`latched`).
 
-The order of the actions. A higher rank leaves less of the flight to this agent: first it gives up pace, then the goal,
-then the air, then the controls. That is safer whenever what the lower rank relies on is in doubt, and the table uses a
-rank only where that is so. It is no scale of comfort: PX4's landing does not avoid the others, and silence means that
-PX4's own failsafe lands, so both stand above the landing under the law, for cases in which that cannot be trusted.
-LEVEL is a hold without eyes: while it lasts, setpoints are level; afterwards the vehicle holds.
+The rank of an action says how much of the flight it takes away from this agent: first the speed, then the goal, then
+the flight itself, then the controls. A higher rank is safer whenever something is in doubt on which the lower rank
+relies, and the table uses a rank only in such cases. It is no scale of comfort: PX4's landing does not avoid the
+others, and after silence PX4's own failsafe lands. Both stand above the landing under the law, for cases in which that
+landing cannot be trusted. LEVEL is a hold without a position: while it lasts, setpoints are level; afterwards the
+vehicle holds.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from enum import Enum, IntEnum
 
 
 class Situation(Enum):
-    """What the vehicle is doing, as far as failsafes care."""
+    """State of the flight, as coarsely as the failsafe table distinguishes it."""
 
     __hash__ = object.__hash__  # Enum's own costs a call of Python for each look-up
 
@@ -31,18 +32,21 @@ class Situation(Enum):
 
 
 class Condition(Enum):
-    """What can be wrong, grouped by whom it concerns; of two that ask the same the first one speaks."""
+    """Everything that can be wrong, in groups. Of two conditions with the same action the first one is named.
+
+    The names are codes of events, the values are words of the telemetry and of docs/failsafe.md.
+    """
 
     __hash__ = object.__hash__
 
-    # the own motion
+    # own motion
     POSITION_STALE = "own position stale"
     POSITION_LOST = "own position lost"
     POSITION_JUMPED = "own position jumped"
     MOCAP_SWAPPED = "mocap takes it for another vehicle"
     MOCAP_FROZEN = "mocap repeats itself"
     MOCAP_LATE = "mocap late"
-    # the autopilot
+    # autopilot
     LEFT_OFFBOARD = "PX4 left OFFBOARD"
     PX4_FAILSAFE = "PX4 left OFFBOARD by its own failsafe"
     DISARMED = "PX4 disarmed in flight"
@@ -55,7 +59,7 @@ class Condition(Enum):
     THRUST_SATURATED = "thrust saturated"
     NOT_CLIMBING = "not climbing with full thrust"
     FALLEN = "on the ground though it should fly"
-    # the own process
+    # own process
     LOOP_LATE = "loop late"
     LOOP_STALLED = "loop stalled"
     LOOP_STALLED_LONG = "loop stalled for long"
@@ -70,7 +74,7 @@ class Condition(Enum):
     BUS_LOST_LONG = "bus lost for long"
     GROUND_LOST = "ground station lost"
     ORDER_OVERDUE = "order overdue"
-    # the others
+    # other vehicles
     COLLISION_SUSPECTED = "collision suspected"
     SEPARATION_BREACHED = "separation breached"
     SEPARATION_PREDICTED = "separation will be lost"
@@ -93,17 +97,17 @@ class Condition(Enum):
 
 
 class Action(IntEnum):
-    """What is done, from the mildest to the strongest; the number is the rank."""
+    """Actions from the mildest to the strongest; the number is the rank."""
 
-    GO_ON = 0  # counted and reported where it is worth a word
+    GO_ON = 0  # at most reported
     REFUSE = 1  # no take-off while it lasts
     SLOW = 2  # the order goes on at reduced speed
     HOLD = 3  # stop here; the order has failed
-    LEVEL = 4  # hold without eyes: level attitude at hover thrust while it lasts
+    LEVEL = 4  # hold without a position: level attitude at hover thrust while it lasts
     LAND = 5  # land by setpoint, under the avoidance law
     PX4_LAND = 6  # command PX4's landing, then silence
-    DISARM = 7  # only ever on the ground
-    STOP = 8  # silence on the wire
+    DISARM = 7  # on the ground only
+    STOP = 8  # no more setpoints
 
 
 WORDS: dict[Action, str] = {
@@ -124,81 +128,81 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
     (situation, condition): action
     for condition, row in {
         # condition: GROUND, ARMED, LIFTOFF, FLYING, LANDING, PX4_LANDING, SILENT
-        # a landing by setpoint needs a position as much as a flight does; at lift-off there is nothing to wait for
+        # a landing by setpoint requires a position as a flight does; at lift-off there is nothing to wait for
         _C.POSITION_STALE: (_A.REFUSE, _A.GO_ON, _A.PX4_LAND, _A.LEVEL, _A.LEVEL, _A.GO_ON, _A.GO_ON),
         _C.POSITION_LOST: (_A.REFUSE, _A.DISARM, _A.PX4_LAND, _A.PX4_LAND, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
-        # the estimate flies on attitude and thrust without these samples, good for the 0.2 s until it counts as stale:
-        # braking under the law meanwhile beats flying on and beats level coasting
+        # without these samples the estimate continues on attitude and thrust, which is good enough for the 0.2 s until
+        # it counts as stale: braking under the law is better than flying on and than level coasting
         _C.POSITION_JUMPED: (_A.REFUSE, _A.GO_ON, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.MOCAP_SWAPPED: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.MOCAP_FROZEN: (_A.REFUSE, _A.GO_ON, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # the estimate takes the age out, but every metre per second costs more distance
+        # the estimate compensates the age, but its error grows with the speed
         _C.MOCAP_LATE: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # who took it flies it; also away from PX4's landing, which is not asked for again then
+        # whoever took the controls flies it, also out of PX4's landing, which is not commanded again then
         _C.LEFT_OFFBOARD: (_A.GO_ON, _A.DISARM, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
         _C.PX4_FAILSAFE: (_A.GO_ON, _A.DISARM, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON, _A.GO_ON),
-        # the kill switch was used: never arm it again by oneself; on the way down that is how landings end
+        # the kill switch was used: never arm again by itself; in a landing it is how the landing ends
         _C.DISARMED: (_A.GO_ON, _A.GO_ON, _A.STOP, _A.STOP, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # it has forgotten modes, parameters that were not saved, and where its local origin was
         _C.REBOOTED: (_A.REFUSE, _A.DISARM, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
         _C.AUTOPILOT_SILENT: (_A.REFUSE, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
         # setpoints sent to it now would be obeyed late, all at once
         _C.AUTOPILOT_FROZEN: (_A.REFUSE, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
-        # it flew on its last command meanwhile, and its clock, which times its own failsafe, did not notice
+        # it flew on its last setpoint meanwhile, and its own failsafe is timed by the clock that stood still
         _C.AUTOPILOT_BACK: (_A.GO_ON, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # attitude still comes, so it still flies what it is told; but nobody says any more whether it is ours
+        # attitude still arrives, so it follows setpoints; but its mode is not known any more
         _C.HEARTBEAT_LOST: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # our setpoints do not reach the motors: its own landing takes another way
+        # our setpoints do not reach the motors; PX4's own landing does not depend on them
         _C.ATTITUDE_NOT_FOLLOWED: (_A.GO_ON, _A.GO_ON, _A.PX4_LAND, _A.PX4_LAND, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
         _C.THRUST_SATURATED: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.NOT_CLIMBING: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # after a collision or a failed motor: more thrust helps nobody, PX4's loss failsafe disarms
+        # after a collision or a failed motor: thrust does not help; PX4's failsafe for lost setpoints disarms
         _C.FALLEN: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.STOP, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.LOOP_LATE: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.LOOP_STALLED: (_A.GO_ON, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # PX4 has begun to land meanwhile: setpoints that come back would take the vehicle from it
+        # PX4 has begun to land meanwhile: new setpoints would interrupt its landing
         _C.LOOP_STALLED_LONG: (_A.GO_ON, _A.DISARM, _A.PX4_LAND, _A.PX4_LAND, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
-        # what a jump does to ages has rows of its own; the jump itself changes nothing in flight
+        # wrong ages have rows of their own; the jump itself changes nothing in flight
         _C.CLOCK_JUMPED: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.NOT_FINITE: (_A.REFUSE, _A.GO_ON, _A.LAND, _A.LEVEL, _A.LEVEL, _A.GO_ON, _A.GO_ON),
         _C.NOT_FINITE_LONG: (_A.REFUSE, _A.DISARM, _A.PX4_LAND, _A.PX4_LAND, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
-        # no flight begins unrecorded; none ends for it
+        # no flight begins without a record; none ends because of it
         _C.DISK_FULL: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # on the ground neither flies; who is in the air goes on, since the newcomer stays away
+        # on the ground neither flies; an agent in the air goes on, since the second one sends nothing
         _C.TWIN: (_A.REFUSE, _A.DISARM, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.SHUTDOWN: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.BUS_LOST: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.BUS_LOST_LONG: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # no emergency: the order is finished, then the vehicle stays
+        # no emergency: the order is finished, then the vehicle holds
         _C.GROUND_LOST: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # a start has time limits of its own; a landing that does not come down is handed to PX4
+        # a take-off has time limits of its own; a landing that does not come down is left to PX4
         _C.ORDER_OVERDUE: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.HOLD, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
-        # down, but under the law: PX4's landing would not push away from whom it touched
+        # land, but under the law: PX4's landing would not keep away from the other vehicle
         _C.COLLISION_SUSPECTED: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # the law is already pushing apart with all it has: stopping or landing would only take that away
+        # the law already separates them as hard as it can: stopping or landing would only interrupt that
         _C.SEPARATION_BREACHED: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.SEPARATION_PREDICTED: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # no goal is worth being pursued without avoidance
+        # no goal is pursued without avoidance
         _C.LAW_INFEASIBLE: (_A.GO_ON, _A.GO_ON, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # nobody knows where it is: who stands still is at least where the others expect it
+        # nobody knows where it is: a vehicle that holds is at least where the others expect it
         _C.NEIGHBOUR_UNSEEN: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # avoided where mocap sees it, with full responsibility on our side
+        # avoided where the mocap measures it, with full responsibility on our side
         _C.NEIGHBOUR_SILENT: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # as a silent one
+        # like a silent one
         _C.NEIGHBOUR_INVALID: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # with full responsibility on our side, too, but what it does next is a guess
+        # with full responsibility on our side, too, but its next motion cannot be predicted
         _C.NEIGHBOUR_UNCOOPERATIVE: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.NEIGHBOUR_STALE: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # trusted again at once: its newest message says where it is
+        # its newest message gives its position, so it is believed at once
         _C.NEIGHBOUR_BACK: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # it cannot take off with another file either; in flight it is avoided as it says it moves
+        # it does not take off either; in flight it is avoided by the motion that it publishes
         _C.CONFIG_DIFFERS: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.BATTERY_WARNING: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.BATTERY_LOW: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # it would be empty before it is down if it waited for the landing level
+        # it would be empty before the vehicle is down if that waited for the landing level
         _C.BATTERY_FALLING: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.FENCE_NEAR: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # the point to hold lies inside
+        # the vehicle holds at a point inside
         _C.FENCE_BREACH: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.FENCE_BREACH_LONG: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.CEILING: (_A.GO_ON, _A.GO_ON, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
@@ -206,13 +210,18 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
     for situation, action in zip(Situation, row, strict=True)
 }
 
-_PLACES = {condition: place for place, condition in enumerate(Condition)}
+_RANK = {condition: rank for rank, condition in enumerate(Condition)}
 
 
 def decide(situation: Situation, conditions: Collection[Condition]) -> tuple[Action, Condition | None]:
-    """The strongest action of all conditions that hold, and the condition that asks for it.
+    """Decide by the table.
 
-    Of equal actions the condition named first speaks. Without conditions: GO_ON and None.
+    Args:
+        situation: of the vehicle.
+        conditions: all that hold.
+    Returns:
+        the strongest action, and the condition that demands it: of several the first one in :class:`Condition`. Without
+        conditions GO_ON and None.
     """
     if not conditions:
         return Action.GO_ON, None
@@ -225,28 +234,50 @@ def decide(situation: Situation, conditions: Collection[Condition]) -> tuple[Act
 
 
 def needs_level(situation: Situation, conditions: Iterable[Condition]) -> bool:
-    """Whether what leaves now must be level, whatever else is done."""
+    """Whether the setpoint of this tick must be level, whatever else is done.
+
+    Args:
+        situation: of the vehicle.
+        conditions: all that hold.
+    Returns:
+        True if any of them demands LEVEL.
+    """
     return any(TABLE[situation, condition] is Action.LEVEL for condition in conditions)
 
 
 _KEPT = {Action.REFUSE: Action.GO_ON, Action.LEVEL: Action.HOLD}
 
 
-def latched(before: Action, asked: Action) -> Action:
-    """What is done after ``before`` when ``asked`` comes, without an order in between: never less.
+def latched(before: Action, demanded: Action) -> Action:
+    """Return the action that follows another one without an order in between: never a weaker one.
 
-    A level flight leaves a hold behind it, since its order has failed. A refusal is kept for nobody: it only forbids.
+    Args:
+        before: action of the last tick. A level flight leaves a hold, since its order has failed; a refusal leaves
+            nothing.
+        demanded: by the conditions that hold now.
+    Returns:
+        the action of this tick.
     """
-    return max(_KEPT.get(before, before), asked)
+    return max(_KEPT.get(before, before), demanded)
 
 
 def in_order(conditions: Iterable[Condition]) -> list[Condition]:
-    """Conditions in the order of the table."""
-    return sorted(conditions, key=_PLACES.__getitem__)
+    """Sort conditions.
+
+    Args:
+        conditions: any.
+    Returns:
+        the same in the order of the table.
+    """
+    return sorted(conditions, key=_RANK.__getitem__)
 
 
 def table_text() -> str:
-    """The table as Markdown, for the documentation."""
+    """Write the table for docs/failsafe.md.
+
+    Returns:
+        Markdown.
+    """
     lines = [
         "| condition | " + " | ".join(situation.value for situation in Situation) + " |",
         "|---" * (len(Situation) + 1) + "|",

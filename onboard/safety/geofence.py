@@ -1,6 +1,6 @@
-"""Is a vehicle outside of the fence, above it, or about to leave it? Pure, in plain floats, for every tick.
+"""Geofence: whether a vehicle is outside, above it, or about to leave it. Pure, in plain floats, for every tick.
 
-The fence is a box in fleet ENU. Its floor does not count as a wall: that is where vehicles stand.
+The fence is a box in fleet ENU. Its floor does not count as a wall, since vehicles stand there.
 """
 
 from __future__ import annotations
@@ -12,32 +12,35 @@ from typing import NamedTuple
 Vec3 = tuple[float, float, float]
 
 
-class Where(NamedTuple):
-    """About to cross a wall or the ceiling; outside of a wall, or below the floor; above the ceiling."""
+class FenceStatus(NamedTuple):
+    """Position of a vehicle relative to the fence."""
 
-    is_near: bool
-    is_outside: bool
-    is_above: bool
+    is_near: bool  # about to cross a wall or the ceiling
+    is_outside: bool  # beyond a wall, or below the floor
+    is_above: bool  # above the ceiling
 
 
 @dataclass(frozen=True, slots=True)
 class Fence:
-    """Box in fleet ENU [m], and how one brakes before it.
-
-    brake_m_s2: deceleration along each axis. reaction_s: for so long it goes on as it does now. floor_tolerance_m: how
-    far below the lowest corner a landed vehicle may be measured.
-    """
+    """Box in fleet ENU [m], and how a vehicle brakes before it."""
 
     low_enu_m: Vec3
     high_enu_m: Vec3
-    brake_m_s2: Vec3
-    reaction_s: float
-    floor_tolerance_m: float = 0.5
+    brake_m_s2: Vec3  # deceleration along each axis
+    reaction_s: float  # for so long the vehicle goes on as it does now
+    floor_tolerance_m: float = 0.5  # below the floor, where a landed vehicle may be measured
 
-    def where(self, position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> Where:
-        """Of a vehicle; one whose position is not finite is outside, since nobody knows that it is inside."""
+    def status(self, position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> FenceStatus:
+        """Judge one vehicle. A position that is not finite counts as outside.
+
+        Args:
+            position_enu_m: of the vehicle.
+            velocity_enu_m_s: of the vehicle.
+        Returns:
+            its position relative to the fence.
+        """
         if not math.isfinite(sum(position_enu_m)):
-            return Where(False, True, False)
+            return FenceStatus(False, True, False)
         (x, y, z), (west, south, floor), (east, north, top) = position_enu_m, self.low_enu_m, self.high_enu_m
         is_above = z > top
         is_outside = not (west <= x <= east and south <= y <= north) or z < floor - self.floor_tolerance_m
@@ -47,8 +50,8 @@ class Fence:
             or self._is_near(north - y if v > 0.0 else y - south, abs(v), brake_y)
             or (w > 0.0 and self._is_near(top - z, w, brake_z))
         )
-        return Where(is_near, is_outside, is_above)
+        return FenceStatus(is_near, is_outside, is_above)
 
-    def _is_near(self, left_m: float, speed_m_s: float, brake_m_s2: float) -> bool:
-        """Whether a wall that is so far ahead cannot be kept by braking."""
-        return 0.0 < left_m < speed_m_s * (self.reaction_s + speed_m_s / (2.0 * brake_m_s2))
+    def _is_near(self, distance_m: float, speed_m_s: float, brake_m_s2: float) -> bool:
+        """Whether braking does not stop the vehicle before a wall at that distance."""
+        return 0.0 < distance_m < speed_m_s * (self.reaction_s + speed_m_s / (2.0 * brake_m_s2))

@@ -1,7 +1,7 @@
-"""Does the vehicle do what it is told: does its attitude follow, has its thrust something left? Pure.
+"""Detects an attitude that does not follow its setpoints, and thrust at its limit. Pure.
 
-The commanded tilt goes through a first-order lag of the vehicle's own time; what the attitude flown differs from that,
-low-passed, stays small for a vehicle that answers late or with a static error, and grows for one that does not answer.
+The commanded tilt goes through a first-order lag of the vehicle's own time. The measured tilt minus that, low-passed,
+stays small for a vehicle that responds late or with a static error, and grows for one that does not respond.
 """
 
 from __future__ import annotations
@@ -23,18 +23,15 @@ _BELOW_M, _CLIMB_M_S = 0.15, 0.05
 
 @dataclass(slots=True)
 class TrackingMonitor:
-    """Call :meth:`look` every tick under the law, :meth:`rest` otherwise.
+    """Memory of one vehicle; call :meth:`update` every tick under the law, :meth:`reset` otherwise."""
 
-    lag_s: time of the attitude's answer. largest_frac: throttle at which thrust is saturated.
-    """
-
-    lag_s: float
-    largest_frac: float
+    lag_s: float  # from attitude setpoint to attitude
+    largest_frac: float  # throttle at which thrust is saturated
     is_attitude_lost: bool = False
     is_saturated: bool = False
-    is_sinking: bool = False
-    _asked_x: float = 0.0
-    _asked_y: float = 0.0
+    is_sinking: bool = False  # with full thrust
+    _commanded_x: float = 0.0  # horizontal part of the thrust's direction, after the lag
+    _commanded_y: float = 0.0
     _miss_x: float = 0.0
     _miss_y: float = 0.0
     _missed_s: float = 0.0
@@ -42,29 +39,42 @@ class TrackingMonitor:
     _full_s: float = 0.0
     _sinking_s: float = 0.0
 
-    def rest(self) -> None:
-        """Nothing is asked of the vehicle."""
-        self._asked_x = self._asked_y = self._miss_x = self._miss_y = 0.0
+    def reset(self) -> None:
+        """Begin anew: no setpoints are sent."""
+        self._commanded_x = self._commanded_y = self._miss_x = self._miss_y = 0.0
         self._missed_s = self._upset_s = self._full_s = self._sinking_s = 0.0
         self.is_attitude_lost = self.is_saturated = self.is_sinking = False
 
-    def look(
-        self, asked_wxyz: Vec4, flown_wxyz: Vec4, thrust_frac: float, *, below_m: float, climb_m_s: float, dt_s: float
+    def update(
+        self,
+        commanded_wxyz: Vec4,
+        measured_wxyz: Vec4,
+        thrust_frac: float,
+        *,
+        below_m: float,
+        climb_m_s: float,
+        dt_s: float,
     ) -> None:
-        """One tick in flight.
+        """Take one tick in flight.
 
         Args:
-            asked_wxyz, flown_wxyz: attitude setpoint sent last and attitude measured, in one frame. thrust_frac: sent
-                last.
-            below_m: how far it is below its trajectory. climb_m_s: vertical velocity.
+            commanded_wxyz: attitude setpoint sent last, FLU to ENU.
+            measured_wxyz: attitude measured, FLU to ENU.
+            thrust_frac: throttle sent last.
+            below_m: height of the trajectory above the vehicle.
+            climb_m_s: vertical velocity, up.
+            dt_s: since the last call.
         """
-        w, x, y, z = asked_wxyz
+        w, x, y, z = commanded_wxyz
         keep = math.exp(-dt_s / max(self.lag_s, 0.02))
         ux, uy = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x)
-        self._asked_x, self._asked_y = ux + keep * (self._asked_x - ux), uy + keep * (self._asked_y - uy)
-        w, x, y, z = flown_wxyz
+        self._commanded_x, self._commanded_y = (
+            ux + keep * (self._commanded_x - ux),
+            uy + keep * (self._commanded_y - uy),
+        )
+        w, x, y, z = measured_wxyz
         up = 1.0 - 2.0 * (x * x + y * y)
-        miss_x, miss_y = 2.0 * (x * z + w * y) - self._asked_x, 2.0 * (y * z - w * x) - self._asked_y
+        miss_x, miss_y = 2.0 * (x * z + w * y) - self._commanded_x, 2.0 * (y * z - w * x) - self._commanded_y
         share = dt_s / (_MISS_TIME_S + dt_s)
         self._miss_x += share * (miss_x - self._miss_x)
         self._miss_y += share * (miss_y - self._miss_y)

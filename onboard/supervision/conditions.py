@@ -1,8 +1,8 @@
-"""Which conditions of the failsafe table hold now. Times are on the agent's clock, and count live ticks as well.
+"""Conditions of the failsafe table that hold now.
 
-A process that was not scheduled for a while finds everything old at its first tick, although nothing is wrong but
-itself. So a silence counts only after it has also been seen by several ticks in a row. What can hurt within a tenth of
-a second is looked at in every tick, the rest ten times a second.
+A process that was not scheduled for a while finds every message old at its first tick, although nothing else is wrong.
+Therefore a silence counts only after several ticks in a row have noticed it. Conditions that can do harm within a tenth
+of a second are checked at every tick, the others ten times a second.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from onboard.autopilot import Vec4
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control.allocation import MAX_THRUST_FRAC
+from onboard.feasibility.bounds import TICK_S
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
 from onboard.localization.own_state import OwnState
@@ -28,48 +29,43 @@ from onboard.types import GRAVITY_M_S2, LawStatus
 
 STALE_FOR_S = 0.3  # a position that stays this old is lost, however regularly it comes
 LATE_S, STALLED_S, STALLED_LONG_S = 0.005, 0.2, 0.3  # PX4 lands after COM_OF_LOSS_T = 0.3 s without setpoints
-PERIOD_S = 0.02
 BUS_LOST_S = 1.0
 JUMPS, SWAP_JUMPS, SWAP_RADIUS_M = 3, 2, 0.3
-CLOCK_TOLD_S = 5.0
+CLOCK_JUMP_REPORTED_S = 5.0
 _DOWN_HEIGHT_M, _DOWN_LONG_S = 0.12, 1.0
-_ANSWERS_ABOVE_M = 0.2
+_TRACKING_ABOVE_M = 0.2
 _FENCE_LONG_S = 2.0
 _NOT_FINITE_LONG_S = 0.5
 _INFEASIBLE_S = 0.1
 _LIVE_TICKS = 5
 _SLOW_TICKS = 5
-_BRAKE_SHARE = 0.6  # of the acceleration at the largest tilt, with which one counts before the fence
+_BRAKE_SHARE = 0.6  # of the acceleration at the largest tilt, assumed for braking before the fence
 
 
 @dataclass(slots=True)
 class TickContext:
-    """What the core knows of itself at this tick.
+    """State of the agent itself at one tick."""
 
-    asked_wxyz, thrust_frac: setpoint sent last, in the fleet frame. below_m: under its trajectory. active_neighbour:
-    place of whom the law keeps it from, -1 for nobody.
-    """
-
-    period_s: float = PERIOD_S
+    period_s: float = TICK_S  # since the last tick
     is_last_tick_finite: bool = True
     is_airborne: bool = False
-    is_stopping: bool = False
-    has_ground: bool = False
-    has_duplicate: bool = False
+    is_stopping: bool = False  # the agent is asked to end
+    has_ground: bool = False  # a ground station is on the bus
+    has_duplicate: bool = False  # another agent publishes for this vehicle
     is_disk_full: bool = False
-    bus_age_s: float = 0.0
-    nearest_m: float = math.inf
-    law_status: int = 0
-    active_neighbour: int = -1
-    asked_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)
-    thrust_frac: float = 0.0
-    below_m: float = 0.0
-    clock_jump_ns: int = 0
+    bus_age_s: float = 0.0  # since the last message of any neighbour
+    nearest_m: float = math.inf  # horizontal distance to the nearest vehicle
+    law_status: int = 0  # of the last tick
+    active_neighbour: int = -1  # index of the neighbour that the law keeps it from; -1 for none
+    commanded_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)  # attitude setpoint sent last, in the fleet frame
+    thrust_frac: float = 0.0  # throttle sent last
+    below_m: float = 0.0  # height of the trajectory above the vehicle
+    clock_jump_ns: int = 0  # time of the last jump of a clock; 0 never
 
 
 @dataclass(slots=True)
 class ConditionMonitor:
-    """Memory of how long each condition has lasted; ``details`` says of whom a condition speaks."""
+    """Memory of how long each condition has lasted."""
 
     fleet: FleetConfig
     vehicle: Vehicle
@@ -77,30 +73,30 @@ class ConditionMonitor:
     flight: FlightContext
     neighbours: NeighbourTable
     autopilot: AutopilotMonitor = field(default_factory=AutopilotMonitor)
-    answer: TrackingMonitor = field(init=False)
+    tracking: TrackingMonitor = field(init=False)
     battery: BatteryMonitor = field(default_factory=BatteryMonitor)
-    others: NeighbourMonitor = field(init=False)
-    details: dict[Condition, str] = field(default_factory=dict)
+    other_vehicles: NeighbourMonitor = field(init=False)
+    details: dict[Condition, str] = field(default_factory=dict)  # vehicles or numbers for a condition's sentence
     _since_ns: dict[Condition, int] = field(default_factory=dict)
     _ticks: dict[Condition, int] = field(default_factory=dict)
-    _slow: set[Condition] = field(default_factory=set)
+    _slow: set[Condition] = field(default_factory=set)  # found by the last slow check
     _count: int = 0
     _offboard_since_ns: int = 0
     _has_landing_mode: bool = False
     _fence: Fence = field(init=False)
 
     def __post_init__(self) -> None:
-        self.answer = TrackingMonitor(self.vehicle.lag_s, MAX_THRUST_FRAC)
-        self.others = NeighbourMonitor(self.fleet, self.vehicle, self.neighbours, self.flight, self.details)
+        self.tracking = TrackingMonitor(self.vehicle.lag_s, MAX_THRUST_FRAC)
+        self.other_vehicles = NeighbourMonitor(self.fleet, self.vehicle, self.neighbours, self.flight, self.details)
         fence = self.fleet.fleet.geofence_m
         brake = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(math.radians(self.vehicle.max_tilt_deg))
         (west, east), (south, north), (floor, top) = fence.x, fence.y, fence.z
         brakes = (brake, brake, 0.5 * GRAVITY_M_S2)
         self._fence = Fence((west, south, floor), (east, north, top), brakes, self.vehicle.lag_s)
 
-    def lasting(self, condition: Condition, is_seen: bool, now_ns: int) -> tuple[int, float]:
-        """How many ticks in a row and for how many seconds a condition has been seen; (0, 0) when it is not."""
-        if not is_seen:
+    def lasting(self, condition: Condition, holds: bool, now_ns: int) -> tuple[int, float]:
+        """Return for how many ticks in a row and how many seconds a condition has held; (0, 0) when it does not."""
+        if not holds:
             if self._ticks:
                 self._since_ns.pop(condition, None)
                 self._ticks.pop(condition, None)
@@ -109,28 +105,29 @@ class ConditionMonitor:
         ticks = self._ticks[condition] = self._ticks.get(condition, 0) + 1
         return ticks, (now_ns - since) * 1e-9
 
-    def conditions(self, view: FlightView, doing: TickContext) -> set[Condition]:
-        """All conditions that hold at this tick."""
+    def conditions(self, view: FlightView, context: TickContext) -> set[Condition]:
+        """Return all conditions that hold at this tick."""
         found: set[Condition] = set()
-        self._own_motion(found, view)
-        self._autopilot(found, view)
-        self._process(found, view, doing)
-        self._space(found, view)
-        self._answers(found, view, doing)
-        self.others.look(found, view, doing.nearest_m, doing.is_airborne, doing.active_neighbour)
+        self._check_own_motion(found, view)
+        self._check_px4(found, view)
+        self._check_mode(found, view)
+        self._check_process(found, view, context)
+        self._check_space(found, view)
+        self._check_tracking(found, view, context)
+        self.other_vehicles.check(found, view, context.nearest_m, context.is_airborne, context.active_neighbour)
         _, infeasible_s = self.lasting(
             Condition.LAW_INFEASIBLE,
-            doing.law_status == LawStatus.INFEASIBLE and self.flight.is_under_law,
+            context.law_status == LawStatus.INFEASIBLE and self.flight.is_under_law,
             view.now_ns,
         )
         if infeasible_s > _INFEASIBLE_S:
             found.add(Condition.LAW_INFEASIBLE)
         self._count += 1
         if self._count % _SLOW_TICKS == 0:
-            self._slow = self._look_slowly(view, doing)
+            self._slow = self._check_slowly(view, context)
         return found | self._slow if self._slow else found
 
-    def _own_motion(self, found: set[Condition], view: FlightView) -> None:
+    def _check_own_motion(self, found: set[Condition], view: FlightView) -> None:
         c, now_ns, own = Condition, view.now_ns, self.own
         stale, stale_s = self.lasting(c.POSITION_STALE, own.age_s > POSITION_STALE_S, now_ns)
         if stale:
@@ -140,8 +137,8 @@ class ConditionMonitor:
             found.add(c.POSITION_LOST)
         jumps = own.jumps
         if jumps >= SWAP_JUMPS:
-            where = own.jumped_to_enu_m
-            other = self.others.nearest_to(where, SWAP_RADIUS_M, now_ns) if where is not None else ""
+            jumped_to = own.jumped_to_enu_m
+            other = self.other_vehicles.nearest_to(jumped_to, SWAP_RADIUS_M, now_ns) if jumped_to is not None else ""
             if other:
                 self.details[c.MOCAP_SWAPPED] = other
                 found.add(c.MOCAP_SWAPPED)
@@ -152,10 +149,9 @@ class ConditionMonitor:
         if own.validator.is_late:
             found.add(c.MOCAP_LATE)
 
-    def _autopilot(self, found: set[Condition], view: FlightView) -> None:
-        c, now_ns, snapshot, flight = Condition, view.now_ns, view.snapshot, self.flight
-        px4 = self.autopilot
-        px4.look(
+    def _check_px4(self, found: set[Condition], view: FlightView) -> None:
+        c, now_ns, snapshot, px4 = Condition, view.now_ns, view.snapshot, self.autopilot
+        px4.update(
             now_ns,
             packet_ns=snapshot.last_packet_ns,
             attitude_ns=snapshot.attitude_ns,
@@ -172,11 +168,14 @@ class ConditionMonitor:
             found.add(c.REBOOTED)
         if px4.is_back:
             found.add(c.AUTOPILOT_BACK)
-        if flight.step is Step.PX4:
+
+    def _check_mode(self, found: set[Condition], view: FlightView) -> None:
+        c, now_ns, snapshot, flight = Condition, view.now_ns, view.snapshot, self.flight
+        if flight.step is Step.PX4_LANDING:
             self._offboard_since_ns = now_ns
             is_landing = snapshot.mode == "LAND"
             if self._has_landing_mode and not is_landing and not view.is_on_ground and not snapshot.is_failsafe:
-                self._tell(found, c.LEFT_OFFBOARD, f"now {snapshot.mode}")
+                self._add(found, c.LEFT_OFFBOARD, f"now {snapshot.mode}")
             self._has_landing_mode |= is_landing
             return
         self._has_landing_mode = False
@@ -186,44 +185,48 @@ class ConditionMonitor:
             if not snapshot.is_armed and flight.must_be_armed:
                 found.add(c.DISARMED)
             elif not snapshot.is_offboard:
-                which = c.PX4_FAILSAFE if snapshot.is_failsafe else c.LEFT_OFFBOARD
-                self._tell(found, which, f"now {snapshot.mode}")
+                condition = c.PX4_FAILSAFE if snapshot.is_failsafe else c.LEFT_OFFBOARD
+                self._add(found, condition, f"now {snapshot.mode}")
 
-    def _process(self, found: set[Condition], view: FlightView, doing: TickContext) -> None:
-        c, now_ns, period_s = Condition, view.now_ns, doing.period_s
-        if period_s > PERIOD_S + LATE_S:
+    def _check_process(self, found: set[Condition], view: FlightView, context: TickContext) -> None:
+        c, now_ns, period_s = Condition, view.now_ns, context.period_s
+        if period_s > TICK_S + LATE_S:
             found.add(c.LOOP_LATE)
             if period_s > STALLED_S:
                 found.add(c.LOOP_STALLED)
             if period_s > STALLED_LONG_S:
                 found.add(c.LOOP_STALLED_LONG)
-        bad, bad_s = self.lasting(c.NOT_FINITE, not doing.is_last_tick_finite, now_ns)
+        bad, bad_s = self.lasting(c.NOT_FINITE, not context.is_last_tick_finite, now_ns)
         if bad:
             found.add(c.NOT_FINITE)
             if bad_s > _NOT_FINITE_LONG_S:
                 found.add(c.NOT_FINITE_LONG)
-        bus, bus_s = self.lasting(c.BUS_LOST, doing.bus_age_s > BUS_LOST_S, now_ns)
+        bus, bus_s = self.lasting(c.BUS_LOST, context.bus_age_s > BUS_LOST_S, now_ns)
         if bus >= _LIVE_TICKS:
             found.add(c.BUS_LOST)
             if bus_s > self.fleet.fleet.bus_lost_land_s:
                 found.add(c.BUS_LOST_LONG)
-        if not doing.has_ground:
+        if not context.has_ground:
             found.add(c.GROUND_LOST)
-        if doing.is_stopping:
+        if context.is_stopping:
             found.add(c.SHUTDOWN)
-        if doing.has_duplicate:
+        if context.has_duplicate:
             found.add(c.TWIN)
-        if doing.is_disk_full:
+        if context.is_disk_full:
             found.add(c.DISK_FULL)
         overdue = self.flight.overdue(view)
         if overdue is not None:
-            self._tell(found, c.ORDER_OVERDUE, overdue or self.others.held_up_by(self.flight.goal_position_enu_m, view))
+            self._add(
+                found,
+                c.ORDER_OVERDUE,
+                overdue or self.other_vehicles.kept_off_by(self.flight.goal_position_enu_m, view),
+            )
 
-    def _space(self, found: set[Condition], view: FlightView) -> None:
+    def _check_space(self, found: set[Condition], view: FlightView) -> None:
         c = Condition
         is_near = is_over = is_above = False
         if view.has_position:
-            is_near, is_over, is_above = self._fence.where(view.position_enu_m, view.velocity_enu_m_s)
+            is_near, is_over, is_above = self._fence.status(view.position_enu_m, view.velocity_enu_m_s)
         if is_near:
             found.add(c.FENCE_NEAR)
         if is_over:
@@ -237,39 +240,39 @@ class ConditionMonitor:
         if self.lasting(c.FALLEN, is_down, view.now_ns)[1] > _DOWN_LONG_S:
             found.add(c.FALLEN)
 
-    def _answers(self, found: set[Condition], view: FlightView, doing: TickContext) -> None:
-        c, answer, flight = Condition, self.answer, self.flight
+    def _check_tracking(self, found: set[Condition], view: FlightView, context: TickContext) -> None:
+        c, tracking, flight = Condition, self.tracking, self.flight
         height_m = view.position_enu_m[2] - flight.ground_z_m
-        if not flight.is_under_law or flight.step is Step.LIFTOFF or height_m < _ANSWERS_ABOVE_M:
-            answer.rest()
+        if not flight.is_under_law or flight.step is Step.LIFTOFF or height_m < _TRACKING_ABOVE_M:
+            tracking.reset()
             return
-        answer.look(
-            doing.asked_wxyz,
+        tracking.update(
+            context.commanded_wxyz,
             self.own.attitude_wxyz(view.snapshot),
-            doing.thrust_frac,
-            below_m=doing.below_m,
+            context.thrust_frac,
+            below_m=context.below_m,
             climb_m_s=view.velocity_enu_m_s[2],
-            dt_s=min(doing.period_s, 0.1),
+            dt_s=min(context.period_s, 0.1),
         )
-        if answer.is_attitude_lost:
+        if tracking.is_attitude_lost:
             found.add(c.ATTITUDE_NOT_FOLLOWED)
-        if answer.is_saturated:
+        if tracking.is_saturated:
             found.add(c.THRUST_SATURATED)
-        if answer.is_sinking:
+        if tracking.is_sinking:
             found.add(c.NOT_CLIMBING)
 
-    def _look_slowly(self, view: FlightView, doing: TickContext) -> set[Condition]:
+    def _check_slowly(self, view: FlightView, context: TickContext) -> set[Condition]:
         c, snapshot, limits = Condition, view.snapshot, self.fleet.fleet
-        found = self.others.look_slowly(view)
+        found = self.other_vehicles.check_slowly(view)
         battery_pct = 100.0 * snapshot.battery_frac
         if battery_pct < limits.battery_warning_pct:
             found.add(c.BATTERY_WARNING)
         if battery_pct < limits.battery_land_pct:
             found.add(c.BATTERY_LOW)
         if self.flight.situation in (Situation.GROUND, Situation.ARMED):
-            self.battery.rest()
+            self.battery.reset()
         else:
-            self.battery.look(
+            self.battery.update(
                 view.now_ns * 1e-9,
                 snapshot.battery_frac,
                 snapshot.battery_voltage_v,
@@ -278,11 +281,11 @@ class ConditionMonitor:
             )
         if self.battery.is_falling:
             found.add(c.BATTERY_FALLING)
-        jump_ns = max(self.own.validator.clock_jump_ns, doing.clock_jump_ns)
-        if jump_ns and view.now_ns - jump_ns < CLOCK_TOLD_S * 1e9:
+        jump_ns = max(self.own.validator.clock_jump_ns, context.clock_jump_ns)
+        if jump_ns and view.now_ns - jump_ns < CLOCK_JUMP_REPORTED_S * 1e9:
             found.add(c.CLOCK_JUMPED)
         return found
 
-    def _tell(self, found: set[Condition], condition: Condition, detail: str) -> None:
+    def _add(self, found: set[Condition], condition: Condition, detail: str) -> None:
         found.add(condition)
         self.details[condition] = detail

@@ -1,4 +1,4 @@
-"""The failsafe half of a tick: what holds, what the table says to that, and obeying and saying it."""
+"""The failsafe part of a tick: check the conditions, decide by the table, execute the action and report it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import NamedTuple
 from onboard.bus.schema import OrderOutcome, Severity
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.flight.context import FlightContext
+from onboard.flight.state_machine import begin_failsafe
 from onboard.flight.types import FlightView
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.table import NeighbourTable
@@ -23,8 +24,9 @@ from onboard.safety.failsafe_table import (
 )
 from onboard.supervision.conditions import ConditionMonitor, TickContext
 
+# conditions without an event of their own
 _QUIET = {Condition.LOOP_LATE, Condition.GROUND_LOST, Condition.NOT_FINITE, Condition.SHUTDOWN}
-# told again when it concerns somebody else
+# conditions about other vehicles, reported again when they concern another one
 _NAMED = {
     Condition.NEIGHBOUR_SILENT,
     Condition.NEIGHBOUR_UNSEEN,
@@ -33,111 +35,92 @@ _NAMED = {
     Condition.NEIGHBOUR_BACK,
     Condition.CONFIG_DIFFERS,
 }
+_PAUSE_NS = 3_000_000_000  # a condition that comes and goes within it is reported once
 
 
-_PAUSE_NS = 3_000_000_000  # what comes and goes within it is told once
-
-
-class _Told(NamedTuple):
-    """What was said of a condition, the strongest action with it, and when it held last."""
+class _Reported(NamedTuple):
+    """Last event of a condition."""
 
     detail: str
-    action: Action
-    held_ns: int
+    action: Action  # the strongest with this condition
+    held_ns: int  # when the condition held last
 
 
 class FailsafeExecutor:
-    """Watches one vehicle and obeys the failsafe table.
-
-    conditions: what holds as of the last :meth:`tick`. action: the strongest that was taken since the last order, or on
-    the ground what holds now. must_be_level: whether the setpoint of this tick must be level.
-    """
+    """Executes the failsafe table for one vehicle."""
 
     def __init__(
         self, fleet: FleetConfig, vehicle: Vehicle, own: OwnState, neighbours: NeighbourTable, flight: FlightContext
     ) -> None:
         self._flight = flight
-        self.watch = ConditionMonitor(fleet, vehicle, own, flight, neighbours)
-        self.conditions: set[Condition] = set()
-        self.action = Action.GO_ON
-        self.must_be_level = False
-        self._told: dict[Condition, _Told] = {}
+        self._monitor = ConditionMonitor(fleet, vehicle, own, flight, neighbours)
+        self.conditions: set[Condition] = set()  # that hold as of the last tick
+        self.action = Action.GO_ON  # the strongest since the last order; on the ground the one of the last tick
+        self.must_be_level = False  # the setpoint of this tick
+        self._reported: dict[Condition, _Reported] = {}
 
-    def tick(self, view: FlightView, doing: TickContext) -> None:
-        """Find what holds now, decide, and let the flight do it."""
+    def tick(self, view: FlightView, context: TickContext) -> None:
+        """Check the conditions, decide by the table, and let the flight execute the action."""
         flight = self._flight
-        self.conditions = self.watch.conditions(view, doing)
+        self.conditions = self._monitor.conditions(view, context)
         situation = flight.situation
-        asked, condition = decide(situation, self.conditions)
+        demanded, condition = decide(situation, self.conditions)
         self.must_be_level = bool(self.conditions) and needs_level(situation, self.conditions)
         if situation is Situation.GROUND:
-            self.action = asked
-            self._told.clear()
+            self.action = demanded
+            self._reported.clear()
             return
-        self.action = latched(self.action, asked)
+        self.action = latched(self.action, demanded)
         if situation is Situation.SILENT:
             return
-        self._say_what_is_new(view, situation)
+        self._report(view, situation)
         if condition is not None:
-            self._obey(view, asked, condition)
+            self._execute(view, demanded, condition)
 
     @property
-    def is_obeyed(self) -> bool:
-        """Whether what the law commands is what the vehicle does, so that others may count on it."""
+    def is_law_followed(self) -> bool:
+        """Whether the vehicle follows the law's commands, so that others may rely on them."""
         return not self.must_be_level and Condition.ATTITUDE_NOT_FOLLOWED not in self.conditions
 
-    def ordered(self) -> None:
-        """An operator's order begins: it decides how the vehicle flies from here on."""
+    def begin_order(self) -> None:
+        """Forget the action: an operator's order decides from here on."""
         self.action = Action.GO_ON
 
     def move_refusal(self) -> str | None:
-        """Why nobody is to be sent anywhere now: what holds asks for more than to be slow; None when nothing does."""
-        asked, condition = decide(Situation.FLYING, self.conditions - {Condition.ORDER_OVERDUE})
-        if condition is None or asked < Action.HOLD:
+        """Return the sentence that refuses a move, while a condition demands more than slow flight; else None."""
+        demanded, condition = decide(Situation.FLYING, self.conditions - {Condition.ORDER_OVERDUE})
+        if condition is None or demanded < Action.HOLD:
             return None
-        return f"{self._sentence(condition, asked)} Order it again when that is over."
+        return f"{self._sentence(condition, demanded)} Order it again when this condition has ended."
 
-    def told(self) -> tuple[tuple[str, ...], str]:
-        """Conditions and action in words, for telemetry."""
+    def in_words(self) -> tuple[tuple[str, ...], str]:
+        """Return conditions and action in words, for telemetry."""
         return tuple(condition.value for condition in in_order(self.conditions)), WORDS[self.action]
 
-    def _say_what_is_new(self, view: FlightView, situation: Situation) -> None:
-        """Each condition once while it lasts, with pauses; again when it asks for more or concerns somebody else."""
-        told, details = self._told, self.watch.details
-        spoken = self.conditions - _QUIET if self.conditions else self.conditions
-        if not spoken and not told:
+    def _report(self, view: FlightView, situation: Situation) -> None:
+        """Report each condition once while it lasts; again for a stronger action or another vehicle."""
+        reported, details = self._reported, self._monitor.details
+        loud = self.conditions - _QUIET if self.conditions else self.conditions
+        if not loud and not reported:
             return
-        for condition in in_order(spoken):
+        for condition in in_order(loud):
             detail, action = details.get(condition, "") if condition in _NAMED else "", TABLE[situation, condition]
-            known = told.get(condition)
-            told[condition] = _Told(detail, action if known is None else max(action, known.action), view.now_ns)
+            known = reported.get(condition)
+            reported[condition] = _Reported(detail, action if known is None else max(action, known.action), view.now_ns)
             if known is not None and known.detail == detail and action <= known.action:
                 continue
             severity: Severity = "critical" if action >= Action.LEVEL else "warning"
             code = condition.name.lower().replace("_", "-")
             self._flight.say(view, severity, code, self._sentence(condition, action))
-        for condition in told.keys() - self.conditions:
-            if view.now_ns - told[condition].held_ns > _PAUSE_NS:
-                del told[condition]
+        for condition in reported.keys() - self.conditions:
+            if view.now_ns - reported[condition].held_ns > _PAUSE_NS:
+                del reported[condition]
 
-    def _obey(self, view: FlightView, action: Action, condition: Condition) -> None:
-        flight, sentence = self._flight, self._sentence(condition, action)
+    def _execute(self, view: FlightView, action: Action, condition: Condition) -> None:
         outcome: OrderOutcome = "timed out" if condition is Condition.ORDER_OVERDUE else "failed"
-        if action is Action.SLOW:
-            flight.slow_down(view, sentence)
-        elif action in (Action.HOLD, Action.LEVEL) and flight.situation is Situation.FLYING:
-            if flight.state != "holding":
-                flight.begin_hold(view, None, sentence, outcome)
-        elif action is Action.LAND and flight.state != "landing":
-            flight.begin_land(view, None, sentence)
-        elif action is Action.PX4_LAND:
-            flight.begin_px4_land(view, sentence, outcome=outcome)
-        elif action is Action.DISARM:
-            flight.disarm(view, sentence)
-        elif action is Action.STOP:
-            flight.stop(view, sentence)
+        begin_failsafe(self._flight, view, action, self._sentence(condition, action), outcome)
 
     def _sentence(self, condition: Condition, action: Action) -> str:
-        what = condition.value[0].upper() + condition.value[1:]
-        detail = self.watch.details.get(condition)
-        return f"{what} ({detail}): {WORDS[action]}." if detail else f"{what}: {WORDS[action]}."
+        name = condition.value[0].upper() + condition.value[1:]
+        detail = self._monitor.details.get(condition)
+        return f"{name} ({detail}): {WORDS[action]}." if detail else f"{name}: {WORDS[action]}."

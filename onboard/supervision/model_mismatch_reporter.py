@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 from onboard.config.fleet import Vehicle
 from onboard.estimation.disturbance_observer import ObserverMemory
+from onboard.feasibility.bounds import TICK_S
 from onboard.frames import Quaternion
 from onboard.safety import model_mismatch
-from onboard.supervision.conditions import PERIOD_S
 
 _SAMPLE_TICKS, _LOOK_SAMPLES = 5, 10
 
@@ -30,7 +30,7 @@ class ModelMismatchReporter:
     def follow(self, model: ObserverMemory, attitude_wxyz: Quaternion, hover_frac: float) -> Iterator[tuple[str, str]]:
         """One sample in free flight; code and sentence of what differs and has not been said yet."""
         self._memory = model_mismatch.update(
-            self._memory, model.response_enu_m_s2, model.response_rate_enu_m_s3, attitude_wxyz, _SAMPLE_TICKS * PERIOD_S
+            self._memory, model.response_enu_m_s2, model.response_rate_enu_m_s3, attitude_wxyz, _SAMPLE_TICKS * TICK_S
         )
         self._samples += 1
         if self._samples % _LOOK_SAMPLES:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 
-from sitl.conformance.facts import Report, number, word
+from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.hover import grounded
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import ARM, MODE_NUMBERS, SET_MODE, SILENCE, Pilot
@@ -44,7 +44,7 @@ ARMED = (
 )
 
 
-def run(pilot: Pilot, report: Report) -> None:
+def run(pilot: Pilot, report: FactReport) -> None:
     """Be refused, as a companion and as a ground station, then arm and wait."""
     if report.wants("mode.*", "text.*", "event.*", "arm.denied"):
         _refusals(pilot, report)
@@ -52,7 +52,7 @@ def run(pilot: Pilot, report: Report) -> None:
         _armed(pilot, report)
 
 
-def _refusals(pilot: Pilot, report: Report) -> None:
+def _refusals(pilot: Pilot, report: FactReport) -> None:
     grounded(pilot)
     was_ground_station = pilot.is_ground_station
     pilot.greet(as_ground_station=False)
@@ -102,7 +102,7 @@ def _count(pilot: Pilot, since_s: float) -> str:
     return f"{len(texts)} texts" if texts else "none"
 
 
-def _armed(pilot: Pilot, report: Report) -> None:
+def _armed(pilot: Pilot, report: FactReport) -> None:
     grounded(pilot)
     pilot.greet(as_ground_station=True)
     pilot.spend(1.2)

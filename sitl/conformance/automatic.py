@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 
-from sitl.conformance.facts import Report, number, word
+from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.hover import grounded
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import ARM, LAND, LANDED, TAKEOFF, Pilot, Stuck
@@ -35,7 +35,7 @@ DOWN = (
 )
 
 
-def run(pilot: Pilot, report: Report) -> None:
+def run(pilot: Pilot, report: FactReport) -> None:
     """Up, wait, down."""
     pilot.greet(as_ground_station=True)
     grounded(pilot)
@@ -75,7 +75,7 @@ def _since(pilot: Pilot, state: str, armed_s: float) -> float:
     return math.inf
 
 
-def _land(pilot: Pilot, report: Report, ground_z: float) -> None:
+def _land(pilot: Pilot, report: FactReport, ground_z: float) -> None:
     since_s = pilot.now_s
     report.add("land.accepted", pilot.command(LAND))
     pilot.next_heartbeat(2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sitl.conformance.facts import Report, number, word
+from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.hover import Hover, airborne
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import Pilot
@@ -36,7 +36,7 @@ EMPTY = (
 )
 
 
-def run(pilot: Pilot, report: Report) -> None:
+def run(pilot: Pilot, report: FactReport) -> None:
     """Fly until the battery is empty, faster than usual, then let it fill up."""
     pilot.greet(as_ground_station=True)
     # What was flown before this shows the default floor.
@@ -64,7 +64,7 @@ def run(pilot: Pilot, report: Report) -> None:
     pilot.interval("BATTERY_STATUS", 0.0)
 
 
-def _drain(pilot: Pilot, report: Report) -> None:
+def _drain(pilot: Pilot, report: FactReport) -> None:
     packets = pilot.seen.of("BATTERY_STATUS", pilot.now_s - 0.5)
     begin = pilot.newest("BATTERY_STATUS").voltages[0]
     begin_s = packets[-1].at_s if packets else pilot.now_s
@@ -75,7 +75,7 @@ def _drain(pilot: Pilot, report: Report) -> None:
     report.add("battery.drain", drained_pct / (packet.at_s - begin_s))
 
 
-def _empty(pilot: Pilot, report: Report, hover: Hover) -> None:
+def _empty(pilot: Pilot, report: FactReport, hover: Hover) -> None:
     since_s = pilot.now_s
     pilot.spend(1.2 * _FAST_DRAIN_S, lambda: pilot.text("Low battery", since_s) is not None)
     low_s = _say(pilot, report, "low", "Low battery", since_s)
@@ -101,7 +101,7 @@ def _empty(pilot: Pilot, report: Report, hover: Hover) -> None:
     pilot.stream(None)
 
 
-def _say(pilot: Pilot, report: Report, stage: str, start: str, since_s: float) -> float:
+def _say(pilot: Pilot, report: FactReport, stage: str, start: str, since_s: float) -> float:
     text = pilot.text(start, since_s)
     if text is None:
         report.add(f"battery.{stage}-text", "none")

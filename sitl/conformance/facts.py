@@ -72,7 +72,7 @@ def number(name: str, section: str, says: str, low: float, high: float, unit: st
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class FactResult:
     """What came out for one fact; `reason` says why nothing could be measured."""
 
     fact: Fact
@@ -94,7 +94,7 @@ class Finding:
 
 
 @dataclass(slots=True)
-class Report:
+class FactReport:
     """Collects findings and tells each at once.
 
     Attributes:
@@ -103,8 +103,8 @@ class Report:
     """
 
     facts: dict[str, Fact]
-    tell: Callable[[Finding], None] = lambda finding: None
-    findings: dict[str, Finding] = field(default_factory=dict)
+    tell: Callable[[FactResult], None] = lambda finding: None
+    results: dict[str, FactResult] = field(default_factory=dict)
 
     def wants(self, *patterns: str) -> bool:
         """Whether one of the facts named (shell patterns) was asked for: what nobody asked for is not flown."""
@@ -115,7 +115,7 @@ class Report:
         fact = self.facts.get(name)
         if fact is not None:
             verdict = Verdict.AGREES if fact.accepts(measured) else Verdict.DIFFERS
-            self._file(Finding(fact, verdict, fact.show(measured)))
+            self._file(FactResult(fact, verdict, fact.show(measured)))
 
     def skip(self, facts: Iterable[Fact], reason: str) -> None:
         """Leave out, for a reason that is not the vehicle's."""
@@ -127,19 +127,19 @@ class Report:
 
     def count(self, verdict: Verdict) -> int:
         """How many findings have a verdict."""
-        return sum(finding.verdict is verdict for finding in self.findings.values())
+        return sum(finding.verdict is verdict for finding in self.results.values())
 
     def _unmeasured(self, facts: Iterable[Fact], verdict: Verdict, reason: str) -> None:
         for fact in facts:
-            if fact.name in self.facts and fact.name not in self.findings:
-                self._file(Finding(fact, verdict, "nothing", reason))
+            if fact.name in self.facts and fact.name not in self.results:
+                self._file(FactResult(fact, verdict, "nothing", reason))
 
-    def _file(self, finding: Finding) -> None:
-        self.findings[finding.fact.name] = finding
+    def _file(self, finding: FactResult) -> None:
+        self.results[finding.fact.name] = finding
         self.tell(finding)
 
 
-def chosen(facts: Sequence[Fact], patterns: Sequence[str]) -> dict[str, Fact]:
+def matching(facts: Sequence[Fact], patterns: Sequence[str]) -> dict[str, Fact]:
     """Facts whose name, or the topic before its dot, matches one of the patterns; all without patterns.
 
     Raises:
@@ -147,10 +147,10 @@ def chosen(facts: Sequence[Fact], patterns: Sequence[str]) -> dict[str, Fact]:
     """
     if not patterns:
         return {fact.name: fact for fact in facts}
-    found: dict[str, Fact] = {}
+    names: set[str] = set()
     for pattern in patterns:
-        matching = [f for f in facts if fnmatchcase(f.name, pattern) or f.name.partition(".")[0] == pattern]
-        if not matching:
+        of_pattern = [f.name for f in facts if fnmatchcase(f.name, pattern) or f.name.partition(".")[0] == pattern]
+        if not of_pattern:
             raise KeyError(pattern)
-        found.update((fact.name, fact) for fact in matching)
-    return {fact.name: fact for fact in facts if fact.name in found}
+        names.update(of_pattern)
+    return {fact.name: fact for fact in facts if fact.name in names}

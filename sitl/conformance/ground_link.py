@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sitl.conformance.facts import Report, number, word
+from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import ARM, Pilot
 
@@ -17,7 +17,7 @@ FACTS = (
 )
 
 
-def run(pilot: Pilot, report: Report) -> None:
+def run(pilot: Pilot, report: FactReport) -> None:
     """Listen, then be a ground station."""
     wanted = pilot.system_id
     if not pilot.listen(3.0, lambda: pilot.seen.newest("HEARTBEAT") is not None):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sitl.conformance.facts import Report, word
+from sitl.conformance.facts import FactReport, word
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import Pilot
 
@@ -13,7 +13,7 @@ FACTS = (
 )
 
 
-def run(pilot: Pilot, report: Report) -> None:
+def run(pilot: Pilot, report: FactReport) -> None:
     """Speak for the first time, from one port or the other, then from both."""
     if pilot.moves_first_sender:
         _from_elsewhere(pilot, report)
@@ -33,7 +33,7 @@ def run(pilot: Pilot, report: Report) -> None:
         stranger.close()
 
 
-def _from_elsewhere(pilot: Pilot, report: Report) -> None:
+def _from_elsewhere(pilot: Pilot, report: FactReport) -> None:
     listener, stranger = pilot.port, pilot.port.stranger()
     pilot.port = stranger
     pilot.greet(as_ground_station=False)

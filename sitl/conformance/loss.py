@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sitl.conformance.facts import Fact, Report, number, word
+from sitl.conformance.facts import Fact, FactReport, number, word
 from sitl.conformance.hover import Hover, airborne, fast_streams, grounded, settle
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import ARM, Pilot, quaternion
@@ -49,7 +49,7 @@ GROUND = (
 )
 
 
-def run(pilot: Pilot, report: Report) -> None:
+def run(pilot: Pilot, report: FactReport) -> None:
     """Pause, stop, and stop for good; then the same on the ground."""
     pilot.greet(as_ground_station=True)
     if report.wants(*(fact.name for fact in (*AIR, *DESCENT))):
@@ -61,7 +61,7 @@ def run(pilot: Pilot, report: Report) -> None:
         _on_the_ground(pilot, report)
 
 
-def _in_the_air(pilot: Pilot, report: Report, hover: Hover) -> None:
+def _in_the_air(pilot: Pilot, report: FactReport, hover: Hover) -> None:
     if report.wants("loss.short-gap"):
         since_s = _stop(pilot, hover)
         pilot.spend(0.8)
@@ -110,7 +110,7 @@ def _until_failsafe(pilot: Pilot, since_s: float) -> float:
     return text[0] - since_s if text else math.nan
 
 
-def _act(pilot: Pilot, report: Report, hover: Hover, action: int) -> None:
+def _act(pilot: Pilot, report: FactReport, hover: Hover, action: int) -> None:
     pilot.set_parameter("COM_OBL_RC_ACT", action)
     since_s = _stop(pilot, hover)
     report.add(f"loss.action-{action}-time", _until_failsafe(pilot, since_s))
@@ -135,7 +135,7 @@ def _act(pilot: Pilot, report: Report, hover: Hover, action: int) -> None:
     settle(pilot, hover)
 
 
-def _descend(pilot: Pilot, report: Report, hover: Hover) -> None:
+def _descend(pilot: Pilot, report: FactReport, hover: Hover) -> None:
     hover.to_height(2.6)
     settle(pilot, hover)
     since_s = _stop(pilot, hover)
@@ -155,7 +155,7 @@ def _descend(pilot: Pilot, report: Report, hover: Hover) -> None:
     report.add("loss.arming-after", pilot.command(ARM, 1.0))
 
 
-def _on_the_ground(pilot: Pilot, report: Report) -> None:
+def _on_the_ground(pilot: Pilot, report: FactReport) -> None:
     grounded(pilot)
     fast_streams(pilot)
     hover = Hover(pilot)

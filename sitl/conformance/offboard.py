@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 
-from sitl.conformance.facts import Report, number, word
+from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.hover import Hover, airborne, fast_streams, grounded, settle
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import ARM, Pilot, Stuck, quaternion
@@ -44,7 +44,7 @@ END = (
 )
 
 
-def run(pilot: Pilot, report: Report) -> None:
+def run(pilot: Pilot, report: FactReport) -> None:
     """Start, fly, ask for the impossible, put down."""
     pilot.greet(as_ground_station=True)
     grounded(pilot)
@@ -71,7 +71,7 @@ def run(pilot: Pilot, report: Report) -> None:
         _forced(pilot, report)
 
 
-def _start(pilot: Pilot, report: Report) -> Hover:
+def _start(pilot: Pilot, report: FactReport) -> Hover:
     fast_streams(pilot)
     hover = Hover(pilot)
     level = quaternion(0.0, 0.0, hover.yaw_rad)
@@ -110,7 +110,7 @@ def _start(pilot: Pilot, report: Report) -> Hover:
     return hover
 
 
-def _hover(pilot: Pilot, report: Report) -> None:
+def _hover(pilot: Pilot, report: FactReport) -> None:
     pilot.interval("SERVO_OUTPUT_RAW", 50.0)
     since_s = pilot.now_s
     pilot.spend(4.0)
@@ -126,7 +126,7 @@ def _hover(pilot: Pilot, report: Report) -> None:
     pilot.interval("SERVO_OUTPUT_RAW", 0.0)
 
 
-def _odometry(pilot: Pilot, report: Report, hover: Hover) -> None:
+def _odometry(pilot: Pilot, report: FactReport, hover: Hover) -> None:
     hover.yaw_rad += math.pi / 2
     pilot.spend(2.5)
     hover.goal[0] += 2.0
@@ -150,7 +150,7 @@ def _odometry(pilot: Pilot, report: Report, hover: Hover) -> None:
     settle(pilot, hover)
 
 
-def _slowly(pilot: Pilot, report: Report, hover: Hover) -> None:
+def _slowly(pilot: Pilot, report: FactReport, hover: Hover) -> None:
     level = quaternion(0.0, 0.0, hover.yaw_rad)
     pilot.stream(lambda: pilot.attitude(level, hover.thrust), hz=2.0)
     pilot.spend(3.0)
@@ -160,7 +160,7 @@ def _slowly(pilot: Pilot, report: Report, hover: Hover) -> None:
     pilot.spend(1.0)
 
 
-def _hold(pilot: Pilot, report: Report, hover: Hover) -> None:
+def _hold(pilot: Pilot, report: FactReport, hover: Hover) -> None:
     pilot.set_mode("AUTO.LOITER")
     pilot.next_heartbeat(2)
     report.add("offboard.hold-sticks", pilot.mode)
@@ -179,7 +179,7 @@ def _hold(pilot: Pilot, report: Report, hover: Hover) -> None:
     report.add("offboard.again", pilot.set_mode("OFFBOARD"))
 
 
-def _cut(pilot: Pilot, report: Report, hover: Hover) -> None:
+def _cut(pilot: Pilot, report: FactReport, hover: Hover) -> None:
     hover.to_height(-0.3)
     pilot.spend(8.0, lambda: hover.height_m < 0.05)
     pilot.spend(0.5)
@@ -192,7 +192,7 @@ def _cut(pilot: Pilot, report: Report, hover: Hover) -> None:
     pilot.stream(None)
 
 
-def _forced(pilot: Pilot, report: Report) -> None:
+def _forced(pilot: Pilot, report: FactReport) -> None:
     hover = airborne(pilot, 0.6)
     pilot.interval("SERVO_OUTPUT_RAW", 50.0)
     since_s = pilot.now_s

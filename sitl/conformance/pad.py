@@ -9,7 +9,7 @@ import statistics
 from pymavlink.dialects.v20 import common
 
 from sitl.conformance.endpoint import NAMES, Packet
-from sitl.conformance.facts import Fact, Report, number, word
+from sitl.conformance.facts import Fact, FactReport, number, word
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import MODES, STATUS, Pilot
 
@@ -120,7 +120,7 @@ QUIRKS = (
 )
 
 
-def run(pilot: Pilot, report: Report) -> None:
+def run(pilot: Pilot, report: FactReport) -> None:
     """Watch, without a word."""
     _boot(pilot, report)
     if not report.wants("stream.*", "wire.*", "clock.*", "heartbeat.*", "pad.*", "quirk.*", "text.silent-alone"):
@@ -139,7 +139,7 @@ def run(pilot: Pilot, report: Report) -> None:
     _noise(pilot, report, since_s)
 
 
-def _boot(pilot: Pilot, report: Report) -> None:
+def _boot(pilot: Pilot, report: FactReport) -> None:
     seen = pilot.seen
     report.add("boot.unasked", "yes")  # whoever came here has heard it without a word
     rest = [fact for fact in BOOT if fact.name != "boot.unasked"]
@@ -171,7 +171,7 @@ def _boot(pilot: Pilot, report: Report) -> None:
     report.add("boot.armable", armable_s if is_armable else math.nan)
 
 
-def _streams(pilot: Pilot, report: Report, since_s: float, until_s: float) -> None:
+def _streams(pilot: Pilot, report: FactReport, since_s: float, until_s: float) -> None:
     for message in _RATES_HZ:
         count = len(pilot.seen.of(message, since_s, until_s))
         report.add(_stream_name(message), count / (until_s - since_s))
@@ -183,7 +183,7 @@ def _streams(pilot: Pilot, report: Report, since_s: float, until_s: float) -> No
     report.add("wire.unasked-others", ", ".join(sorted(others)) or "nothing")
 
 
-def _wire(pilot: Pilot, report: Report, since_s: float) -> None:
+def _wire(pilot: Pilot, report: FactReport, since_s: float) -> None:
     seen = pilot.seen
     report.add("wire.version", "MAVLink 2" if not seen.v1_frames else f"{seen.v1_frames} frames of MAVLink 1")
     report.add("wire.messages-per-datagram", seen.frames / max(1, seen.datagrams))
@@ -222,7 +222,7 @@ def _checksums(pilot: Pilot) -> str:
     return "all right" if not wrong else f"{wrong} wrong"
 
 
-def _quirks(pilot: Pilot, report: Report) -> None:
+def _quirks(pilot: Pilot, report: FactReport) -> None:
     def shown(name: str, message: str, read: str) -> None:
         packet = pilot.seen.newest(message)
         report.add(name, "no " + message if packet is None else str(getattr(packet.message, read)))
@@ -258,7 +258,7 @@ def _quirks(pilot: Pilot, report: Report) -> None:
     report.add("pad.longitude", place.lon * 1e-7)
 
 
-def _noise(pilot: Pilot, report: Report, since_s: float) -> None:
+def _noise(pilot: Pilot, report: FactReport, since_s: float) -> None:
     places = [packet.message for packet in pilot.seen.of("LOCAL_POSITION_NED", since_s)]
     angles = [packet.message for packet in pilot.seen.of("ATTITUDE", since_s)]
     if len(places) < 10 or len(angles) < 10:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sitl.conformance.facts import Report, number, word
+from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import Pilot
 
@@ -50,7 +50,7 @@ ACCESS = (
 )
 
 
-def run(pilot: Pilot, report: Report) -> None:
+def run(pilot: Pilot, report: FactReport) -> None:
     """Read the defaults, then set one of each kind and put it back."""
     for name, value in _DEFAULTS.items():
         if report.wants(f"param.{name}"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sitl.conformance.facts import Fact, Report
+from sitl.conformance.facts import Fact, FactReport
 from sitl.conformance.pilot import Pilot
 
 
@@ -22,5 +22,5 @@ class Phase:
 
     name: str
     facts: tuple[Fact, ...]
-    run: Callable[[Pilot, Report], None]
+    run: Callable[[Pilot, FactReport], None]
     turns_motors: bool = True

@@ -7,7 +7,7 @@ import statistics
 from functools import partial
 
 from sitl.conformance.endpoint import Packet
-from sitl.conformance.facts import Report, number, word
+from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import REQUEST, SET_INTERVAL, Pilot, common_id
 
@@ -59,32 +59,32 @@ ANSWERS = (
 )
 
 
-def run(pilot: Pilot, report: Report) -> None:
+def run(pilot: Pilot, report: FactReport) -> None:
     """Raise rates and put them back, then ask this and that."""
     if report.wants("rate.*", "truth.*"):
         _rates(pilot, report)
     _answers(pilot, report)
 
 
-def _rates(pilot: Pilot, report: Report) -> None:
+def _rates(pilot: Pilot, report: FactReport) -> None:
     for wishes in _ROUNDS:
-        chosen = [
+        matching = [
             wish for wish in wishes if report.wants(wish[0], "rate.acknowledged", "rate.default-again", "rate.get")
         ]
-        if not chosen:
+        if not matching:
             continue
-        answers = {pilot.interval(message, hz) for _, message, hz in chosen if message != "HIL_STATE_QUATERNION"}
-        if any(message == "HIL_STATE_QUATERNION" for _, message, _ in chosen):
+        answers = {pilot.interval(message, hz) for _, message, hz in matching if message != "HIL_STATE_QUATERNION"}
+        if any(message == "HIL_STATE_QUATERNION" for _, message, _ in matching):
             pilot.interval("HIL_STATE_QUATERNION", 100.0)
         report.add("rate.acknowledged", ", ".join(sorted(answers)))
-        if any(message == "ATTITUDE" for _, message, _ in chosen):
+        if any(message == "ATTITUDE" for _, message, _ in matching):
             report.add("rate.get", _get_interval(pilot))
         since_s = pilot.now_s
         pilot.spend(_WATCH_S)
         elapsed_s = pilot.now_s - since_s
-        for fact, message, _ in chosen:
+        for fact, message, _ in matching:
             report.add(fact, len(pilot.seen.of(message, since_s)) / elapsed_s)
-        for _, message, _ in chosen:
+        for _, message, _ in matching:
             pilot.interval(message, 0.0)
     truth = pilot.seen.newest("HIL_STATE_QUATERNION")
     report.add("truth.time", str(truth.message.time_usec) if truth else "no HIL_STATE_QUATERNION")
@@ -111,7 +111,7 @@ def _requested(pilot: Pilot, name: str) -> str:
     return f"{answer} and {'sent' if pilot.seen.of(name, since_s) else 'not sent'}"
 
 
-def _answers(pilot: Pilot, report: Report) -> None:
+def _answers(pilot: Pilot, report: FactReport) -> None:
     if report.wants("request.autopilot-version"):
         report.add("request.autopilot-version", _requested(pilot, "AUTOPILOT_VERSION"))
     if report.wants("request.global-origin"):
@@ -125,7 +125,7 @@ def _answers(pilot: Pilot, report: Report) -> None:
         _latency(pilot, report)
 
 
-def _latency(pilot: Pilot, report: Report) -> None:
+def _latency(pilot: Pilot, report: FactReport) -> None:
     times_ms: list[float] = []
     targets: set[tuple[int, int]] = set()
     acks = pilot.seen.packets[common_id("COMMAND_ACK")]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sitl.conformance.facts import Fact, Report, number
+from sitl.conformance.facts import Fact, FactReport, number
 from sitl.conformance.hover import Hover, airborne, settle
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import Pilot, quaternion, wrap
@@ -94,7 +94,7 @@ class Response:
         return self.times_s[self.parts.index(max(self.parts))]
 
 
-def run(pilot: Pilot, report: Report) -> None:
+def run(pilot: Pilot, report: FactReport) -> None:
     """One step after the other, with calm between them."""
     pilot.greet(as_ground_station=True)
     hover = airborne(pilot, _HEIGHT_M)
@@ -108,7 +108,7 @@ def run(pilot: Pilot, report: Report) -> None:
         _thrust(pilot, report, hover)
 
 
-def _tilt(pilot: Pilot, report: Report, hover: Hover, axis: str, step_deg: int) -> None:
+def _tilt(pilot: Pilot, report: FactReport, hover: Hover, axis: str, step_deg: int) -> None:
     step = math.radians(step_deg)
 
     def go(sign: float) -> None:
@@ -129,7 +129,7 @@ def _tilt(pilot: Pilot, report: Report, hover: Hover, axis: str, step_deg: int) 
     report.add(f"{name}-rate", response.largest_rate_deg_s)
 
 
-def _yaw(pilot: Pilot, report: Report, hover: Hover, step_deg: int) -> None:
+def _yaw(pilot: Pilot, report: FactReport, hover: Hover, step_deg: int) -> None:
     hover.tilt = (0.0, 0.0)
     pilot.spend(0.3)
     # From where the vehicle really points, so that the step has the size that is meant.
@@ -176,7 +176,7 @@ def _record(pilot: Pilot, axis: str, step_rad: float, go: Callable[[], None], fo
     return Response(times, parts, max(rates))
 
 
-def _thrust(pilot: Pilot, report: Report, hover: Hover) -> None:
+def _thrust(pilot: Pilot, report: FactReport, hover: Hover) -> None:
     level = quaternion(0.0, 0.0, hover.yaw_rad)
     pilot.stream(lambda: pilot.attitude(level, hover.thrust))
     pilot.spend(0.6)

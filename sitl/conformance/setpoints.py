@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 
-from sitl.conformance.facts import Report, number, word
+from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.hover import Hover, airborne, settle
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import ATTITUDE_AND_THRUST, Pilot, Quaternion, quaternion
@@ -44,7 +44,7 @@ FACTS = (
 )
 
 
-def run(pilot: Pilot, report: Report) -> None:
+def run(pilot: Pilot, report: FactReport) -> None:
     """Each for a moment, with calm after it."""
     pilot.greet(as_ground_station=True)
     hover = airborne(pilot, _HEIGHT_M)
@@ -117,7 +117,7 @@ def _falls(pilot: Pilot, hover: Hover, level: Quaternion, thrust: float, mask: i
     return sinking
 
 
-def _rates(pilot: Pilot, report: Report, hover: Hover) -> None:
+def _rates(pilot: Pilot, report: FactReport, hover: Hover) -> None:
     nothing: Quaternion = (1.0, 0.0, 0.0, 0.0)
     still = (0.0, 0.0, 0.0)
     rolling = (math.radians(25.0), 0.0, 0.0)
@@ -132,7 +132,7 @@ def _rates(pilot: Pilot, report: Report, hover: Hover) -> None:
     _recover(pilot, hover)
 
 
-def _other_sender(pilot: Pilot, report: Report, hover: Hover) -> None:
+def _other_sender(pilot: Pilot, report: FactReport, hover: Hover) -> None:
     was_ground_station, pilot.is_ground_station = pilot.is_ground_station, False
     pilot.heartbeat_duty.act = None
     pilot.spend(2.2)
@@ -140,7 +140,7 @@ def _other_sender(pilot: Pilot, report: Report, hover: Hover) -> None:
     pilot.greet(as_ground_station=was_ground_station)
 
 
-def _positions(pilot: Pilot, report: Report, hover: Hover) -> None:
+def _positions(pilot: Pilot, report: FactReport, hover: Hover) -> None:
     start = pilot.newest("LOCAL_POSITION_NED")
     # Both are cut off from the hold's own wishes: only what is asked for here is flown.
     x, y, z, yaw = start.x + 1.0, start.y, hover.goal[2], hover.yaw_rad
@@ -176,7 +176,7 @@ def _positions(pilot: Pilot, report: Report, hover: Hover) -> None:
     _recover(pilot, hover)
 
 
-def _steep(pilot: Pilot, report: Report, hover: Hover) -> None:
+def _steep(pilot: Pilot, report: FactReport, hover: Hover) -> None:
     for name, tilt_deg, for_s in (("setpoint.steep-50", 50.0, 0.6), ("setpoint.steep-75", 75.0, 0.6)):
         since_s = pilot.now_s
         for sign in (1.0, -1.0):

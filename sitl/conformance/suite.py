@@ -21,7 +21,7 @@ from sitl.conformance import (
     vision,
 )
 from sitl.conformance.endpoint import Port
-from sitl.conformance.facts import Fact, Report
+from sitl.conformance.facts import Fact, FactReport
 from sitl.conformance.hover import default_streams, grounded
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import Gone, Pilot, Stuck
@@ -72,7 +72,7 @@ class Terms:
     from_elsewhere: bool = False
 
 
-def check(port: Port, ground_port: Port | None, report: Report, terms: Terms, say: Callable[[str], None]) -> Pilot:
+def check(port: Port, ground_port: Port | None, report: FactReport, terms: Terms, say: Callable[[str], None]) -> Pilot:
     """Settle every fact of `report`; the pilot knows pace and system id.
 
     Raises:
@@ -122,11 +122,11 @@ def _meet(pilot: Pilot, terms: Terms) -> None:
     pilot.system_id = next(beat for beat in pilot.seen.of("HEARTBEAT") if beat.component_id == 1).system_id
 
 
-def _is_wanted(phase: Phase, report: Report) -> bool:
+def _is_wanted(phase: Phase, report: FactReport) -> bool:
     return any(fact.name in report.facts for fact in phase.facts)
 
 
-def _fly(pilot: Pilot, report: Report, terms: Terms, say: Callable[[str], None]) -> None:
+def _fly(pilot: Pilot, report: FactReport, terms: Terms, say: Callable[[str], None]) -> None:
     may_turn_motors: bool | None = True if terms.may_turn_motors else None
     try:
         for phase in PHASES:
@@ -153,7 +153,7 @@ def _fly(pilot: Pilot, report: Report, terms: Terms, say: Callable[[str], None])
             default_streams(pilot)
 
 
-def _settle(phase: Phase, pilot: Pilot, report: Report, say: Callable[[str], None]) -> None:
+def _settle(phase: Phase, pilot: Pilot, report: FactReport, say: Callable[[str], None]) -> None:
     # A phase may leave the vehicle in the air: the next one goes on from there or brings it down first.
     say(phase.name)
     reason = "not seen"

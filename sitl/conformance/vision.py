@@ -6,7 +6,7 @@ import math
 import statistics
 from collections.abc import Callable
 
-from sitl.conformance.facts import Report, number, word
+from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.hover import Hover, grounded
 from sitl.conformance.phase import Phase
 from sitl.conformance.pilot import ARM, Pilot
@@ -48,7 +48,7 @@ LOST = (
 _SECTION = (*FUSED, *LOST)
 
 
-def run(pilot: Pilot, report: Report) -> None:
+def run(pilot: Pilot, report: FactReport) -> None:
     """Take GPS away, give positions in three ways, take them away again."""
     pilot.greet(as_ground_station=True)
     grounded(pilot)
@@ -72,7 +72,7 @@ def _streams(pilot: Pilot) -> str:
     return "streams" if pilot.seen.of("LOCAL_POSITION_NED", pilot.now_s - 0.5) else "stops"
 
 
-def _fused(pilot: Pilot, report: Report) -> None:
+def _fused(pilot: Pilot, report: FactReport) -> None:
     since_s = pilot.now_s
     place = list(_PLACE)
     pilot.vision_duty.act = _vision(pilot, place)
@@ -102,7 +102,7 @@ def _fused(pilot: Pilot, report: Report) -> None:
     report.add("vision.silent", "none" if not answers else f"{len(answers)} acknowledgements")
 
 
-def _lost(pilot: Pilot, report: Report) -> None:
+def _lost(pilot: Pilot, report: FactReport) -> None:
     if pilot.vision_duty.act is None:
         pilot.vision_duty.act = _vision(pilot, list(_PLACE))
         pilot.spend(_SETTLE_S)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gc
-import itertools
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -76,14 +75,12 @@ class Lockstep:
         self.config, self.folder = config, folder
         self.simulation = Simulation(config, seed=seed, bus=bus, mocap=mocap, is_batched=is_batched)
         self.say = say
-        numbers = itertools.count(1)
         self.client = FleetClient(
             config,
             bus=self.simulation.bus.node(GROUND),
             extra_topics=RECORDED if folder is not None else (),
             send=cast(Any, self._send_directly),  # a coroutine, where a thread would block
             clock_ns=lambda: self.simulation.now_ns,
-            new_id=lambda: f"order-{next(numbers)}",
         )
         self.record: LockstepRecord | None = None
         if folder is not None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,7 +60,7 @@ class Plan:
         return int(self.start_enu_m.shape[0])
 
 
-def expand(names: list[str]) -> list[str]:
+def expand(names: Iterable[str]) -> list[str]:
     """Scenario names with ``mix`` replaced by the twelve of the benchmark; ConfigError on an unknown one."""
     wanted = [name for given in names for name in (MIX if given == "mix" else (given,))]
     for name in wanted:

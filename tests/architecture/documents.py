@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from groundstation.alarms import table
+from onboard.flight import table as flight_table
 from onboard.px4 import required_params
 from onboard.safety import preflight_rules
 from onboard.safety.failsafe_table import table_text
@@ -15,6 +16,8 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "failsafe": ("failsafe.md", table_text),
+    "steps": ("flight.md", flight_table.steps_text),
+    "flight": ("flight.md", flight_table.table_text),
     "alarms": ("alarms.md", table.table_text),
     "preflight": ("preflight.md", preflight_rules.page),
     "parameters": ("deployment.md", required_params.page),

@@ -1,4 +1,4 @@
-"""``covey bench agents``: what agents cost and how evenly they tick, as real processes beside emulator and recording.
+"""``make bench-agents``: what agents cost and how evenly they tick, as real processes beside emulator and recording.
 
 The fleet hovers and moves to and fro; period and lateness are measured by the agents' own loops and told on the bus,
 processor time and memory by the kernel. The first seconds after take-off do not count.
@@ -231,9 +231,9 @@ def table(result: Result) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry of ``covey bench agents``; exit status 0 when everything is as asked."""
+    """Entry of ``make bench-agents``; exit status 0 when everything is as asked."""
     parser = argparse.ArgumentParser(
-        prog="covey bench agents", description="Period, processor and memory of agents in flight, with all beside them."
+        prog="make bench-agents", description="Period, processor and memory of agents in flight, with all beside them."
     )
     parser.add_argument("--agents", type=int, default=10, help="how many (default 10; asked are 10 and 20)")
     parser.add_argument("--seconds", type=float, default=30.0, help="measured time (default 30)")

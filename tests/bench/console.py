@@ -1,4 +1,4 @@
-"""``covey bench console``: what the console costs and how quickly it answers, measured from outside.
+"""``make bench-console``: what the console costs and how quickly it answers, measured from outside.
 
 The real ``covey tui`` runs in a terminal of its own (a pty) on the real bus, against a crowd that only talks. Keys are
 written into the terminal, and the time counts until what they change comes out of it; an order's time counts until
@@ -350,9 +350,9 @@ def text(results: list[Measured]) -> str:
 
 
 def main(argv: list[str]) -> int:
-    """Entry of ``covey bench console``."""
+    """Entry of ``make bench-console``."""
     parser = argparse.ArgumentParser(
-        prog="covey bench console",
+        prog="make bench-console",
         description="What the console costs and how quickly it answers, against a crowd on the real bus.",
         epilog="Exit status: 0 all within the limits; 1 something is not. Latencies need a machine without other work.",
     )

@@ -1,4 +1,4 @@
-"""Half an hour of the console in fast motion: does its memory grow? Run by ``covey bench console``.
+"""Half an hour of the console in fast motion: does its memory grow? Run by ``make bench-console``.
 
 The real app without a terminal, a client whose clock the run turns: telemetry of every vehicle ten times a simulated
 second, an event and an alarm that comes and goes now and then.
@@ -21,7 +21,7 @@ from groundstation.fleet import state as fleet_state
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.tick_stream import KEPT
 from groundstation.orders.grammar import Intent, OrderError
-from groundstation.orders.result import OrderHandle
+from groundstation.orders.result import OrderResult
 from onboard.bus.schema import Event, TickSample
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
 from tests.bench.fixture import fleet_data
@@ -50,14 +50,14 @@ class FastClient:
     def __init__(self, fleet: FleetConfig) -> None:
         self.fleet = fleet
         self.state: FleetState = fleet_state.initial(fleet)
-        self.ticks = NoTicks()
+        self.tick_stream = NoTicks()
         self._now_ns, self._step = STEP_NS, 0
 
     def now_ns(self) -> int:
         """The turned clock."""
         return self._now_ns
 
-    async def submit(self, order: Intent | str) -> OrderHandle:
+    async def submit(self, order: Intent | str) -> OrderResult:
         """Nothing flies here.
 
         Raises:
@@ -95,7 +95,7 @@ class FastClient:
 async def run(vehicles: int, minutes: float) -> dict[str, float]:
     """Memory in MiB, as the kernel and as Python count it, when settled and at the end."""
     client = FastClient(fleet_from_mapping(dict(fleet_data(vehicles, SPACING_M, "bench"))))
-    app = ConsoleApp(client.fleet, client, has_preview=False)
+    app = ConsoleApp(client.fleet, client)
     steps = max(12, int(minutes * 600))
     found: dict[str, float] = {}
     async with app.run_test(size=SIZE) as pilot:

@@ -1,4 +1,4 @@
-"""``covey bench demo``: fly the demo several times and write what was measured as a table.
+"""``make bench-demo``: fly the demo several times and write what was measured as a table.
 
 The judge here reads the record with mcap's own reader and computes separation from the ground truth by itself; it
 shares no code with the recorder nor with the flight's own verdict, so that the two can contradict each other.
@@ -120,8 +120,8 @@ def table(flights: list[Flight]) -> str:
 
 
 def main(argv: list[str]) -> int:
-    """Entry of ``covey bench demo``; exit status 0 when every flight came true."""
-    parser = argparse.ArgumentParser(prog="covey bench demo", description="Fly the demo several times; writes a table.")
+    """Entry of ``make bench-demo``; exit status 0 when every flight came true."""
+    parser = argparse.ArgumentParser(prog="make bench-demo", description="Fly the demo several times; writes a table.")
     parser.add_argument("--flights", type=int, default=10, help="how many flights (default 10)")
     parser.add_argument("--fleet", help="fleet file (default: the paper's)")
     parser.add_argument("--law", choices=["covey", "paper", "off"], help="avoidance law (default: the fleet file's)")
@@ -142,7 +142,7 @@ def main(argv: list[str]) -> int:
                 f"{last.cores:.2f} cores",
                 flush=True,
             )
-    command = " ".join(["covey bench demo --flights", str(len(flights)), *arguments])
+    command = f'make bench-demo ARGS="{" ".join(["--flights", str(len(flights)), *arguments])}"'
     text = f"Measured by `{command}`, separation from ground truth by a reader of its own.\n\n{table(flights)}\n"
     print(text)
     if options.out:

@@ -1,4 +1,4 @@
-"""``covey bench lockstep``: how much faster than time, where the time goes, and whether a flight repeats itself.
+"""``make bench-lockstep``: how much faster than time, where the time goes, and whether a flight repeats itself.
 
 One process and one thread, the record included. Factors are simulated seconds over processor seconds while flying; the
 start of the process (imports, loading compiled code, take-off) is given beside it, and the profile comes from a span of
@@ -158,9 +158,9 @@ def table(speeds: Sequence[Speed]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry of ``covey bench lockstep``; exit status 1 when a record was not repeated or a fleet is too slow."""
+    """Entry of ``make bench-lockstep``; exit status 1 when a record was not repeated or a fleet is too slow."""
     parser = argparse.ArgumentParser(
-        prog="covey bench lockstep", description="Measure flights in lockstep: speed, profile, repeatability."
+        prog="make bench-lockstep", description="Measure flights in lockstep: speed, profile, repeatability."
     )
     parser.add_argument("--vehicles", default=",".join(map(str, SIZES)), help="fleet sizes (default 3,10,100)")
     parser.add_argument("--span-s", type=float, default=1.0, help="simulated seconds of each measurement (default 1)")
@@ -177,7 +177,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(
                 f"{count} vehicles: {last.factor_cpu:.2f} times real time, same record {last.is_repeated}", flush=True
             )
-    text = f"Measured by `covey bench lockstep` on one core of {os.cpu_count()}.\n\n{table(speeds)}\n"
+    text = f"Measured by `make bench-lockstep` on one core of {os.cpu_count()}.\n\n{table(speeds)}\n"
     print(text)
     if options.out:
         options.out.write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The emulator beside PX4 as a table and a figure: `covey bench responses`.
+"""The emulator beside PX4 as a table and a figure: `make bench-responses`.
 
 Writes `docs/sitl.md` and `docs/figures/sitl-responses.png`. The measured figures are those of PX4 v1.16 with its
 built-in SIH quadrotor; a range where several were measured.
@@ -167,7 +167,7 @@ def page(table: Sequence[Row]) -> str:
     lines = "\n".join(row.text for row in table)
     return f"""# The emulator beside PX4
 
-Written by `covey bench responses`. Measured: PX4 v1.16 with its built-in SIH quadrotor, default parameters. A figure
+Written by `make bench-responses`. Measured: PX4 v1.16 with its built-in SIH quadrotor, default parameters. A figure
 agrees within 10 % (errors of the estimate, which are statistics: 20 %, their correlation time 25 %), a time also within
 10 ms. {verdict}
 
@@ -221,9 +221,9 @@ def draw(path: Path) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry of ``covey bench responses``; exit status 0 when every figure agrees."""
+    """Entry of ``make bench-responses``; exit status 0 when every figure agrees."""
     parser = argparse.ArgumentParser(
-        prog="covey bench responses", description="Draw the emulator's responses beside PX4's; writes a page."
+        prog="make bench-responses", description="Draw the emulator's responses beside PX4's; writes a page."
     )
     parser.add_argument("--out", type=Path, default=Path("docs/sitl.md"), help="page (default docs/sitl.md)")
     options = parser.parse_args(argv)

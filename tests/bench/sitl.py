@@ -1,4 +1,4 @@
-"""What the emulator costs: `covey bench sitl` runs it beside a listening client and reads the processor's clock."""
+"""What the emulator costs: `make bench-sitl` runs it beside a listening client and reads the processor's clock."""
 
 from __future__ import annotations
 
@@ -163,9 +163,9 @@ def measure(count: int, duration_s: float) -> Cost:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command `covey bench sitl`."""
+    """The command `make bench-sitl`."""
     parser = argparse.ArgumentParser(
-        prog="covey bench sitl", description="CPU of the emulated PX4s at default rates, in real time, beside a client."
+        prog="make bench-sitl", description="CPU of the emulated PX4s at default rates, in real time, beside a client."
     )
     parser.add_argument("--vehicles", default="3,10,50", help="fleet sizes (default 3,10,50)")
     parser.add_argument("--seconds", type=float, default=8.0, help="real time per size (default 8)")

@@ -1,4 +1,4 @@
-"""``covey bench soak``: three agents fly to and fro for long; does their memory grow, is an order lost, is a tick late?
+"""``make bench-soak``: three agents fly to and fro for long; does their memory grow, is an order lost, is a tick late?
 
 Memory is what the kernel says of each process: its own pages, without those of files. Growth is counted from the end of
 the first minutes, in which caches fill, to the end, between medians of a minute each, so that no single sample decides.
@@ -229,9 +229,9 @@ def text(found: Soak) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry of ``covey bench soak``; exit status 0 when everything is as asked."""
+    """Entry of ``make bench-soak``; exit status 0 when everything is as asked."""
     parser = argparse.ArgumentParser(
-        prog="covey bench soak",
+        prog="make bench-soak",
         description="Three agents, emulator and recording for long: memory, orders, late ticks.",
     )
     parser.add_argument("--minutes", type=float, default=30.0, help="of flight (default 30)")

@@ -1,7 +1,7 @@
 """A crowd that only talks: telemetry of many vehicles at 10 Hz on the real bus, and orders answered, for benchmarks.
 
 Nothing flies; the numbers move as if. It writes when each order came in, on the machine's monotonic clock, so that who
-pressed a key can tell how long it took. Run by ``covey bench console`` as a process of its own.
+pressed a key can tell how long it took. Run by ``make bench-console`` as a process of its own.
 """
 
 from __future__ import annotations

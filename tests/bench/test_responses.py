@@ -26,7 +26,7 @@ def test_every_response_agrees_with_what_px4_was_measured_to_do(table: list[Row]
 def test_the_page_in_the_docs_is_what_the_command_writes(table: list[Row]) -> None:
     written = PAGE.read_text(encoding="utf-8")
     names = [line.split("|")[1].strip() for line in written.splitlines() if line.startswith("| ")][1:]
-    assert names == [row.what for row in table], "run: covey bench responses"
+    assert names == [row.what for row in table], "run: make bench-responses"
     for row in table:
         line = next(line for line in written.splitlines() if line.startswith(f"| {row.what} |"))
         shown = float(line.split("|")[4])

@@ -83,6 +83,7 @@ class FakeBus:
         }
         self.truth_error_m = 0.0
         self.node = "ground-test"
+        self.is_simulated = True
         self.roles = Roles()
         self.on_message: dict[Topic, Callable[..., None]] = {}
         self._sequence = itertools.count(2)

@@ -14,12 +14,12 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import common
 
+from groundstation.cli import main
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Message, MocapPose, Truth
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from sitl.mavlink.endpoints import GROUND_STATION, ground_ports
-from sitl.server import main
 
 FLEET = """
 schema = 1
@@ -155,14 +155,14 @@ def test_the_ground_link_lies_where_px4_or_the_fleet_file_puts_it(
 def test_an_address_of_a_ground_station_that_is_none_is_refused_in_words(
     setup: Setup, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["--fleet", str(setup.fleet), "--no-bus", "--gcs", "nowhere"]) == 2
+    assert main(["sitl", "--fleet", str(setup.fleet), "--no-bus", "--gcs", "nowhere"]) == 2
     assert "Write it as 127.0.0.1:14550" in capsys.readouterr().err
 
 
 def test_a_port_in_use_is_refused_in_words(setup: Setup, capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", setup.port + 40))
-        assert main(["--fleet", str(setup.fleet), "--no-bus"]) == 2
+        assert main(["sitl", "--fleet", str(setup.fleet), "--no-bus"]) == 2
     words = capsys.readouterr().err
     assert str(setup.port + 40) in words
     assert "one" in words
@@ -172,9 +172,9 @@ def test_a_port_in_use_is_refused_in_words(setup: Setup, capsys: pytest.CaptureF
 def test_a_missing_fleet_file_and_an_unknown_vehicle_are_refused(
     setup: Setup, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["--fleet", "/nowhere/fleet.toml"]) == 2
+    assert main(["sitl", "--fleet", "/nowhere/fleet.toml"]) == 2
     assert "there is no such fleet file" in capsys.readouterr().err
-    assert main(["--fleet", str(setup.fleet), "--vehicles", "ghost"]) == 2
+    assert main(["sitl", "--fleet", str(setup.fleet), "--vehicles", "ghost"]) == 2
     assert "ghost" in capsys.readouterr().err
 
 

@@ -8,12 +8,13 @@ from typing import Any, cast
 
 import pytest
 
+from groundstation.cli import main
 from onboard.bus.schema import Truth
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import load_fleet
 from sitl.mavlink.codec import Decoder, Encoder
-from sitl.sih_truth import Body, Listener, Relay, main
+from sitl.sih_truth import Body, Listener, Relay
 
 ROOT = Path(__file__).parents[2]
 GLOBAL = load_fleet(ROOT / "configs/fleets/px4-sitl.toml")
@@ -89,5 +90,5 @@ def test_poses_of_a_vehicle_that_stands_are_never_the_same_twice_and_come_at_fif
 
 
 def test_a_wrong_fleet_file_ends_with_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--fleet", "no-such.toml"]) == 2
+    assert main(["sitl-truth", "--fleet", "no-such.toml"]) == 2
     assert "no-such.toml" in capsys.readouterr().err

@@ -24,10 +24,11 @@ from groundstation.console.plan_drawing import Window
 from groundstation.console.screens.live import Dialog
 from groundstation.console.theme import FAINT, clean
 from groundstation.fleet.state import FleetState
-from groundstation.orders.forecast import Forecast, against
+from groundstation.orders.forecast import Forecast, objections
 from groundstation.orders.forecast_process import Forecaster, ForecastFailed
-from groundstation.orders.grammar import Intent, Plan
-from groundstation.orders.preview import Proposal, changed, propose
+from groundstation.orders.grammar import Intent
+from groundstation.orders.plan import PlannedOrder
+from groundstation.orders.preview import OrderPreview, changed, preview_order
 from onboard.config.fleet import FleetConfig
 
 CHECK_S = 0.2
@@ -46,8 +47,11 @@ class Planner(Protocol):
     def now_ns(self) -> int:
         """The clock that ages are counted on."""
 
-    def plan(self, order: Intent | str) -> Plan:
-        """What an order would send now."""
+    def plan(self, order: Intent | str) -> PlannedOrder:
+        """Plan an order and check it; nothing is sent."""
+
+    def check_again(self, planned: PlannedOrder) -> PlannedOrder:
+        """Check a planned order against the fleet as it is now."""
 
 
 class PathPlan(Widget):
@@ -56,13 +60,13 @@ class PathPlan(Widget):
     def __init__(self, fleet: FleetConfig) -> None:
         super().__init__(id="paths")
         self.fleet = fleet
-        self._proposal: Proposal | None = None
+        self._preview: OrderPreview | None = None
         self._forecast: Forecast | None = None
         self._lines: list[Strip] = []
 
-    def show(self, proposal: Proposal | None, forecast: Forecast | None) -> None:
+    def show(self, preview: OrderPreview | None, forecast: Forecast | None) -> None:
         """Draw these."""
-        self._proposal, self._forecast, self._lines = proposal, forecast, []
+        self._preview, self._forecast, self._lines = preview, forecast, []
         self.refresh()
 
     def on_resize(self) -> None:
@@ -78,13 +82,13 @@ class PathPlan(Widget):
 
     def _draw(self, width: int, height: int) -> Canvas:
         canvas = Canvas(width, height)
-        proposal = self._proposal
-        if proposal is None or not proposal.legs:
+        preview = self._preview
+        if preview is None or not preview.legs:
             return canvas
-        ways = {name: np.array([leg.start_enu_m, leg.goal_enu_m])[:, :2] for name, leg in proposal.legs.items()}
+        ways = {name: np.array([leg.start_enu_m, leg.goal_enu_m])[:, :2] for name, leg in preview.legs.items()}
         if self._forecast is not None and self._forecast.paths_enu_m:
             ways = {name: np.array(path)[:, :2] for name, path in self._forecast.paths_enu_m.items()}
-        ends = np.concatenate([*ways.values(), *(np.array([leg.goal_enu_m])[:, :2] for leg in proposal.legs.values())])
+        ends = np.concatenate([*ways.values(), *(np.array([leg.goal_enu_m])[:, :2] for leg in preview.legs.values())])
         low, high = ends.min(axis=0) - _ROUND_M, ends.max(axis=0) + _ROUND_M
         scale = float(min(2 * width / (high[0] - low[0]), 4 * height / (high[1] - low[1])))
         middle = (low + high) / 2.0
@@ -92,13 +96,13 @@ class PathPlan(Widget):
         places = {name: place for place, name in enumerate(self.fleet.enabled_names)}
         radius = self.fleet.fleet.safety_distance_m / 2.0 * scale
         for name, way in ways.items():
-            leg, colour = proposal.legs[name], theme.vehicle_colour(places.get(name, 0))
+            leg, colour = preview.legs[name], theme.vehicle_colour(places.get(name, 0))
             dots = window.dots(way)
             for start, end in itertools.pairwise(dots):
                 canvas.line((start[0], start[1]), (end[0], end[1]), colour if leg.is_ordered else FAINT)
             goal = window.dots(np.array([leg.goal_enu_m])[:, :2])
             canvas.circles(goal, radius, colour if leg.is_ordered else FAINT, gap=2)
-        for name, leg in proposal.legs.items():
+        for name, leg in preview.legs.items():
             colour = theme.vehicle_colour(places.get(name, 0))
             if leg.is_ordered:
                 canvas.text(*window.cell(*leg.goal_enu_m[:2]), "✛", colour, bold=True)
@@ -106,8 +110,8 @@ class PathPlan(Widget):
         return canvas
 
 
-class PreviewScreen(Dialog[Intent | None]):
-    """Closes with the order to send, every number filled in, or with nothing.
+class PreviewScreen(Dialog[PlannedOrder | None]):
+    """Closes with the planned order that passed the check at Enter, or with nothing.
 
     Args:
         forecaster: computes the paths; without one only what is known at once is checked.
@@ -130,7 +134,7 @@ class PreviewScreen(Dialog[Intent | None]):
         super().__init__()
         self.fleet, self.client, self.intent = fleet, client, intent
         self._forecaster, self._short = forecaster, short
-        self.proposal: Proposal | None = None
+        self.preview: OrderPreview | None = None
         self.forecast: Forecast | None = None
         self.reasons: tuple[str, ...] = ()
         self.is_computing = True
@@ -158,57 +162,59 @@ class PreviewScreen(Dialog[Intent | None]):
     @property
     def is_sendable(self) -> bool:
         """Whether Enter would send it now."""
-        return not self.is_computing and not self.reasons and self.proposal is not None
+        return not self.is_computing and not self.reasons and self.preview is not None
 
     def _begin(self, why: str) -> None:
         state, now_ns = self.client.state, self.client.now_ns()
-        self.proposal = propose(self.client.plan(self.intent), self.fleet, state, now_ns)
-        self.intent = self.proposal.intent  # from now on with the numbers that were left open
-        self.forecast, self.reasons, self.is_computing, self._why = None, self.proposal.against, True, why
+        self.preview = preview_order(self.client.plan(self.intent), state, now_ns)
+        self.intent = self.preview.intent  # from now on with the numbers that were left open
+        self.forecast, self.reasons, self.is_computing, self._why = None, self.preview.reasons, True, why
         if self.reasons or self.intent.verb == "arm" or self._forecaster is None:
             self.is_computing = False
         else:
-            self.run_worker(self._compute(self._forecaster, self.proposal), group="forecast", exclusive=True)
+            self.run_worker(self._compute(self._forecaster, self.preview), group="forecast", exclusive=True)
         self._show()
 
-    async def _compute(self, forecaster: Forecaster, proposal: Proposal) -> None:
+    async def _compute(self, forecaster: Forecaster, preview: OrderPreview) -> None:
         try:
-            found = await forecaster.forecast(self.fleet, proposal.legs, is_takeoff=proposal.intent.verb == "takeoff")
+            found = await forecaster.forecast(self.fleet, preview.legs, is_takeoff=preview.intent.verb == "takeoff")
         except ForecastFailed as error:
             self.reasons, self.is_computing = (str(error),), False
             self._show()
             return
-        if proposal is self.proposal:
+        if preview is self.preview:
             self.forecast, self.is_computing = found, False
-            self.reasons = (*proposal.against, *against(found, proposal.intent, self.fleet))
+            self.reasons = (*preview.reasons, *objections(found, preview.intent, self.fleet))
             self._show()
 
-    def _check(self) -> str | None:
-        """Compute again when something has changed; what has."""
-        if self.proposal is None:
+    def _check(self) -> PlannedOrder | None:
+        """Check the shown order against the fleet as it is now; compute again when something has changed."""
+        if self.preview is None:
             return None
-        why = changed(self.proposal, self.client.plan(self.intent), self.client.state, self.client.now_ns())
-        if why is not None:
-            self._begin(f"{why}: computed again")
-        return why
+        checked = self.client.check_again(self.preview.planned)
+        why = changed(self.preview, checked, self.client.state, self.client.now_ns())
+        if why is None:
+            return checked
+        self._begin(f"{why}: computed again")
+        return None
 
     def action_send(self) -> None:
         """Send what is shown, if it is still true and nothing speaks against it."""
         is_early = self.client.now_ns() - self._opened_ns < SETTLE_S * 1e9
-        if is_early or self._check() is not None or not self.is_sendable or self.proposal is None:
-            return
-        self.dismiss(self.proposal.intent)
+        checked = None if is_early else self._check()
+        if checked is not None and self.is_sendable:
+            self.dismiss(checked)
 
     def action_drop(self) -> None:
         """Send nothing."""
         self.dismiss(None)
 
     def _show(self) -> None:
-        proposal = self.proposal
-        if proposal is None or not self.is_running:
+        preview = self.preview
+        if preview is None or not self.is_running:
             return
-        self._paths.show(proposal, self.forecast)
-        lines = [clean(line, 200) for line in (*self._who(proposal), "", *self._figures(), *proposal.notes, self._why)]
+        self._paths.show(preview, self.forecast)
+        lines = [clean(line, 200) for line in (*self._who(preview), "", *self._figures(), *preview.notes, self._why)]
         self._words.update("\n".join(lines))
         box = self._answer
         box.set_class(bool(self.reasons), "bad")
@@ -220,17 +226,17 @@ class PreviewScreen(Dialog[Intent | None]):
             text = "✔ enter sends it    esc drops it"
         box.update(text)
 
-    def _who(self, proposal: Proposal) -> list[str]:
+    def _who(self, preview: OrderPreview) -> list[str]:
         places = {name: place for place, name in enumerate(self.fleet.enabled_names)}
         lines = []
-        for name in proposal.intent.vehicles[:_MOST_NAMED]:
-            leg = proposal.legs.get(name)
+        for name in preview.intent.vehicles[:_MOST_NAMED]:
+            leg = preview.legs.get(name)
             line = f"{places.get(name, '?')} {name}"
             if leg is not None and leg.is_ordered:
                 x, y, z = leg.goal_enu_m
                 line += f"  → {x:.2f} {y:.2f} {z:.2f} m  ({math.dist(leg.start_enu_m, leg.goal_enu_m):.1f} m away)"
             lines.append(line)
-        hidden = len(proposal.intent.vehicles) - _MOST_NAMED
+        hidden = len(preview.intent.vehicles) - _MOST_NAMED
         return [*lines, f"and {hidden} more"] if hidden > 0 else lines
 
     def _figures(self) -> list[str]:

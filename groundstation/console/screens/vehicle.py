@@ -14,9 +14,10 @@ from textual.widget import Widget
 from groundstation.alarms.alarms import Alarms
 from groundstation.console.screens.live import LiveScreen
 from groundstation.console.vehicle_drawing import Subject, blocks, heading
+from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.lines import Lines
 from groundstation.fleet.state import FleetState
-from groundstation.fleet.tick_stream import Ticks
+from groundstation.fleet.tick_stream import TickStream
 from onboard.config.fleet import FleetConfig
 
 _COLUMN_WIDTH = 58
@@ -33,23 +34,11 @@ class VehicleScreen(LiveScreen):
     ]
 
     def __init__(
-        self,
-        fleet: FleetConfig,
-        alarms: Alarms,
-        ticks: Ticks,
-        *,
-        selected: Callable[[], str | None],
-        move: Callable[[int], None],
-        time_text: Callable[[int], str],
+        self, fleet: FleetConfig, alarms: Alarms, ticks: TickStream, table: FleetTable, time_text: Callable[[int], str]
     ) -> None:
         super().__init__(alarms)
-        self._fleet, self._ticks, self._selected, self._move = fleet, ticks, selected, move
+        self._ticks, self._table = ticks, table
         self._page = VehiclePage(fleet, alarms, ticks, time_text)
-
-    @property
-    def vehicle_name(self) -> str | None:
-        """Whom the page shows, and whom keys mean while it is in front."""
-        return self._selected()
 
     def body(self) -> Widget:
         """The page."""
@@ -66,7 +55,7 @@ class VehicleScreen(LiveScreen):
     def show_fleet(self, state: FleetState, now_ns: int, kill: str | None = None, *, can_order: bool = True) -> None:
         """Draw the vehicle as it is now."""
         super().show_fleet(state, now_ns, kill, can_order=can_order)
-        name = self._selected()
+        name = self._table.selected
         self._ticks.follow(name)
         self._page.show(name, state, now_ns)
 
@@ -76,7 +65,7 @@ class VehicleScreen(LiveScreen):
 
     def action_other(self, step: int) -> None:
         """Another vehicle."""
-        self._move(step)
+        self._table.action_cursor(step)
         self._page.scroll_to(y=0, animate=False, force=True)
 
 
@@ -90,7 +79,7 @@ class VehiclePage(Lines, ScrollView, can_focus=True):
         Binding("pageup", "look(-1, True)", "page up", show=False),
     ]
 
-    def __init__(self, fleet: FleetConfig, alarms: Alarms, ticks: Ticks, time_text: Callable[[int], str]) -> None:
+    def __init__(self, fleet: FleetConfig, alarms: Alarms, ticks: TickStream, time_text: Callable[[int], str]) -> None:
         super().__init__(id="vehicle")
         self._fleet, self._alarms, self._ticks, self._time_text = fleet, alarms, ticks, time_text
         self._subject: Subject | None = None

@@ -1,66 +1,55 @@
-"""Lines that stay until they are dealt with: killed vehicles, who operates, who asks for control."""
+"""Lines that stay until they are dealt with: killed vehicles, and the control of the fleet."""
 
 from __future__ import annotations
 
-from rich.segment import Segment
-from textual.strip import Strip
-from textual.widget import Widget
+from collections.abc import Collection
+
+from rich.text import Text
+from textual.widgets import Static
 
 from groundstation.console import theme
 from groundstation.console.theme import CALM, KILL, WARN, clean
 from groundstation.fleet.control_authority import FORCE_WORD, SILENCE_S, Control
 
-Notice = tuple[str, str]
+Notice = tuple[str, str]  # text and colour
 
 
-def notices(killed: tuple[str, ...], control: Control | None) -> list[Notice]:
-    """Text and colour of each line, the most urgent first."""
-    found = []
+def notices(killed: Collection[str], control: Control | None) -> list[Notice]:
+    """Return the lines, the most urgent first."""
+    lines = []
     if killed:
-        who = ", ".join(killed)
-        found.append((f"✖ KILLED {who}. Latched: look at it, then write: reset {','.join(killed)}", KILL))
+        names = sorted(killed)
+        text = f"✖ KILLED {', '.join(names)}. Latched: look at it, then write: reset {','.join(names)}"
+        lines.append((text, KILL))
     if control is None:
-        return found
-    if control.asker is not None and control.is_operator:
-        found.append((f"▲ {control.asker.label} asks for control: ctrl+y gives it, ctrl+n keeps it", WARN))
+        return lines
+    if control.requester is not None and control.is_operator:
+        lines.append((f"▲ {control.requester.label} asks for control: ctrl+y gives it, ctrl+n keeps it", WARN))
     if control.is_waiting and control.holder is not None:
-        found.append(
-            (
-                f"… asking {control.holder.author} for control. No answer for {SILENCE_S:.0f} s? Write: take control "
-                f"{FORCE_WORD}",
-                WARN,
-            )
-        )
+        silence = f"No answer for {SILENCE_S:.0f} s? Write: take control {FORCE_WORD}"
+        lines.append((f"… asking {control.holder.author} for control. {silence}", WARN))
     elif not control.is_operator and control.refusal("move") is not None:
-        who = f"{control.holder.label} operates" if control.holder is not None else "nobody operates"
-        found.append((f"· You watch; to order, write: take control. {who}. Land, hold and kill work", CALM))
-    return found
+        operator = f"{control.holder.label} operates" if control.holder is not None else "nobody operates"
+        lines.append((f"· You watch; to order, write: take control. {operator}. Land, hold and kill work", CALM))
+    return lines
 
 
-class NoticeLines(Widget):
-    """As many lines as there are notices; none is the usual case."""
+class NoticeLines(Static):
+    """As many lines as there are notices; usually none."""
 
     def __init__(self) -> None:
         super().__init__(id="notices")
         self._notices: list[Notice] = []
 
-    def show(self, found: list[Notice]) -> None:
+    def show(self, lines: list[Notice]) -> None:
         """Show these; nothing is drawn when nothing changed."""
-        if found != self._notices:
-            self._notices = found
-            self.display = bool(found)
-            self.styles.height = len(found)
-            self.refresh()
+        if lines != self._notices:
+            self._notices = lines
+            self.display = bool(lines)
+            parts = [(f" {clean(text, 200)}", theme.style(colour, bold=True)) for text, colour in lines]
+            self.update(Text("\n").join(Text(text, style) for text, style in parts))
 
     @property
     def sentences(self) -> list[str]:
-        """What stands there."""
+        """The texts of the notices."""
         return [text for text, _ in self._notices]
-
-    def render_line(self, y: int) -> Strip:
-        """One of them."""
-        if y >= len(self._notices):
-            return Strip.blank(self.size.width)
-        text, colour = self._notices[y]
-        line = theme.fit(f" {clean(text, 200)}", self.size.width)
-        return Strip([Segment(line, theme.style(colour, bold=True))])

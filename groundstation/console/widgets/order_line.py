@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
 from pathlib import Path
 from typing import ClassVar
 
@@ -20,45 +19,38 @@ from onboard.config.fleet import FleetConfig
 CONTROL_ORDERS = ("take control", f"take control {FORCE_WORD}", "give control", "keep control")
 MAX_LENGTH = 200
 _KEPT = 200
+_RESTING = "press :  and write an order, e.g. takeoff all 1.0"
+_WRITING = "now write: every key goes here, enter gives the order"
 
 
 def completions(text: str, fleet: FleetConfig) -> list[str]:
-    """Whole lines that begin with ``text`` and complete its last word, or the last name of a list of names."""
+    """Return whole lines that begin with ``text`` and complete its last word, or the last name of a list of names."""
     words = text.split(" ")
     done, last = words[:-1], words[-1]
     if not last:
         return []
     if not done:
         rare = ["reset", *dict.fromkeys(order.partition(" ")[0] for order in CONTROL_ORDERS)]
-        found: list[str] = [verb for verb in VERBS if verb.startswith(last) and verb != last]
-        return found or [word for word in rare if word.startswith(last) and word != last]
+        verbs: list[str] = [verb for verb in VERBS if verb.startswith(last) and verb != last]
+        return verbs or [word for word in rare if word.startswith(last) and word != last]
     if done[0] in ("take", "give", "keep"):
         return [order for order in CONTROL_ORDERS if order.startswith(text) and order != text]
     if done[0] == "formation" and len(done) == 1:
         return [f"formation {name}" for name in fleet.formations if name.startswith(last) and name != last]
-    place = 2 if done[0] == "formation" else 1
-    if len(done) != place:
+    if len(done) != (2 if done[0] == "formation" else 1):
         return []
-    before, comma, name = last.rpartition(",")
-    chosen = before.split(",")
+    before, comma, start = last.rpartition(",")
     names = fleet.enabled_names if comma else ("all", *fleet.enabled_names)
-    fits = [known for known in names if known.startswith(name) and known != name and known not in chosen]
-    return [" ".join([*done, f"{before}{comma}{known}"]) for known in fits]
-
-
-def common_start(lines: Iterable[str]) -> str:
-    """What all of them begin with."""
-    words = sorted(lines)
-    first, last = words[0], words[-1]
-    return next((first[:place] for place, char in enumerate(first) if char != last[place : place + 1]), first)
+    fits = [name for name in names if name.startswith(start) and name != start and name not in before.split(",")]
+    return [" ".join([*done, f"{before}{comma}{name}"]) for name in fits]
 
 
 def history_file() -> Path:
-    """Where orders are remembered between runs: ``$XDG_STATE_HOME/covey/orders``."""
+    """Return the file that keeps orders between runs: ``$XDG_STATE_HOME/covey/orders``."""
     return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "covey" / "orders"
 
 
-class History:
+class OrderHistory:
     """Orders that were written, oldest first, without repetitions in a row; kept in a file where one can be written."""
 
     def __init__(self, path: Path) -> None:
@@ -71,7 +63,7 @@ class History:
         self.lines = lines[-_KEPT:]
 
     def add(self, line: str) -> None:
-        """Remember a line; a disk that is full or read-only costs the memory and nothing else."""
+        """Remember a line; on a disk that is full or read-only for this run only."""
         if self.lines[-1:] == [line]:
             return
         self.lines = [*self.lines[1 - _KEPT :], line]
@@ -92,10 +84,7 @@ class _OrderSuggester(Suggester):
 
 
 class OrderLine(Input):
-    """An Input with history. Enter posts :class:`Given`; escape leaves without an order.
-
-    ``resting`` and ``writing`` stand in an empty line that keys do not, or do, go to.
-    """
+    """An Input with history and completion; escape leaves it without an order."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "history(-1)", "earlier order", show=False),
@@ -104,54 +93,52 @@ class OrderLine(Input):
         Binding("escape", "leave", "leave", show=False),
     ]
 
-    class Given(Message):
-        """A line was entered."""
-
-        def __init__(self, text: str) -> None:
-            super().__init__()
-            self.text = text
-
-    class Choices(Message):
-        """Tab found several ways to go on."""
+    class Completions(Message):
+        """Tab has several words to go on with."""
 
         def __init__(self, words: list[str]) -> None:
             super().__init__()
             self.words = words
 
     def __init__(self, fleet: FleetConfig) -> None:
-        self.resting = "press :  and write an order, e.g. takeoff all 1.0"
-        self.writing = "now write: every key goes here, enter gives the order"
+        self._hints = _RESTING, _WRITING
         super().__init__(
-            placeholder=self.resting,
+            placeholder=_RESTING,
             suggester=_OrderSuggester(fleet),
             id="order",
             compact=True,
-            select_on_focus=False,  # what stands there is to be gone on with, not to be typed over
+            select_on_focus=False,  # the next key goes on with the line and does not replace it
             max_length=MAX_LENGTH,
         )
         self._fleet = fleet
-        self._history: History | None = None
+        self._history: OrderHistory | None = None
         self._at = 0
         self._draft = ""
 
+    def disable(self, hint: str) -> None:
+        """Say in the empty line that nothing can be ordered."""
+        self._hints = hint, hint
+        self.placeholder = hint
+
     def on_focus(self) -> None:
-        """Earlier runs are fetched when they may be wanted."""
+        """Show that keys go here, and load the orders of earlier runs."""
         self._show_writing(True)
         if self._history is None:
-            self._fetch()
-
-    def _show_writing(self, is_so: bool) -> None:
-        self.placeholder = self.writing if is_so else self.resting
-        if self.parent is not None:
-            self.parent.set_class(is_so, "writing")
-
-    def _fetch(self) -> None:
-        self._history = History(history_file())
-        self._at = len(self._history.lines)
+            self._load()
 
     def on_blur(self) -> None:
-        """Keys go elsewhere."""
+        """Show that keys go elsewhere."""
         self._show_writing(False)
+
+    def _show_writing(self, is_writing: bool) -> None:
+        self.placeholder = self._hints[is_writing]
+        if self.parent is not None:
+            self.parent.set_class(is_writing, "writing")
+
+    def _load(self) -> OrderHistory:
+        history = self._history = OrderHistory(history_file())
+        self._at = len(history.lines)
+        return history
 
     def write(self, text: str) -> None:
         """Begin a line, for the operator to go on with."""
@@ -160,24 +147,22 @@ class OrderLine(Input):
         self.cursor_position = len(text)
 
     def take_back(self, text: str) -> None:
-        """What was given needs another look: the line as it was, below the sentence that says why."""
+        """Show a refused line again, to be corrected."""
         with self.prevent(self.Changed):
             self.write(text)
 
     async def action_submit(self) -> None:
-        """Give the order and clear the line: a second Enter gives it no second time. Who takes it leaves the line."""
+        """Post the line and clear it, so that a second Enter sends it no second time."""
         text = self.value.strip().removeprefix(":").strip()  # ":" opens the line; typed once more it means nothing
         self.value = self._draft = ""
         if text:
-            if self._history is None:
-                self._fetch()
-            assert self._history is not None
-            self._history.add(text)
-            self._at = len(self._history.lines)
-            self.post_message(self.Given(text))
+            history = self._history or self._load()
+            history.add(text)
+            self._at = len(history.lines)
+            self.post_message(self.Submitted(self, text))
 
     def action_history(self, step: int) -> None:
-        """Fetch an earlier or later order; what was being written waits below the newest."""
+        """Show an earlier or later order; the line that was being written comes after the newest."""
         lines = self._history.lines if self._history is not None else []
         if self._at >= len(lines):
             self._draft = self.value
@@ -186,24 +171,22 @@ class OrderLine(Input):
         self.cursor_position = len(self.value)
 
     def action_complete(self) -> None:
-        """Write what is certain: the only way to go on, or what all of them have in common."""
-        found = completions(self.value, self._fleet)
-        if not found:
-            return
-        certain = found[0] if len(found) == 1 else common_start(found)
-        if len(certain) > len(self.value):
-            self.value = certain
-            self.cursor_position = len(certain)
-        if len(found) > 1:
-            self.post_message(self.Choices([line.rpartition(" ")[2] for line in found]))
+        """Write the only completion, or the start that all completions have in common."""
+        lines = completions(self.value, self._fleet)
+        start = os.path.commonprefix(lines)  # noqa: RUF071 - of words
+        if len(start) > len(self.value):
+            self.value = start
+            self.cursor_position = len(start)
+        if len(lines) > 1:
+            self.post_message(self.Completions([line.rpartition(" ")[2] for line in lines]))
 
     def action_leave(self) -> None:
-        """Back to the fleet; what was written is dropped."""
+        """Drop the line and go back to the fleet."""
         self.value = self._draft = ""
         self.screen.set_focus(self.screen.query_one("#fleet"))
 
-    def _on_paste(self, event: events.Paste) -> None:
-        """Pasted line breaks become spaces: one line, and only Enter sends it."""
+    def on_paste(self, event: events.Paste) -> None:
+        """Insert pasted text as one line: line breaks become spaces, and only Enter sends it."""
         event.stop()
         event.prevent_default()
         text = " ".join(event.text.split())

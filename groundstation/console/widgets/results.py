@@ -1,15 +1,16 @@
-"""The last order with each vehicle's answer as it comes in; who failed says why, and what can be done."""
+"""The last order with each vehicle's answer as it comes in; a failure says why, and what can be done."""
 
 from __future__ import annotations
 
+from collections import Counter
+
 from rich.cells import cell_len
-from rich.segment import Segment
-from textual.strip import Strip
-from textual.widget import Widget
+from rich.text import Text
+from textual.widgets import Static
 
 from groundstation.console import theme
 from groundstation.console.theme import FAINT, TEXT, WARN, clean
-from groundstation.orders.result import OrderHandle, VehicleResult
+from groundstation.orders.result import OrderResult, VehicleResult
 
 _MOST_FAILED = 3
 _ADVICE = {
@@ -22,62 +23,45 @@ _ADVICE = {
 }
 
 
-def advice(result: VehicleResult) -> str:
-    """What the operator can do about a result; empty where there is nothing to do."""
-    return _ADVICE.get(result.phase, "")
-
-
-class ResultLine(Widget):
+class ResultLines(Static):
     """One line for the order, and up to three for vehicles that did not do it."""
 
-    def __init__(self, name: str) -> None:
-        super().__init__(id=name, classes="empty")
-        self._rows: list[list[Segment]] = []
+    def __init__(self) -> None:
+        super().__init__(id="result", classes="empty")
 
-    def show_order(self, handle: OrderHandle, text: str) -> None:
-        """Results as they stand, after the order's own words."""
+    def show_order(self, handle: OrderResult, text: str) -> None:
+        """Show the order's words and the results as they stand."""
         words = clean(text, 60)
-        first = [Segment(f" {theme.fit(words, min(34, cell_len(words)))} ", theme.style(TEXT, bold=True))]
-        # Many vehicles: the good ends are counted, so that those that need an eye stay in sight.
-        counts: dict[str, int] = {}
-        for result in handle.results.values():
-            counts[result.phase] = counts.get(result.phase, 0) + 1
-        room = (self.size.width or 80) - first[0].cell_length
-        if sum(cell_len(name) + cell_len(one.phase) + 5 for name, one in handle.results.items()) <= room:
-            parts = [(f"  {name} {{}} {one.phase}", str(one.phase)) for name, one in handle.results.items()]
-        else:
-            parts = [(f"  {{}} {count} {phase}", phase) for phase, count in counts.items()]
+        line = Text.assemble((f" {theme.fit(words, min(34, cell_len(words)))} ", theme.style(TEXT, bold=True)))
+        results = handle.results
+        width = (self.size.width or 80) - line.cell_len
+        parts = [(f"{name} {{}} {one.phase}", str(one.phase)) for name, one in results.items()]
+        if sum(cell_len(words) + 1 for words, _ in parts) > width:
+            # Many vehicles: the phases are counted, so that failures stay in sight.
+            counts = Counter(str(one.phase) for one in results.values())
+            parts = [(f"{{}} {count} {phase}", phase) for phase, count in counts.items()]
         for words, phase in parts:
             sign, colour = theme.PHASE_SIGNS.get(phase, ("?", WARN))
-            first.append(Segment(words.format(sign), theme.style(colour)))
-        rows = [first]
-        failed = [one for one in handle.results.values() if advice(one)]
+            line.append(f"  {words.format(sign)}", theme.style(colour))
+        failed = [one for one in results.values() if one.phase in _ADVICE]
         hidden = len(failed) - _MOST_FAILED
-        for place, one in enumerate(failed[:_MOST_FAILED]):
-            sign, colour = theme.PHASE_SIGNS.get(one.phase, ("?", WARN))
-            why = clean(one.sentence, 200) or one.phase
-            name = "" if why.startswith(one.vehicle) else f"{one.vehicle}: "
-            more = f" (+{hidden} more: see the events)" if hidden > 0 and place == _MOST_FAILED - 1 else ""
-            rows.append(
-                [
-                    Segment(f"   {sign} {name}{why} ", theme.style(colour)),
-                    Segment(advice(one) + more, theme.style(FAINT)),
-                ]
-            )
-        self._put(rows)
+        lines = [line, *map(_failure, failed[:_MOST_FAILED])]
+        if hidden > 0:
+            lines[-1].append(f" (+{hidden} more: see the events)", theme.style(FAINT))
+        self._put(Text("\n").join(lines))
 
     def show_sentence(self, sentence: str, colour: str = WARN) -> None:
-        """Words instead of results."""
-        self._put([[Segment(f" {clean(sentence, 300)}", theme.style(colour))]])
+        """Show words instead of results."""
+        self._put(Text(f" {clean(sentence, 300)}", theme.style(colour)))
 
-    def render_line(self, y: int) -> Strip:
-        """One of the lines."""
-        row = self._rows[y] if y < len(self._rows) else []
-        return Strip(row).adjust_cell_length(self.size.width).apply_style(self.rich_style)
+    def _put(self, text: Text) -> None:
+        self.remove_class("empty")
+        self.update(text)
 
-    def _put(self, rows: list[list[Segment]]) -> None:
-        if rows != self._rows:
-            self._rows = rows
-            self.set_class(not rows, "empty")
-            self.styles.height = max(1, len(rows))
-            self.refresh()
+
+def _failure(result: VehicleResult) -> Text:
+    sign, colour = theme.PHASE_SIGNS.get(result.phase, ("?", WARN))
+    reason = clean(result.sentence, 200) or result.phase
+    name = "" if reason.startswith(result.vehicle) else f"{result.vehicle}: "
+    words = (f"   {sign} {name}{reason} ", theme.style(colour))
+    return Text.assemble(words, (_ADVICE[result.phase], theme.style(FAINT)))

@@ -21,9 +21,10 @@ from onboard.bus.schema import Message, MocapPose, TickBatch, Vec4
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
+from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.mocap.relay import latency
 from onboard.mocap.relay.latency import Array
-from onboard.mocap.relay.relay import EXIT_INCOMPLETE, EXIT_NOBODY, EXIT_OK, bodies_of
+from onboard.mocap.relay.relay import bodies_of
 from onboard.mocap.relay.statistics import Report
 
 GOOD_LAG_S = 0.015
@@ -147,7 +148,7 @@ class Check:
         """Listen until all is right, ``stopped``, or for ``seconds``; exit status."""
         self._bus.start()
         began_s = told_s = time.monotonic()
-        status = EXIT_NOBODY
+        status = EXIT_NO_ANSWER
         try:
             self._clock.start()
             self._bus.subscribe(Topic.MOCAP, "*", self._hear_pose)
@@ -179,8 +180,8 @@ class Check:
         for sentence in wrong:
             self.say(f"  ! {sentence}")
         if not bodies:
-            return EXIT_NOBODY
-        return EXIT_OK if all(finding.is_ok for finding in found) and not wrong else EXIT_INCOMPLETE
+            return EXIT_NO_ANSWER
+        return EXIT_OK if all(finding.is_ok for finding in found) and not wrong else EXIT_FAILED
 
     def _hear_pose(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
         if not isinstance(message, MocapPose):

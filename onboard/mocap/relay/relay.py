@@ -20,10 +20,10 @@ from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from onboard.config.mocap import BODY_NAME
+from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.mocap.relay.statistics import Report
 from onboard.mocap.sdk_source import CapturedMocap
 
-EXIT_OK, EXIT_INCOMPLETE, EXIT_NOBODY = 0, 1, 10
 NODE = "mocap"
 
 
@@ -103,8 +103,8 @@ class Relay:
             self._source.stop()
             self._bus.stop()
         if not self.report.bodies:
-            return EXIT_NOBODY
-        return EXIT_OK if seconds is None or self.report.is_complete else EXIT_INCOMPLETE
+            return EXIT_NO_ANSWER
+        return EXIT_OK if seconds is None or self.report.is_complete else EXIT_FAILED
 
     def _tell(self, was_complete: bool) -> bool:
         with self._lock:

@@ -1,4 +1,4 @@
-"""``covey bench law``: Covey's law beside other methods, and beside itself without each of its ideas.
+"""``make bench-law``: Covey's law beside other methods, and beside itself without each of its ideas.
 
 Everybody flies the same seeded scenarios through the same pipeline and vehicles (``contestants.py``). Three jobs: the
 comparison, ``--ablation``, and ``--tune``, which tries every method's own grid and says which values are best.
@@ -158,11 +158,11 @@ def tune(options: argparse.Namespace) -> int:
 
 
 def _command(options: argparse.Namespace) -> str:
-    words = ["covey bench law"]
-    words += [f"--{name}" for name in ("ablation", "tune", "quick", "mix") if getattr(options, name)]
+    words = [f"--{name}" for name in ("ablation", "tune", "quick", "mix") if getattr(options, name)]
     words += [f"--seeds {options.seeds[0]}:{options.seeds[1]}"] if options.seeds else []
     words += [f"--errors {options.errors}"] if options.errors != "mocap" else []
-    return " ".join(words)
+    words += ["--out docs"]
+    return f'make bench-law ARGS="{" ".join(words)}"'
 
 
 def _seeds(text: str) -> tuple[int, int]:
@@ -173,9 +173,9 @@ def _seeds(text: str) -> tuple[int, int]:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Entry of ``covey bench law``; exit status 0 when everything has flown, whatever came out."""
+    """Entry of ``make bench-law``; exit status 0 when everything has flown, whatever came out."""
     parser = argparse.ArgumentParser(
-        prog="covey bench law",
+        prog="make bench-law",
         description="Covey's law beside other methods, or (--ablation) without each of its ideas.",
     )
     parser.add_argument("--seeds", metavar="A:B", help="seeds of each scenario (default 200:206)")

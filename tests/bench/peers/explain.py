@@ -1,4 +1,4 @@
-"""Pictures for docs/law.md, each made by flying or computing what it shows: ``covey bench law --explain``."""
+"""Pictures for docs/law.md, each made by flying or computing what it shows: ``make bench-law ARGS=--explain``."""
 
 from __future__ import annotations
 

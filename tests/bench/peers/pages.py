@@ -1,4 +1,4 @@
-"""The pages that ``covey bench law`` writes: how it was measured, the table, the figures."""
+"""The pages that ``make bench-law`` writes: how it was measured, the table, the figures."""
 
 from __future__ import annotations
 

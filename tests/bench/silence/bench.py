@@ -1,4 +1,4 @@
-"""``covey bench silence``: how soon the wire to PX4 is silent when an agent hangs, and what becomes of the vehicle.
+"""``make bench-silence``: how soon the wire to PX4 is silent when an agent hangs, and what becomes of the vehicle.
 
 Real processes: the emulator, an agent for each way to hang, and between them the listener of ``wire.py``. All hover;
 one after the other is stopped, killed or blocked; the listener's stamps say when the last setpoint passed, and PX4's
@@ -188,9 +188,9 @@ def table(found: Sequence[Found]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry of ``covey bench silence``; exit status 0 when every case is silent in time."""
+    """Entry of ``make bench-silence``; exit status 0 when every case is silent in time."""
     parser = argparse.ArgumentParser(
-        prog="covey bench silence",
+        prog="make bench-silence",
         description=f"Is the wire silent {1e3 * LIMIT_S:.0f} ms after an agent hangs? By an independent listener.",
     )
     names = [case.name for case in CASES]

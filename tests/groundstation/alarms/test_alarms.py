@@ -155,7 +155,7 @@ def test_an_alarm_that_flickers_is_one_line_and_rings_once(ground: Ground3) -> N
         if step % 2:
             ground.hear("mav1", conditions=(Condition.POSITION_STALE.value,))
         ground.update()
-        news += ground.alarms.is_news
+        news += ground.alarms.has_new
         ground.wait(0.1)
     assert news == 1
     assert len(ground.alarms.lines) == 1
@@ -199,7 +199,7 @@ def test_what_gets_worse_after_it_was_acknowledged_presses_and_rings_again(groun
     ground.wait(0.1)
     ground.hear("mav0", is_airborne=True, conditions=(Condition.POSITION_LOST.value,))
     ground.update()
-    assert ground.alarms.is_news
+    assert ground.alarms.has_new
     assert ground.alarms.worst is not None
     assert not ground.alarms.worst.is_acknowledged
 

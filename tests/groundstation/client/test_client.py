@@ -99,9 +99,9 @@ async def test_the_values_of_a_vehicle_that_is_looked_at_come_over_a_real_bus(pr
     client = FleetClient(private_fleet, author="tester")
     await client.start()
     try:
-        client.ticks.follow("mav0")
+        client.tick_stream.follow("mav0")
         async with asyncio.timeout(10.0):
-            while not client.ticks.values:
+            while not client.tick_stream.values:
                 agent.publish(Topic.TICK, "mav0", TickBatch(vehicle="mav0", boot_id=1, sequence=1, ticks=(tick(1),)))
                 await asyncio.sleep(0.02)
     finally:
@@ -225,7 +225,7 @@ async def test_what_an_agent_that_comes_back_says_does_not_end_an_order_that_wen
         severity="warning",
         code="order-land",
         sentence="Loop stalled for long: PX4 lands.",
-        order_id=handle.plan.orders["mav1"].order_id,
+        order_id=handle.planned.orders["mav1"].order_id,
         order_outcome="failed",
     )
     bus.on_message[Topic.EVENT](Topic.EVENT, "mav1", late)

@@ -12,9 +12,9 @@ import pytest
 from groundstation.cli import main
 from groundstation.client import preflight_page
 from groundstation.client.client import FleetClient
-from groundstation.commands.check import refuse_unflyable
 from groundstation.fleet.state import FleetState, fold, fold_alive, initial
 from groundstation.missions.files import load_mission, mission_from_mapping
+from groundstation.missions.findings import refuse_unflyable
 from groundstation.missions.runner import MissionRun
 from onboard.bus.schema import PreflightReport
 from onboard.bus.topics import Topic

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -63,11 +65,72 @@ def test_a_file_that_is_not_there_is_told_before_the_terminal_that_is_not_there(
     assert "none.toml" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", [[], ["fly"], ["dance"], ["demo", "--law", "none"]])
-def test_a_command_line_that_is_none_is_exit_status_two(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        cli.main(words)
-    assert caught.value.code == 2
+def test_a_wrong_command_line_is_a_sentence_that_names_the_page_of_help(capsys: pytest.CaptureFixture[str]) -> None:
+    for words, command, named in (
+        (["fly"], "covey fly", "MISSION"),
+        (["dance"], "covey", "dance"),
+        (["demo", "--law", "none"], "covey demo", "--law"),
+        (["demo", "--sead", "3"], "covey demo", "--seed"),
+        (["check"], "covey check", "FLEET|MISSION"),
+        (["tui"], "covey tui", "--fleet"),
+        (["px4", "parms"], "covey px4", "params"),
+        (["simulate", "--jobs", "two", "form3"], "covey simulate", "two"),
+    ):
+        assert cli.main(words) == 2, words
+        captured = capsys.readouterr()
+        assert captured.out == "", words
+        assert captured.err.startswith("covey: "), words
+        assert named in captured.err, words
+        assert f"'{command} --help' says more." in captured.err, words
+
+
+def test_every_command_has_a_page_of_help_with_an_example_and_its_exit_statuses(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert cli.main(["--help"]) == 0
+    front = capsys.readouterr().out
+    for command in cli.COMMANDS:
+        assert f"\u2502 {command.name} " in front, command.name
+        assert command.group in front
+        if command.name == "agent":  # the drone's own command line: tests/onboard/agent
+            continue
+        assert cli.main(["px4", "params", "--help"] if command.name == "px4" else [command.name, "--help"]) == 0
+        page = capsys.readouterr().out
+        assert f"covey {command.name}" in page, command.name
+        assert "xit status" in page, command.name
+
+
+def test_without_a_command_the_list_is_shown_and_nothing_came_true(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main([]) == 2
+    assert "simulate" in capsys.readouterr().out
+    assert cli.main(["px4"]) == 2
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("covey ")
+
+
+def test_the_shell_completes_commands_and_options() -> None:
+    for shell in ("bash", "zsh", "fish"):
+        script = cli.front_page("").generate_completion(shell=shell)
+        assert "sitl-check" in script, shell
+        assert "headless" in script, shell
+
+
+def test_an_agent_and_the_list_of_commands_need_no_library_of_the_ground() -> None:
+    code = """
+import sys
+from groundstation.cli import main
+main({words!r})
+print([name for name in {heavy!r} if name in sys.modules])
+"""
+    heavy = ["textual", "numba", "matplotlib", "mcap", "aiohttp", "pymavlink", "rich.markdown"]
+    for words, names in (
+        (["agent", "--fleet", "none.toml", "--vehicle", "a"], [*heavy, "cyclopts"]),
+        (["--help"], heavy),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-c", code.format(words=words, heavy=names)], capture_output=True, text=True, check=True
+        )
+        assert done.stdout.splitlines()[-1] == "[]", words
 
 
 def test_the_folder_gets_the_files_that_are_really_used_and_a_flown_one_is_not_overwritten(tmp_path: Path) -> None:

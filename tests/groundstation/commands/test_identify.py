@@ -13,7 +13,7 @@ import msgspec
 import pytest
 
 from groundstation import cli
-from groundstation.commands.identify import manoeuvre, mission_text
+from groundstation.identification.manoeuvre import manoeuvre, mission_text
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle, fleet_from_mapping, load_fleet
 from sitl.lockstep import simulation
 

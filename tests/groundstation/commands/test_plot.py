@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from groundstation.commands.plot import main
+from groundstation.cli import main
 from groundstation.figures.data import TOPICS, FlightData, from_samples
 from groundstation.recording.reader import read
 
@@ -86,7 +86,7 @@ def flight_of(folder: Path) -> FlightData:
 
 def test_all_figures_are_drawn_as_png_and_svg(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_flight(tmp_path)
-    assert main([str(tmp_path)]) == 0
+    assert main(["plot", str(tmp_path)]) == 0
     for name in FIGURES:
         assert (tmp_path / "figures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert "<svg" in (tmp_path / "figures" / f"{name}.svg").read_text()
@@ -95,7 +95,7 @@ def test_all_figures_are_drawn_as_png_and_svg(tmp_path: Path, capsys: pytest.Cap
 
 def test_figures_go_where_out_says(tmp_path: Path) -> None:
     write_flight(tmp_path)
-    assert main([str(tmp_path / "flight.mcap"), "--out", str(tmp_path / "a" / "b")]) == 0
+    assert main(["plot", str(tmp_path / "flight.mcap"), "--out", str(tmp_path / "a" / "b")]) == 0
     assert len(list((tmp_path / "a" / "b").iterdir())) == 8
     assert not (tmp_path / "figures").exists()
 
@@ -145,11 +145,11 @@ def test_time_counts_from_when_the_first_leaves_the_ground_and_not_from_its_moto
 def test_without_truth_the_estimates_are_drawn(tmp_path: Path) -> None:
     write_flight(tmp_path, has_truth=False)
     assert flight_of(tmp_path).source == "the vehicles' estimates"
-    assert main([str(tmp_path)]) == 0
+    assert main(["plot", str(tmp_path)]) == 0
 
 
 def test_a_missing_record_is_a_sentence_and_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([str(tmp_path / "nowhere")]) == 2
+    assert main(["plot", str(tmp_path / "nowhere")]) == 2
     told = capsys.readouterr().err
     assert told.startswith("covey: ")
     assert "Give the folder of a recorded flight." in told
@@ -160,14 +160,14 @@ def test_a_record_without_a_flight_is_a_sentence_and_status_2(
     tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "flight.mcap").write_bytes(content)
-    assert main([str(tmp_path)]) == 2
+    assert main(["plot", str(tmp_path)]) == 2
     assert "nothing to draw" in capsys.readouterr().err
     assert not (tmp_path / "figures").exists()
 
 
 def test_a_record_without_ticks_is_a_sentence_and_status_2(tmp_path: Path) -> None:
     write_flight(tmp_path, ticks=False)
-    assert main([str(tmp_path)]) == 2
+    assert main(["plot", str(tmp_path)]) == 2
 
 
 def test_a_record_that_breaks_off_is_drawn_as_far_as_it_goes_and_said_so(
@@ -176,6 +176,6 @@ def test_a_record_that_breaks_off_is_drawn_as_far_as_it_goes_and_said_so(
     path = write_flight(tmp_path)
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) * 2 // 3])
-    assert main([str(tmp_path)]) == 2
+    assert main(["plot", str(tmp_path)]) == 2
     assert "breaks off" in capsys.readouterr().err
     assert (tmp_path / "figures" / "fig4_plan.png").exists()

@@ -12,11 +12,12 @@ from pathlib import Path
 
 import pytest
 
+from groundstation.cli import main
 from groundstation.client.direct_mavlink import DirectParams
-from groundstation.commands.px4 import Answer, ask, exit_status, main
+from groundstation.commands.px4_params import ParameterState, VehicleParams, exit_status, read_or_set
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.px4.port_lock import PortClaim
-from onboard.px4.required_params import demands, differences, required_params
+from onboard.px4.required_params import all_params, differences, required_params
 
 FLEET = """
 schema = 1
@@ -68,17 +69,17 @@ def emulator(fleet: FleetConfig) -> Iterator[subprocess.Popen[str]]:
 def test_all_that_differs_is_shown_and_with_apply_set_and_read_back(
     fleet: FleetConfig, emulator: subprocess.Popen[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["params", "--fleet", fleet.path]) == 1
+    assert main(["px4", "params", "--fleet", fleet.path]) == 1
     shown = capsys.readouterr().out
-    assert "WRONG   COM_OF_LOSS_T    1, should be 0.3: PX4 acts when setpoints have been silent" in shown
+    assert "WRONG   COM_OF_LOSS_T    1, should be 0.3: PX4 acts after so long without setpoints" in shown
     assert "better  EKF2_EVP_NOISE   0.1, should be 0.01" in shown
-    assert "WRONG   MPC_Z_P          1, should be 0.8: the fleet file's px4_params ask for it" in shown
+    assert "WRONG   MPC_Z_P          1, should be 0.8: the fleet file's px4_params require it" in shown
     assert "WRONG   MPC_XY_P         0.95, should be 0.9" in shown
-    assert main(["params", "--fleet", fleet.path, "--apply"]) == 0
+    assert main(["px4", "params", "--fleet", fleet.path, "--apply"]) == 0
     applied = capsys.readouterr().out
     assert "set     COM_OBL_RC_ACT   0 -> 4, read back" in applied
     assert "Restart PX4: it reads EKF2_HGT_REF, EKF2_MAG_TYPE, EKF2_DELAY_MAX only when it starts." in applied
-    assert main(["params", "--fleet", fleet.path, "--json"]) == 0
+    assert main(["px4", "params", "--fleet", fleet.path, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["solo"]
     assert told["is_fine"]
     assert told["asked_at"] == fleet.vehicles["solo"].autopilot
@@ -93,14 +94,14 @@ def test_past_an_agent_that_holds_the_link_px4s_ground_link_is_asked_and_again_b
     claim = PortClaim(vehicle.autopilot)
     claim.take()
     try:
-        first = ask(vehicle, applies=True)
-        assert first.way == vehicle.direct
+        first = read_or_set(vehicle, applies=True)
+        assert first.endpoint == vehicle.direct
         assert first.is_fine, first
         # PX4 answers only to the first address that spoke to it: another process has to be at the same one
         command = [sys.executable, "-m", "groundstation", "px4", "params", "--fleet", fleet.path]
         again = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
         assert again.returncode == 0, again.stdout + again.stderr
-        assert f"asked at {vehicle.direct}: all" in again.stdout
+        assert f"read at {vehicle.direct}: all" in again.stdout
     finally:
         claim.release()
 
@@ -114,7 +115,7 @@ def test_an_armed_vehicle_is_read_but_never_set(fleet: FleetConfig, emulator: su
         assert time.monotonic() < end_s
         way._link.mav.command_long_send(vehicle.system_id, 1, 400, 0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     way.stop()
-    answer = ask(vehicle, applies=True)
+    answer = read_or_set(vehicle, applies=True)
     assert answer.answers
     assert not answer.is_fine
     assert "armed" in answer.trouble
@@ -124,35 +125,34 @@ def test_an_armed_vehicle_is_read_but_never_set(fleet: FleetConfig, emulator: su
 def test_without_an_answer_the_status_is_10_and_the_sentence_says_what_to_do(
     fleet: FleetConfig, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundstation.commands.px4._ANSWER_S", 0.3)
-    assert main(["params", "--fleet", fleet.path]) == 10
+    monkeypatch.setattr("groundstation.commands.px4_params._ANSWER_S", 0.3)
+    assert main(["px4", "params", "--fleet", fleet.path]) == 10
     assert "Start PX4, or check cable and ports." in capsys.readouterr().out
-    assert main(["params", "--fleet", fleet.path, "--vehicles", "nobody"]) == 2
+    assert main(["px4", "params", "--fleet", fleet.path, "--vehicles", "nobody"]) == 2
 
 
 def test_the_exit_status_tells_mixed_results() -> None:
-    good, bad = Answer("a", "x", ()), Answer("b", "x", (), "armed")
+    good, bad = VehicleParams("a", "x", ()), VehicleParams("b", "x", (), "armed")
     assert exit_status([good]) == 10  # nothing was told at all
     vehicle = load_fleet("configs/fleets/paper.toml").vehicles["mav0"]
-    rows = tuple(_row(demand) for demand in demands(vehicle))
-    good, bad = Answer("a", "x", rows), Answer("b", "x", rows, "armed")
+    rows = tuple(_row(demand) for demand in all_params(vehicle))
+    good, bad = VehicleParams("a", "x", rows), VehicleParams("b", "x", rows, "armed")
     assert exit_status([good, good]) == 0
     assert exit_status([bad, bad]) == 1
     assert exit_status([good, bad]) == 50
 
 
 def _row(demand: object) -> object:
-    from groundstation.commands.px4 import Row
-    from onboard.px4.required_params import Demand
+    from onboard.px4.required_params import RequiredParam
 
-    assert isinstance(demand, Demand)
-    return Row(demand, demand.value)
+    assert isinstance(demand, RequiredParam)
+    return ParameterState(demand, demand.value)
 
 
 def test_a_fleet_files_own_parameters_replace_the_built_in_ones(fleet: FleetConfig) -> None:
     vehicle = fleet.vehicles["solo"]
     assert required_params(vehicle)["MPC_Z_P"] == 0.8
     assert "EKF2_EVP_NOISE" not in required_params(vehicle)
-    assert "EKF2_EVP_NOISE" in {demand.name for demand in demands(vehicle)}
+    assert "EKF2_EVP_NOISE" in {demand.name for demand in all_params(vehicle)}
     assert differences({"COM_OF_LOSS_T": 0.3}, {"COM_OF_LOSS_T": 0.30000001}) == ()
-    assert "did not tell" in differences({"COM_OF_LOSS_T": 0.3}, {})[0]
+    assert "did not send" in differences({"COM_OF_LOSS_T": 0.3}, {})[0]

@@ -10,8 +10,8 @@ import msgspec
 
 from groundstation.fleet import state as fleet_state
 from groundstation.fleet.control_authority import Control
-from groundstation.orders import grammar
-from groundstation.orders.result import OrderHandle
+from groundstation.orders import grammar, plan
+from groundstation.orders.result import OrderResult
 from onboard.bus.authority import Roles
 from onboard.bus.schema import Event, Telemetry, TickSample
 from onboard.config.fleet import FleetConfig
@@ -63,15 +63,18 @@ class FakeClient:
     def __init__(self, fleet: FleetConfig) -> None:
         self.fleet = fleet
         self.state = fleet_state.initial(fleet)
-        self.handles: list[OrderHandle] = []
+        self.handles: list[OrderResult] = []
         self.skew_ns = 0
         self._sequence = 1
-        self.ticks = FakeTicks()
+        self.tick_stream = FakeTicks()
         self.tokens = FakeTokens()
         self.control = Control(
-            self.tokens, "test", wants=True, say=lambda severity, sentence: self.say(sentence, severity, "ground"),
+            self.tokens,
+            "test",
+            takes_control=True,
+            say=lambda severity, sentence: self.say(sentence, severity, "ground"),
             clock_ns=self.now_ns,
-        )  # fmt: skip
+        )
 
     def now_ns(self) -> int:
         return time.monotonic_ns() + self.skew_ns
@@ -87,18 +90,23 @@ class FakeClient:
                       order_id="1" if outcome else "", order_outcome=outcome)  # fmt: skip
         self.state = fleet_state.fold(self.state, event, self.now_ns())
 
-    def plan(self, order: grammar.Intent | str) -> grammar.Plan:
+    def plan(self, order: grammar.Intent | str) -> plan.PlannedOrder:
         intent = grammar.parse(order, self.fleet) if isinstance(order, str) else order
-        return grammar.plan(intent, self.fleet, self.state, formation=grammar.default_formation(self.fleet),
-                           author="test", now_ns=self.now_ns())  # fmt: skip
+        held = plan.HeldFormation(grammar.default_formation(self.fleet))
+        return plan.plan_order(intent, self.fleet, self.state, held=held, author="test", now_ns=self.now_ns())
 
-    async def submit(self, order: grammar.Intent | str) -> OrderHandle:
+    def check_again(self, planned: plan.PlannedOrder) -> plan.PlannedOrder:
+        return plan.check_again(planned, self.fleet, self.state, self.now_ns())
+
+    def send(self, planned: plan.PlannedOrder) -> OrderResult:
+        self.handles.append(OrderResult(planned))
+        return self.handles[-1]
+
+    async def submit(self, order: grammar.Intent | str) -> OrderResult:
         return self.submit_now(order)
 
-    def submit_now(self, order: grammar.Intent | str) -> OrderHandle:
-        plan = self.plan(order)
-        self.handles.append(OrderHandle(plan.intent, plan))
-        return self.handles[-1]
+    def submit_now(self, order: grammar.Intent | str) -> OrderResult:
+        return self.send(self.plan(order))
 
     @property
     def ordered(self) -> list[str]:

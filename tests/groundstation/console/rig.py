@@ -15,6 +15,7 @@ from groundstation.orders.forecast import Forecast, Leg
 from groundstation.orders.forecast_process import Forecaster
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
+from tests.groundstation.console.seeing import lines, screen
 
 SLOTS = {"mav0": (-1.5, 0.0, 1.0), "mav1": (0.0, 0.0, 1.0), "mav2": (1.5, 0.0, 1.0)}
 FINE = Forecast(closest_m=0.95, pair=("mav0", "mav1"), closest_s=2.0, now_m=1.5, duration_s=7.0)
@@ -50,9 +51,8 @@ class Rig:
 
     def __init__(self, fleet: FleetConfig, told: Forecast | None = FINE) -> None:
         self.client = StillClient(fleet)
-        self.app = ConsoleApp(fleet, self.client)
         self.oracle = Oracle(told)
-        self.app._forecaster = self.oracle
+        self.app = ConsoleApp(fleet, self.client, forecaster=self.oracle)
 
     def stand(self, **changes: Any) -> None:
         """Everybody on the ground and ready."""
@@ -69,13 +69,12 @@ class Rig:
             self.client.hear(name, **{**base, "position_enu_m": spot, "goal_position_enu_m": spot, **changes})
 
     def line(self, kind: type) -> str:
-        widget = self.app.screen_stack[0].query_one(kind)
-        return "\n".join(widget.render_line(y).text for y in range(widget.size.height))
+        return "\n".join(lines(self.app, kind))
 
     @property
     def screen_text(self) -> str:
         """What the terminal shows."""
-        return "\n".join(strip.text for strip in self.app.screen._compositor.render_strips())
+        return "\n".join(screen(self.app))
 
     @property
     def said(self) -> str:
@@ -85,7 +84,7 @@ class Rig:
         """Press keys until the question is there and answered by the oracle."""
         await pilot.press(*keys)
         await pilot.pause(0.05)
-        screen = self.app.screen
-        assert isinstance(screen, PreviewScreen), self.said
+        front = self.app.screen
+        assert isinstance(front, PreviewScreen), self.said
         self.client.skew_ns += int(0.4e9)  # a person reads
-        return screen
+        return front

@@ -106,4 +106,4 @@ async def warm(app: ConsoleApp, client: SteadyClient, seconds: float = 60.0, ste
     for step in range(int(seconds / step_s)):
         client.clock_ns = START_NS + int(step * step_s * 1e9)
         fly(client, step * step_s)
-        app._history.add(client.state, client.now_ns())
+        app.history.add(client.state, client.now_ns())

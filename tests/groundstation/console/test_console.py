@@ -15,9 +15,10 @@ from groundstation.console.widgets.event_log import EventLog
 from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.order_line import OrderLine, completions
 from groundstation.console.widgets.plan_view import PlanView
-from groundstation.console.widgets.results import ResultLine
+from groundstation.console.widgets.results import ResultLines
 from onboard.config.fleet import FleetConfig, load_fleet
 from tests.groundstation.console.fake import FakeClient
+from tests.groundstation.console.live import until
 
 SIZES = [(80, 24), (120, 40), (200, 60)]
 FLEET = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
@@ -75,7 +76,7 @@ async def test_silence_is_never_shown_as_a_fresh_number(fleet: FleetConfig) -> N
 
 async def test_an_order_shows_each_vehicles_answer_as_it_comes(fleet: FleetConfig) -> None:
     client = FakeClient(fleet)
-    app = ConsoleApp(fleet, client, has_preview=False)
+    app = ConsoleApp(fleet, client)
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("colon", *"takeoff all 1.0", "enter")
         await pilot.pause()
@@ -83,7 +84,7 @@ async def test_an_order_shows_each_vehicles_answer_as_it_comes(fleet: FleetConfi
         client.handles[0].update("mav0", "accepted", "")
         client.handles[0].update("mav1", "refused", "its battery is empty")
         await pilot.pause()
-        line = shown(app, ResultLine)
+        line = shown(app, ResultLines)
         assert "mav0 ▸ accepted" in line
         assert "mav1 ✖ refused" in line
         assert "mav1: its battery is empty" in app.screen.query_one(EventLog).sentences
@@ -98,10 +99,10 @@ async def test_garbage_on_the_order_line_is_a_sentence_and_no_order(fleet: Fleet
     client = FakeClient(fleet)
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=(80, 24)) as pilot:
-        await app.give(text)
+        await app.orders.send(text)
         await pilot.pause()
         assert client.ordered == []
-        assert len(shown(app, ResultLine).strip()) > 20
+        assert len(shown(app, ResultLines).strip()) > 20
 
 
 async def test_land_all_and_hold_all_work_from_every_screen(fleet: FleetConfig) -> None:
@@ -238,11 +239,10 @@ async def test_a_flood_of_events_is_bounded_and_keeps_the_screen_alive(fleet: Fl
     async with app.run_test(size=(80, 24)) as pilot:
         for number in range(3000):
             client.say(f"event {number} [/]", "warning")
-        await pilot.pause(0.3)
+        await until(pilot, lambda: "event 2999" in shown(app, EventLog))
         log = app.screen.query_one(EventLog)
         assert log.sentences[-1] == "mav0: event 2999 [/]"
         assert len(log.sentences) <= 2000
-        assert "event 2999" in shown(app, EventLog)
 
 
 def test_completion_offers_verbs_vehicles_and_formations(fleet: FleetConfig) -> None:

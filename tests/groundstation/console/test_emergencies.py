@@ -9,10 +9,10 @@ from groundstation.console.screens.preview import PreviewScreen
 from groundstation.console.widgets.bars import StatusBar
 from groundstation.console.widgets.event_log import EventLog
 from groundstation.console.widgets.notices import NoticeLines
-from groundstation.console.widgets.results import ResultLine
+from groundstation.console.widgets.results import ResultLines
 from groundstation.fleet import state as fleet_state
 from groundstation.orders.grammar import Intent, OrderError
-from groundstation.orders.result import OrderHandle
+from groundstation.orders.result import OrderResult
 from onboard.bus.schema import Event
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
@@ -46,13 +46,13 @@ async def test_keys_mean_the_marked_vehicles_else_the_one_under_the_cursor(rig: 
         rig.hover()
         rig.app.refresh_fleet()
         await pilot.press("down", "f7")
-        rig.app._fleet_table.mark(("mav0", "mav2"))
+        rig.app.panels.table.mark(("mav0", "mav2"))
         await pilot.press("f6", "w")
         assert rig.client.ordered == ["land mav1", "hold mav0,mav2", "locate mav0,mav2"]
         await pilot.press("f4")
-        assert rig.app._order_line.value == "move mav0,mav2 "
+        assert rig.app.panels.order_line.value == "move mav0,mav2 "
         await pilot.press("1")
-        assert rig.app._order_line.value == "move mav0,mav2 1"
+        assert rig.app.panels.order_line.value == "move mav0,mav2 1"
 
 
 async def test_the_row_of_a_vehicle_that_shows_itself_blinks_when_it_says_so(rig: Rig) -> None:
@@ -65,7 +65,7 @@ async def test_the_row_of_a_vehicle_that_shows_itself_blinks_when_it_says_so(rig
             rig.client.skew_ns += int(0.3e9)
             rig.stand()
             rig.app.refresh_fleet()
-            row = rig.app._fleet_table.render_line(1)
+            row = rig.app.panels.table.render_line(1)
             return any(segment.style is not None and segment.style.reverse for segment in row)
 
         assert not any(map(is_lit, range(4)))
@@ -105,7 +105,7 @@ async def test_a_kill_that_did_not_leave_is_not_latched(fleet: FleetConfig) -> N
         def now_ns(self) -> int:
             return self.client.now_ns()
 
-        async def submit(self, order: Intent | str) -> OrderHandle:
+        async def submit(self, order: Intent | str) -> OrderResult:
             raise OrderError("This console only watches.")
 
     app = ConsoleApp(fleet, Silent(StillClient(fleet)))
@@ -138,7 +138,7 @@ async def test_a_failed_order_says_why_and_what_can_be_done(rig: Rig) -> None:
         handle.update("mav0", "done", "")
         handle.update("mav1", "no answer", "mav1's agent did not answer within 0.3 s")
         await pilot.pause(0.05)
-        line = rig.line(ResultLine)
+        line = rig.line(ResultLines)
         assert "mav0 ✔ done" in line
         assert "mav1's agent did not answer within 0.3 s" in line
         assert "Is its agent running?" in line

@@ -21,8 +21,7 @@ async def test_a_flight_from_start_to_finish_by_keys_alone(fleet: FleetConfig) -
     # A loaded machine may answer late; that is not what is tested here.
     patient = msgspec.structs.replace(fleet.fleet, direct_command_timeout_s=10.0)
     live = LiveFleet(msgspec.structs.replace(fleet, fleet=patient))
-    app = ConsoleApp(live.simulation.fleet, live.client)
-    app._forecaster = ForecasterHere()
+    app = ConsoleApp(live.simulation.fleet, live.client, forecaster=ForecasterHere())
     client = live.client
     async with live.flying(), app.run_test(size=(120, 40)) as pilot:
 
@@ -37,13 +36,12 @@ async def test_a_flight_from_start_to_finish_by_keys_alone(fleet: FleetConfig) -
             assert isinstance(screen, PreviewScreen)
             await until(pilot, lambda: screen.is_sendable or screen.reasons)
             assert not screen.reasons, screen.reasons
-            await until(pilot, lambda: client.now_ns() - screen._opened_ns > 0.4e9)
-            before = app._handle
+            before = app.orders.newest
             while app.screen is screen:  # it may just be computing again
                 await live.press(pilot, "enter")
                 await asyncio.sleep(0.05)
-            await until(pilot, lambda: app._handle is not before)
-            handle = app._handle
+            await until(pilot, lambda: app.orders.newest is not before)
+            handle = app.orders.newest
             assert handle is not None
             await until(pilot, lambda: handle.is_final)
             assert handle.is_done, handle.results

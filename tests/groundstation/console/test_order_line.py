@@ -10,7 +10,7 @@ import pytest
 from textual import events
 
 from groundstation.console.widgets.order_line import OrderLine, completions
-from groundstation.console.widgets.results import ResultLine
+from groundstation.console.widgets.results import ResultLines
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.rig import Rig
 
@@ -19,14 +19,14 @@ async def test_pasted_lines_become_one_that_only_enter_sends(rig: Rig) -> None:
     async with rig.app.run_test(size=(100, 30)) as pilot:
         rig.hover()
         await pilot.press("colon")
-        rig.app._order_line.post_message(events.Paste("land mav1\nkill all\n"))
+        rig.app.panels.order_line.post_message(events.Paste("land mav1\nkill all\n"))
         await pilot.pause(0.05)
-        assert rig.app._order_line.value == "land mav1 kill all"
+        assert rig.app.panels.order_line.value == "land mav1 kill all"
         assert rig.client.ordered == []
         await pilot.press("enter")
         assert rig.client.ordered == []
         await pilot.press("ctrl+u")
-        rig.app._order_line.post_message(events.Paste("land mav1\r\n"))
+        rig.app.panels.order_line.post_message(events.Paste("land mav1\r\n"))
         await pilot.pause(0.05)
         assert rig.client.ordered == []
         await pilot.press("enter")
@@ -36,7 +36,7 @@ async def test_pasted_lines_become_one_that_only_enter_sends(rig: Rig) -> None:
 async def test_who_has_given_an_order_has_left_the_order_line(rig: Rig) -> None:
     async with rig.app.run_test(size=(80, 24)) as pilot:
         rig.hover()
-        line, table = rig.app._order_line, rig.app._fleet_table
+        line, table = rig.app.panels.order_line, rig.app.panels.table
         assert "press :" in rig.screen_text
         assert "esc leaves" not in rig.screen_text
         await pilot.press("colon")
@@ -64,18 +64,18 @@ async def test_a_refused_order_stays_to_be_corrected_below_the_sentence_that_say
         rig.hover()
         await pilot.press("colon", *order, "enter")
         await pilot.pause()
-        line = rig.app._order_line
+        line = rig.app.panels.order_line
         assert (rig.app.focused, line.value, rig.client.ordered) == (line, order, [])
         assert "esc leaves" in rig.screen_text
-        why = rig.line(ResultLine).strip()
+        why = rig.line(ResultLines).strip()
         assert why[:40] in rig.said
         await pilot.press("x", "backspace")
         assert line.value == order
         await pilot.press("ctrl+u", *"hold all", "enter")
         assert rig.client.ordered == ["hold mav0,mav1,mav2"]
-        assert (rig.app.focused, line.value) == (rig.app._fleet_table, "")
+        assert (rig.app.focused, line.value) == (rig.app.panels.table, "")
         await pilot.press("colon", *"hodl", "enter", "escape")
-        assert (rig.app.focused, line.value) == (rig.app._fleet_table, "")
+        assert (rig.app.focused, line.value) == (rig.app.panels.table, "")
 
 
 async def test_earlier_orders_come_back_also_in_the_next_run(fleet: FleetConfig, state_home: Path) -> None:
@@ -85,15 +85,15 @@ async def test_earlier_orders_come_back_also_in_the_next_run(fleet: FleetConfig,
             rig.hover()
             await pilot.press("colon", *"land mav2", "enter", "colon", *"hold mav1", "enter", "colon", *"lan")
             await pilot.press("up", "up")
-            assert rig.app._order_line.value == "land mav2"
+            assert rig.app.panels.order_line.value == "land mav2"
             await pilot.press("down", "down")
-            assert rig.app._order_line.value == "lan"
+            assert rig.app.panels.order_line.value == "lan"
     assert (state_home / "covey" / "orders").read_text().splitlines() == ["land mav2", "hold mav1"] * 2
     (state_home / "covey" / "orders").write_bytes(b"\xff\x00\x1b[31m\nland mav0\n" + b"x" * 9000)
     rig = Rig(fleet)
     async with rig.app.run_test(size=(80, 24)) as pilot:
         await pilot.press("colon", "up")
-        assert rig.app._order_line.value == "land mav0"
+        assert rig.app.panels.order_line.value == "land mav0"
 
 
 async def test_a_state_folder_that_cannot_be_written_costs_the_memory_only(
@@ -103,14 +103,14 @@ async def test_a_state_folder_that_cannot_be_written_costs_the_memory_only(
     rig = Rig(fleet)
     async with rig.app.run_test(size=(80, 24)) as pilot:
         await pilot.press("colon", *"land mav1", "enter", "colon", "up")
-        assert rig.app._order_line.value == "land mav1"
+        assert rig.app.panels.order_line.value == "land mav1"
 
 
 async def test_tab_completes_what_is_certain_and_lists_the_rest(rig: Rig) -> None:
     async with rig.app.run_test(size=(100, 24)) as pilot:
         await pilot.press("colon", *"la", "tab", "space", "m", "tab")
-        assert rig.app._order_line.value == "land mav"
-        assert "mav0  mav1  mav2" in rig.line(ResultLine)
+        assert rig.app.panels.order_line.value == "land mav"
+        assert "mav0  mav1  mav2" in rig.line(ResultLines)
         await pilot.press(*"1,mav2")
         assert rig.app.focused is rig.app.screen.query_one(OrderLine)
 
@@ -129,7 +129,7 @@ async def test_garbage_never_orders_and_never_breaks(rig: Rig) -> None:
     async with rig.app.run_test(size=(80, 24)) as pilot:
         for _ in range(60):
             line = " ".join(chance.choices(words, k=chance.randint(1, 5)))
-            rig.app.post_message(OrderLine.Given(line.strip() or "x"))
+            rig.app.post_message(OrderLine.Submitted(rig.app.panels.order_line, line.strip() or "x"))
         await pilot.pause(0.3)
         assert rig.client.ordered == []
         assert rig.app.is_running

@@ -11,17 +11,18 @@ from groundstation.orders.forecast_process import ForecastFailed
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
 from tests.groundstation.console.rig import FINE, Rig
+from tests.groundstation.console.seeing import words
 
 
 async def test_take_off_is_shown_first_and_sent_by_enter(rig: Rig) -> None:
     async with rig.app.run_test(size=(100, 30)) as pilot:
         rig.stand()
-        screen = await rig.preview(pilot, "colon", *"takeoff all 1.2", "enter")
+        await rig.preview(pilot, "colon", *"takeoff all 1.2", "enter")
         assert rig.client.ordered == []
-        words = str(screen._words.render())
-        assert "1 mav1  → 0.00 0.00 1.20 m" in words
-        assert "closest: 0.95 m, mav0 and mav1, after 2.0 s" in words
-        assert "takes about 7 s" in words
+        shown = words(rig.app, "who")
+        assert "1 mav1  → 0.00 0.00 1.20 m" in shown
+        assert "closest: 0.95 m, mav0 and mav1, after 2.0 s" in shown
+        assert "takes about 7 s" in shown
         await pilot.press("enter")
         assert rig.client.ordered == ["takeoff mav0,mav1,mav2 1.2"]
         assert not isinstance(rig.app.screen, PreviewScreen)
@@ -39,19 +40,19 @@ async def test_a_preview_that_is_dropped_sends_nothing(rig: Rig, key: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("told", "words"),
+    ("told", "reason"),
     [
         (Forecast(closest_m=0.41, pair=("mav0", "mav2"), now_m=1.5, duration_s=5.0), "within 0.41 m, below the safety"),
         (Forecast(closest_m=1.0, now_m=1.5, duration_s=5.0, outside=("mav1",)), "mav1 would leave the fence"),
         (Forecast(closest_m=1.0, now_m=1.5, duration_s=float("inf")), "would not arrive"),
     ],
 )
-async def test_what_would_end_badly_is_refused_in_words(fleet: FleetConfig, told: Forecast, words: str) -> None:
+async def test_what_would_end_badly_is_refused_in_words(fleet: FleetConfig, told: Forecast, reason: str) -> None:
     rig = Rig(fleet, told)
     async with rig.app.run_test(size=(100, 30)) as pilot:
         rig.hover()
-        screen = await rig.preview(pilot, "colon", *"move all 0 1 1", "enter")
-        assert words in str(screen._answer.render())
+        await rig.preview(pilot, "colon", *"move all 0 1 1", "enter")
+        assert reason in words(rig.app, "answer")
         await pilot.press("enter", "enter")
         assert rig.client.ordered == []
 
@@ -69,8 +70,8 @@ async def test_who_is_not_ready_is_named_and_the_others_are_offered(rig: Rig) ->
     async with rig.app.run_test(size=(100, 30)) as pilot:
         rig.stand()
         rig.client.hear("mav1", state="waiting", is_airborne=False, not_ready=("The battery is at 12 %.",))
-        screen = await rig.preview(pilot, "colon", *"takeoff all 1.0", "enter")
-        answer = str(screen._answer.render())
+        await rig.preview(pilot, "colon", *"takeoff all 1.0", "enter")
+        answer = words(rig.app, "answer")
         assert "mav1 is not ready: The battery is at 12 %." in answer
         assert "takeoff mav0,mav2 1" in answer
         assert rig.oracle.asked == []
@@ -79,7 +80,7 @@ async def test_who_is_not_ready_is_named_and_the_others_are_offered(rig: Rig) ->
 
 
 @pytest.mark.parametrize(
-    ("order", "words"),
+    ("order", "reason"),
     [
         ("move all 0 1 1", "mav0 does not fly (it is ready): order take-off first."),
         ("move mav1 99 0 1", "outside the fence"),
@@ -87,11 +88,11 @@ async def test_who_is_not_ready_is_named_and_the_others_are_offered(rig: Rig) ->
         ("formation triangle 0.5 0 1 1", "keeps"),
     ],
 )
-async def test_orders_that_vehicles_would_refuse_are_refused_before(rig: Rig, order: str, words: str) -> None:
+async def test_orders_that_vehicles_would_refuse_are_refused_before(rig: Rig, order: str, reason: str) -> None:
     async with rig.app.run_test(size=(120, 40)) as pilot:
         rig.stand()
-        screen = await rig.preview(pilot, "colon", *order, "enter")
-        assert words in str(screen._answer.render())
+        await rig.preview(pilot, "colon", *order, "enter")
+        assert reason in words(rig.app, "answer")
         await pilot.press("enter")
         assert rig.client.ordered == []
 
@@ -100,8 +101,8 @@ async def test_silent_vehicles_are_not_ordered(rig: Rig) -> None:
     async with rig.app.run_test(size=(100, 30)) as pilot:
         rig.stand()
         rig.client.skew_ns += int(3e9)
-        screen = await rig.preview(pilot, "colon", *"takeoff all 1.0", "enter")
-        assert "mav0 is not heard any more" in str(screen._answer.render())
+        await rig.preview(pilot, "colon", *"takeoff all 1.0", "enter")
+        assert "mav0 is not heard any more" in words(rig.app, "answer")
 
 
 async def test_a_fleet_that_moved_meanwhile_is_computed_again_before_anything_is_sent(rig: Rig) -> None:
@@ -113,7 +114,7 @@ async def test_a_fleet_that_moved_meanwhile_is_computed_again_before_anything_is
         await pilot.press("enter")
         assert rig.client.ordered == []
         assert screen.is_computing
-        assert "mav1 has moved: computed again" in str(screen._words.render())
+        assert "mav1 has moved: computed again" in words(rig.app, "who")
         rig.oracle.told = FINE
         await pilot.pause(0.2)
         assert rig.oracle.asked[-1]["mav1"].start_enu_m[1] == pytest.approx(0.9, abs=0.02)
@@ -129,8 +130,8 @@ async def test_a_formation_without_a_place_is_sent_with_the_place_that_was_shown
         rig.client.hear("mav1", position_enu_m=(0.05, 0.05, 1.0), velocity_enu_m_s=(0.0, 0.0, 0.0))
         await pilot.press("enter")
         (handle,) = rig.client.handles
-        goals = {name: order.position_enu_m for name, order in handle.plan.orders.items()}
-        assert goals == screen.proposal.goals
+        goals = {name: order.position_enu_m for name, order in handle.planned.orders.items()}
+        assert goals == screen.preview.goals
 
 
 async def test_a_second_enter_of_the_order_line_does_not_answer_the_question(rig: Rig) -> None:
@@ -151,7 +152,7 @@ async def test_who_stands_in_the_room_is_part_of_the_forecast(rig: Rig) -> None:
 
 async def test_without_previews_orders_go_at_once(fleet: FleetConfig) -> None:
     client = FakeClient(fleet)
-    app = ConsoleApp(fleet, client, has_preview=False)
+    app = ConsoleApp(fleet, client)
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.press("colon", *"takeoff all 1.0", "enter")
         assert client.ordered == ["takeoff mav0,mav1,mav2 1"]
@@ -164,7 +165,7 @@ async def test_a_forecast_that_breaks_is_a_sentence_and_no_order(rig: Rig) -> No
     rig.oracle.forecast = broken  # type: ignore[method-assign]
     async with rig.app.run_test(size=(80, 24)) as pilot:
         rig.hover()
-        screen = await rig.preview(pilot, "colon", *"move all 0 1 1", "enter")
-        assert "could not be computed" in str(screen._answer.render())
+        await rig.preview(pilot, "colon", *"move all 0 1 1", "enter")
+        assert "could not be computed" in words(rig.app, "answer")
         await pilot.press("enter")
         assert rig.client.ordered == []

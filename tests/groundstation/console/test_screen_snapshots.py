@@ -50,7 +50,7 @@ def watched(fleet: FleetConfig) -> tuple[SteadyClient, ConsoleApp]:
     client.say("Formation left: hold.", "warning", "mav1")
     for step in range(800):
         held = max(0.0, math.sin(step / 60.0))
-        client.ticks.values.append(
+        client.tick_stream.values.append(
             msgspec.structs.replace(
                 tick(step * SECOND // 50),
                 thrust_baseline_enu_m_s2=(1.2 * math.sin(step / 60.0), 2.4 * held, 9.81),
@@ -63,7 +63,7 @@ def watched(fleet: FleetConfig) -> tuple[SteadyClient, ConsoleApp]:
                 attitude_quaternion_enu_flu_wxyz=(1.0, 0.06 * math.sin(step / 25.0 - 0.4), 0.03 * held, 0.0),
             )
         )
-    return client, ConsoleApp(fleet, client, title="first flight", has_preview=False)
+    return client, ConsoleApp(fleet, client, title="first flight")
 
 
 def press(app: ConsoleApp, *keys: str) -> Before:

@@ -25,6 +25,7 @@ from onboard.config.fleet import FleetConfig
 from onboard.safety.failsafe_table import Condition
 from tests.groundstation.console.fake import telemetry
 from tests.groundstation.console.scenes import SteadyClient
+from tests.groundstation.console.seeing import screen as screen_text
 from tests.groundstation.recorded import FLEET as RECORDED_FLEET
 from tests.groundstation.recorded import SECOND, record, tick
 
@@ -121,13 +122,13 @@ async def test_everything_about_one_vehicle_is_on_its_page_at_every_size(
         "mav0", position_enu_m=(0.0, 0.0, 1.0), conditions=(Condition.GROUND_LOST.value,), action="landing",
         reason="the ground is silent",
     )  # fmt: skip
-    client.ticks.values.extend(tick(step * SECOND // 50) for step in range(600))
+    client.tick_stream.values.extend(tick(step * SECOND // 50) for step in range(600))
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=size) as pilot:
         await pilot.press("enter")
         await pilot.pause(0.3)
         assert isinstance(app.screen, VehicleScreen)
-        assert client.ticks.followed == "mav0"
+        assert client.tick_stream.followed == "mav0"
         page = app.screen.query_one(VehiclePage)
         assert "mav0" in str(page.border_title)
         text = lines(app.screen, VehiclePage)
@@ -139,7 +140,7 @@ async def test_everything_about_one_vehicle_is_on_its_page_at_every_size(
                       "asked", "flown", "mav2", "had a thought"):  # fmt: skip
             assert words in text, words
         await pilot.press("escape")
-        await until(pilot, lambda: client.ticks.followed is None)
+        await until(pilot, lambda: client.tick_stream.followed is None)
 
 
 async def test_why_it_cannot_fly_is_told_with_what_to_do(fleet: FleetConfig) -> None:
@@ -174,12 +175,12 @@ async def test_why_it_cannot_fly_is_told_with_what_to_do(fleet: FleetConfig) -> 
 async def test_the_page_goes_to_the_next_vehicle_and_keys_mean_the_one_that_is_shown(fleet: FleetConfig) -> None:
     client = SteadyClient(fleet)
     client.circle(0.0)
-    app = ConsoleApp(fleet, client, has_preview=False)
+    app = ConsoleApp(fleet, client)
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("space", "space", "enter")  # two are marked, the cursor stands on the third
         await pilot.pause(0.3)
         assert "mav2" in str(app.screen.query_one(VehiclePage).border_title)
-        assert app.chosen == ("mav2",)
+        assert app.orders.selected == ("mav2",)
         await pilot.press("left_square_bracket")
         await pilot.pause(0.3)
         assert "mav1" in str(app.screen.query_one(VehiclePage).border_title)
@@ -197,7 +198,7 @@ async def test_the_page_goes_to_the_next_vehicle_and_keys_mean_the_one_that_is_s
 async def test_a_silent_vehicles_page_claims_nothing_of_the_present(fleet: FleetConfig) -> None:
     client = SteadyClient(fleet)
     client.circle(0.0)
-    client.ticks.values.extend(tick(step * SECOND // 50) for step in range(600))
+    client.tick_stream.values.extend(tick(step * SECOND // 50) for step in range(600))
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=(120, 40)) as pilot:
         client.skew_ns = 5_000_000_000
@@ -220,7 +221,7 @@ async def test_strange_values_and_sizes_give_a_page_and_never_a_traceback(
     for field in ("thrust_baseline_enu_m_s2", "thrust_safe_enu_m_s2"):
         strange = type(strange)(**{**{name: getattr(strange, name) for name in strange.__struct_fields__},
                                    field: (nan, math.inf, 1e200)})  # fmt: skip
-    client.ticks.values.extend([tick(0), strange, tick(1 << 62)])
+    client.tick_stream.values.extend([tick(0), strange, tick(1 << 62)])
     app = ConsoleApp(fleet, client)
     async with app.run_test(size=size) as pilot:
         await pilot.press("enter")
@@ -292,7 +293,7 @@ async def test_a_flight_is_played_paused_stepped_and_walked_about_in_by_keys(fli
         await until(pilot, lambda: replay.is_at_end)
         await pilot.press("home")
         await until(pilot, lambda: at(0.0))
-        await until(pilot, lambda: "0:00.0 / 0:39.9" in app._bar.render_line(0).text)
+        await until(pilot, lambda: "0:00.0 / 0:39.9" in app.bar.render_line(0).text)
 
 
 async def test_going_back_takes_back_trails_events_and_alarms(flight: Path) -> None:
@@ -301,14 +302,14 @@ async def test_going_back_takes_back_trails_events_and_alarms(flight: Path) -> N
     replay.is_playing = False
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("end")
-        await until(pilot, lambda: "mav0 at 35 s" in app._event_log.sentences)
-        assert len(app._history.distances) > 170
+        await until(pilot, lambda: "mav0 at 35 s" in app.panels.events.sentences)
+        assert len(app.history.distances) > 170
         await pilot.press("home")
         await until(pilot, lambda: replay.position_s < 0.1)
         await pilot.press("right")
-        await until(pilot, lambda: "mav0 at 5 s" in app._event_log.sentences)
-        assert "mav0 at 35 s" not in app._event_log.sentences
-        assert len(app._history.distances) < 30
+        await until(pilot, lambda: "mav0 at 5 s" in app.panels.events.sentences)
+        assert "mav0 at 35 s" not in app.panels.events.sentences
+        assert len(app.history.distances) < 30
 
 
 async def test_nothing_can_be_ordered_in_a_replay_and_letters_are_letters_on_the_order_line(flight: Path) -> None:
@@ -318,17 +319,17 @@ async def test_nothing_can_be_ordered_in_a_replay_and_letters_are_letters_on_the
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("colon", *"land all", "enter")
         await pilot.pause(0.2)
-        assert "recorded flight" in app._event_log.sentences[-1]
+        assert "recorded flight" in app.panels.events.sentences[-1]
         await pilot.press("escape", "ctrl+l", "f12", "f12")
         await pilot.pause(0.2)
         for key in ("escape", "question_mark", "A"):  # no key is named that would do nothing
             await pilot.press(key)
             await pilot.pause(0.2)
-            last = app.screen._compositor.render_strips()[-1].text
+            last = screen_text(app)[-1]
             assert "? help" in last
             assert "LAND ALL" not in last
         await pilot.press("escape")
-        assert "recorded flight" in app._event_log.sentences[-1]
+        assert "recorded flight" in app.panels.events.sentences[-1]
         assert replay.position_s == pytest.approx(0.0, abs=0.01)
         await pilot.press("q")
     assert app.return_value == 0
@@ -341,8 +342,8 @@ async def test_a_record_that_was_cut_off_says_so_in_the_console(flight: Path, tm
     app = ReplayApp(replayed(tmp_path), title="half")
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.pause(0.3)
-        assert any("cut off" in sentence for sentence in app._event_log.sentences)
-        assert "cut off" in app._bar.render_line(0).text
+        assert any("cut off" in sentence for sentence in app.panels.events.sentences)
+        assert "cut off" in app.bar.render_line(0).text
 
 
 async def test_the_vehicle_page_shows_a_recorded_pipeline_at_once(tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ def scene(client: SteadyClient, app: ConsoleApp, *keys: str, seconds: float = 40
 
 def console(fleet: FleetConfig) -> tuple[SteadyClient, ConsoleApp]:
     client = SteadyClient(fleet)
-    return client, ConsoleApp(fleet, client, title="first flight", has_preview=False)
+    return client, ConsoleApp(fleet, client, title="first flight")
 
 
 @pytest.mark.parametrize("size", SIZES[:2])
@@ -110,5 +110,5 @@ def test_a_verdict_leaves_the_plan_its_room(snap_compare: Compare, fleet: FleetC
         return Verdict()
 
     client = SteadyClient(fleet)
-    app = ConsoleApp(fleet, client, mission=mission, title="first flight", has_preview=False)
+    app = ConsoleApp(fleet, client, mission=mission, title="first flight")
     assert snap_compare(app, terminal_size=size, run_before=scene(client, app, seconds=10.0))

@@ -32,7 +32,7 @@ async def test_on_a_tiny_terminal_the_worst_alarm_and_how_to_land_all_stay(
     client = SteadyClient(fleet)
     client.circle(1.0)
     client.hear("mav1", battery_frac=0.01)
-    app = ConsoleApp(fleet, client, has_preview=False)
+    app = ConsoleApp(fleet, client)
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.resize_terminal(*size)
         await see(app, pilot)

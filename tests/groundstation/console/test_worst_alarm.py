@@ -14,6 +14,8 @@ from groundstation.console.screens.vehicle import VehicleScreen
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
 from tests.groundstation.console.live import until
+from tests.groundstation.console.rig import Oracle
+from tests.groundstation.console.seeing import strips
 
 SIZES = [(80, 24), (120, 40)]
 SCREENS: list[tuple[str, type[Screen[object]]]] = [
@@ -27,7 +29,7 @@ SCREENS: list[tuple[str, type[Screen[object]]]] = [
 
 def last_line(app: ConsoleApp) -> list[tuple[str, str]]:
     """Pieces of the terminal's last line with their colours."""
-    strip = app.screen._compositor.render_strips()[-1]
+    strip = strips(app)[-1]
     colour = [segment.style.color if segment.style else None for segment in strip]
     return [(segment.text, one.name if one else "") for segment, one in zip(strip, colour, strict=True)]
 
@@ -38,7 +40,7 @@ async def test_the_worst_alarm_is_visible_on_every_screen(
     fleet: FleetConfig, key: str, screen: type[Screen[object]], size: tuple[int, int]
 ) -> None:
     client = FakeClient(fleet)
-    app = ConsoleApp(fleet, client)
+    app = ConsoleApp(fleet, client, forecaster=Oracle())
 
     def worst(battery_frac: float) -> tuple[str, str]:
         for name in fleet.enabled_names:  # again and again: silence would be another alarm

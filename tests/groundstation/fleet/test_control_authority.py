@@ -118,9 +118,9 @@ def test_a_mission_of_a_second_ground_does_not_begin(pair: Pair) -> None:
 def test_control_is_asked_for_and_given(pair: Pair) -> None:
     assert "Asking" in pair.bob.control.take()
     pair.flight.run(1.0)
-    assert pair.alice.control.asker is not None
-    assert pair.alice.control.asker.author == "bob"
-    assert "bob" in pair.alice.control.give()
+    assert pair.alice.control.requester is not None
+    assert pair.alice.control.requester.author == "bob"
+    assert "bob" in pair.alice.control.hand_over()
     pair.flight.run(1.0)
     assert pair.bob.control.is_operator
     assert not pair.alice.control.is_operator
@@ -135,7 +135,7 @@ def test_an_operator_who_keeps_control_says_so_and_may_be_asked_again(pair: Pair
         pair.flight.run(0.5)
         assert not pair.bob.control.is_waiting
         assert pair.alice.control.is_operator
-        assert pair.alice.control.asker is None
+        assert pair.alice.control.requester is None
     assert sum("keeps control" in sentence for sentence in pair.told(pair.bob)) == 2
 
 
@@ -242,11 +242,11 @@ async def test_two_consoles_over_zenoh_share_one_token_and_a_crash_frees_it(
         await bob.start()
         await until(lambda: bob.control.holder is not None)
         assert not bob.control.is_operator
-        assert (await alice.submit("arm all")).plan.orders
-        assert not (await bob.submit("arm all")).plan.orders
+        assert (await alice.submit("arm all")).planned.orders
+        assert not (await bob.submit("arm all")).planned.orders
         bob.control.take()
-        await until(lambda: alice.control.asker is not None)
-        alice.control.give()
+        await until(lambda: alice.control.requester is not None)
+        alice.control.hand_over()
         await until(lambda: bob.control.is_operator)
         await until(lambda: alice.control.holder is not None)
         handle = await bob.submit("arm all")

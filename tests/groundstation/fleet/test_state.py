@@ -12,10 +12,11 @@ from groundstation.fleet.state import (
     MAX_EVENTS,
     fold,
     fold_alive,
-    fold_malformed,
+    fold_batch,
     fold_telemetry,
     initial,
 )
+from onboard.bus.codec import Malformed
 from onboard.bus.schema import Event, PreflightReport, Truth
 from onboard.config.fleet import FleetConfig
 
@@ -113,7 +114,7 @@ def test_numbers_that_are_not_finite_are_counted_and_never_become_a_position(
     assert state.malformed == 1
     assert state.vehicles["mav0"].position_enu_m(0) is None
     assert fold(state, truth("mav0", 0, math.inf), 0).vehicles["mav0"].truth is None
-    assert fold_malformed(state).malformed == 2
+    assert fold_batch(state, [(Malformed("garbage", 0), 1)], 1).malformed == 2
 
 
 def test_unknown_vehicles_change_nothing_and_events_stay_bounded(fleet: FleetConfig, make_telemetry: Any) -> None:

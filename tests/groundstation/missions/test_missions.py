@@ -126,7 +126,7 @@ async def test_arrival_is_judged_by_truth_and_not_by_what_the_vehicle_says(
 async def test_a_vehicle_whose_landing_order_fails_is_waited_for_and_ordered_again(
     fleet: FleetConfig, client: Any, bus: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundstation.missions.api.LAND_AGAIN_S", 0.1)
+    monkeypatch.setattr("groundstation.missions.landing.LAND_AGAIN_S", 0.1)
     run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client)
     task = asyncio.create_task(run.run())
     assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)

@@ -10,7 +10,7 @@ import time
 import msgspec
 import pytest
 
-from groundstation.orders.forecast import Leg, against, forecast
+from groundstation.orders.forecast import Leg, forecast, objections
 from groundstation.orders.forecast_process import Forecaster, ForecastFailed
 from groundstation.orders.grammar import Intent
 from onboard.config.fleet import FleetConfig
@@ -27,12 +27,12 @@ def without_law(fleet: FleetConfig) -> FleetConfig:
 def test_a_swap_is_safe_under_the_law_and_refused_without_it(fleet: FleetConfig) -> None:
     fine = forecast(fleet, SWAP)
     assert fine.closest_m >= fleet.fleet.safety_distance_m
-    assert against(fine, MOVE, fleet) == ()
+    assert objections(fine, MOVE, fleet) == ()
     assert fine.now_m == pytest.approx(2.4)
     assert set(fine.paths_enu_m) == {"mav0", "mav1"}
     crash = forecast(without_law(fleet), SWAP)
     assert crash.closest_m < 0.4
-    (reason,) = against(crash, MOVE, fleet)
+    (reason,) = objections(crash, MOVE, fleet)
     assert "mav0 and mav1 would come within" in reason
 
 
@@ -55,7 +55,7 @@ def test_a_take_off_takes_longer_than_its_climb_and_an_arming_has_no_paths(fleet
     alone = forecast(fleet, legs, is_takeoff=True)
     assert alone.duration_s > 3.0 + 1.0
     assert alone.closest_m == float("inf")
-    assert against(alone, Intent("takeoff", ("mav0",), height_m=1.0), fleet) == ()
+    assert objections(alone, Intent("takeoff", ("mav0",), height_m=1.0), fleet) == ()
     assert forecast(fleet, {"mav0": Leg((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), is_ordered=False)}).paths_enu_m == {}
 
 

@@ -9,14 +9,16 @@ from typing import Any
 import pytest
 
 from groundstation.fleet.state import FleetState, fold, initial
-from groundstation.orders.grammar import Intent, OrderError, Plan, parse, plan, slots_of
+from groundstation.orders.grammar import Intent, OrderError, parse
+from groundstation.orders.plan import HeldFormation, PlannedOrder, check_again, plan_order, slots_of
 from onboard.config.fleet import FleetConfig
 
 ALL = ("mav0", "mav1", "mav2")
+NONE = HeldFormation(None)
 
 
-def planned(intent: Intent, fleet: FleetConfig, state: FleetState | None = None) -> Plan:
-    return plan(intent, fleet, state, formation="triangle", author="tester", now_ns=5)
+def planned(intent: Intent, fleet: FleetConfig, state: FleetState | None = None) -> PlannedOrder:
+    return plan_order(intent, fleet, state, held=HeldFormation("triangle"), author="tester", now_ns=5)
 
 
 @pytest.mark.parametrize(
@@ -109,8 +111,8 @@ def test_every_order_has_its_own_id_author_and_a_deadline_ahead(fleet: FleetConf
 
 
 def test_a_formation_order_is_remembered_and_a_move_keeps_it(fleet: FleetConfig) -> None:
-    assert planned(parse("formation triangle 0 1 1", fleet), fleet).formation == "triangle"
-    unknown = plan(parse("move all 0 1 1", fleet), fleet, None, formation=None, author="x", now_ns=0)
+    assert planned(parse("formation triangle 0 1 1", fleet), fleet).held.name == "triangle"
+    unknown = plan_order(parse("move all 0 1 1", fleet), fleet, None, held=NONE, author="x", now_ns=0)
     assert not unknown.orders
     assert all("formation" in reason for reason in unknown.refusals.values())
 
@@ -152,6 +154,24 @@ def test_goals_closer_than_the_law_can_park_are_refused(fleet: FleetConfig, make
     near = planned(parse("move mav1 1.5 1 1", fleet), fleet, state)
     assert "0.50 m from mav0's goal" in near.refusals["mav1"]
     assert planned(parse("move mav1 2.2 1 1", fleet), fleet, state).orders
+
+
+def test_a_planned_order_is_checked_once_more_keeps_its_goals_and_is_stamped_anew(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
+    first = planned(parse("move mav1,mav2 0 0 1", fleet), fleet, initial(fleet))
+    again = check_again(first, fleet, initial(fleet), 7)
+    assert {name: order.position_enu_m for name, order in again.orders.items()} == {
+        name: order.position_enu_m for name, order in first.orders.items()
+    }
+    assert {order.order_id for order in again.orders.values()} == {order.order_id for order in first.orders.values()}
+    assert all(order.stamp_ns == 7 < order.deadline_ns for order in again.orders.values())
+    goal = first.orders["mav1"].position_enu_m
+    near = make_telemetry("mav0", state="flying", is_airborne=True, goal_position_enu_m=goal, position_enu_m=goal)
+    refused = check_again(first, fleet, fold(initial(fleet), near, 0), 7)
+    assert not refused.orders
+    assert "mav0's goal" in refused.refusals["mav1"]
+    assert "mav1 was refused" in refused.refusals["mav2"]
 
 
 def test_a_formation_without_position_stays_where_the_vehicles_are(fleet: FleetConfig, make_telemetry: Any) -> None:
@@ -196,7 +216,7 @@ def test_the_former_name_of_locate_is_answered_with_the_new_one(fleet: FleetConf
 
 @pytest.mark.parametrize("text", ["formation triangle -1.6 0 0 1", "formation triangle 0.0 0 0 1"])
 def test_a_spacing_that_is_none_is_refused(fleet: FleetConfig, text: str) -> None:
-    planned = plan(parse(text, fleet), fleet, None, formation="triangle", author="x", now_ns=0)
+    planned = plan_order(parse(text, fleet), fleet, None, held=HeldFormation("triangle"), author="x", now_ns=0)
     assert not planned.orders
     assert all("no distance" in reason for reason in planned.refusals.values())
 
@@ -206,17 +226,14 @@ def test_the_spacing_is_that_of_the_nearest_slots_and_lasts_for_the_next_move(fl
     spacing_m = min(math.dist(stretched[a][:2], stretched[b][:2]) for a, b in itertools.combinations(stretched, 2))
     assert spacing_m == pytest.approx(2.0)
     assert slots_of(fleet, "triangle") == fleet.formations["triangle"]
-    first = plan(parse("formation triangle 2.0 0 0 1", fleet), fleet, None, formation=None, author="x", now_ns=0)
-    assert (first.formation, first.spacing_m) == ("triangle", 2.0)
-    then = plan(
-        parse("move all 0 0.5 1", fleet), fleet, None,
-        formation=first.formation, spacing_m=first.spacing_m, author="x", now_ns=0,
-    )  # fmt: skip
+    first = plan_order(parse("formation triangle 2.0 0 0 1", fleet), fleet, None, held=NONE, author="x", now_ns=0)
+    assert first.held == HeldFormation("triangle", 2.0)
+    then = plan_order(parse("move all 0 0.5 1", fleet), fleet, None, held=first.held, author="x", now_ns=0)
     shift = [then.orders[n].position_enu_m[1] - first.orders[n].position_enu_m[1] for n in ALL]  # type: ignore[index]
     assert shift == pytest.approx([0.5] * 3)
-    assert then.spacing_m == 2.0
+    assert then.held.spacing_m == 2.0
 
 
 def test_orders_carry_the_node_by_which_the_operator_is_known(fleet: FleetConfig) -> None:
-    planned = plan(parse("land all", fleet), fleet, None, formation=None, author="x", now_ns=0, node="ground-1")
+    planned = plan_order(parse("land all", fleet), fleet, None, held=NONE, author="x", now_ns=0, node="ground-1")
     assert {order.node for order in planned.orders.values()} == {"ground-1"}

@@ -9,7 +9,9 @@ import typing
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from groundstation.cli import main
 from groundstation.fleet import state as fleet_state
@@ -164,7 +166,10 @@ async def test_a_record_that_is_cut_off_opens_as_far_as_it_goes_and_says_so(
 
 async def test_a_damaged_piece_is_jumped_over(flight: Path, tmp_path: Path) -> None:
     data = bytearray((flight / "flight.mcap").read_bytes())
-    middle = Timeline(flight)._chunks[20].offset + 200
+    with (flight / "flight.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    middle = summary.chunk_indexes[20].chunk_start_offset + 200
     data[middle : middle + 40] = bytes(40)
     (tmp_path / "flight.mcap").write_bytes(data)
     shutil.copy(FLEET, tmp_path / "fleet.toml")
@@ -173,6 +178,25 @@ async def test_a_damaged_piece_is_jumped_over(flight: Path, tmp_path: Path) -> N
     assert "damaged" in replay.timeline.broken
     assert replay.length_s == pytest.approx(39.9)
     assert replay.state.vehicles["mav0"].telemetry.sequence == 400  # type: ignore[union-attr]
+
+
+def test_flipped_bits_anywhere_end_in_a_shorter_flight_or_in_a_sentence(flight: Path, tmp_path: Path) -> None:
+    whole = (flight / "flight.mcap").read_bytes()
+    random = np.random.default_rng(5)
+    opened_count = 0
+    for position in random.integers(0, len(whole), 60).tolist():
+        data = bytearray(whole)
+        data[position : position + 3] = random.bytes(3)
+        (tmp_path / "flight.mcap").write_bytes(data)
+        try:
+            timeline = Timeline(tmp_path)
+        except ConfigError:
+            continue
+        end_ns = min(timeline.end_ns, timeline.begin_ns + 3600 * SECOND)
+        count = sum(1 for _ in timeline.read(timeline.begin_ns - 1, frozenset(("truth",))).until(end_ns))
+        timeline.close()
+        opened_count += count > 0
+    assert opened_count > 50
 
 
 @pytest.mark.parametrize(
@@ -205,11 +229,11 @@ async def test_ticks_are_read_for_the_followed_vehicle_only(tmp_path: Path) -> N
     files.close()
     replay = opened(folder)
     await replay.seek(2.0)
-    assert not replay.ticks.values
-    replay.ticks.follow("mav1")
-    assert len(replay.ticks.values) == 101  # what came before is there at once
+    assert not replay.tick_stream.values
+    replay.tick_stream.follow("mav1")
+    assert len(replay.tick_stream.values) == 101  # what came before is there at once
     await replay.seek(4.0)
-    assert [one.stamp_ns for one in replay.ticks.values] == [step * SECOND // 50 for step in range(201)]
+    assert [one.stamp_ns for one in replay.tick_stream.values] == [step * SECOND // 50 for step in range(201)]
 
 
 def test_memory_does_not_follow_the_length_of_the_record(tmp_path: Path) -> None:
@@ -223,12 +247,12 @@ def test_memory_does_not_follow_the_length_of_the_record(tmp_path: Path) -> None
     files.finish()
     files.close()
     timeline = Timeline(folder)
-    reading = timeline.told(-1, frozenset(("mocap",)))
+    reading = timeline.read(-1, frozenset(("mocap",)))
     count, most = 0, 0
     for second in range(61):
         for _ in reading.until(second * SECOND):
             count += 1
-            most = max(most, len(reading._heap))
+            most = max(most, reading.pending)
     assert count == 60_000
     assert most < 2_500
 

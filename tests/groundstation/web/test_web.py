@@ -13,7 +13,7 @@ import pytest
 import pytest_asyncio
 
 from groundstation.cli import main
-from groundstation.client.read_only import Watching
+from groundstation.client.read_only import ReadOnlyClient
 from groundstation.orders.grammar import OrderError
 from groundstation.web import server as server_
 from groundstation.web.server import ConsoleServer, is_loopback
@@ -154,4 +154,4 @@ async def test_a_console_that_only_watches_sends_no_order_at_all() -> None:
 
     for order in ("land all", "kill mav0", "takeoff all"):
         with pytest.raises(OrderError, match="only watches"):
-            await Watching(Client()).submit(order)  # type: ignore[arg-type]
+            await ReadOnlyClient(Client()).submit(order)  # type: ignore[arg-type]

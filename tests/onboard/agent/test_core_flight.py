@@ -207,7 +207,6 @@ def test_a_move_that_never_arrives_times_out_says_how_far_it_was_and_holds() -> 
     rig = Rig()
     rig.fly()
     order = rig.order("move", position_enu_m=(2.0, 0.0, 1.0))
-    rig.core.flight._limit_s = 3.0
     move = rig._move
 
     def stuck() -> None:
@@ -215,7 +214,7 @@ def test_a_move_that_never_arrives_times_out_says_how_far_it_was_and_holds() -> 
         rig.position[0], rig.velocity[0] = 0.0, 0.0
 
     rig._move = stuck  # type: ignore[method-assign]
-    rig.run(3.2)
+    rig.run((rig.core.flight.deadline_ns - rig.now_ns) * 1e-9 + 0.2)
     assert rig.outcomes()[order.order_id] == "timed out"
     (sentence,) = [event.sentence for event in rig.events if event.order_id == order.order_id]
     assert "1.99 m" in sentence or "2.0" in sentence
@@ -229,18 +228,17 @@ def test_every_move_and_landing_has_a_time_limit_that_grows_with_its_way() -> No
     limits = []
     for fields in ({"position_enu_m": (0.5, 0.0, 1.0)}, {"position_enu_m": (3.5, 0.0, 1.0)}, {"duration_s": 60.0}):
         rig.order("move", **{"position_enu_m": (1.0, 0.0, 1.0), **fields})
-        limits.append(rig.core.flight._limit_s)
+        limits.append((rig.core.flight.deadline_ns - rig.now_ns) * 1e-9)
     assert 30.0 < limits[0] < limits[1] < limits[2]
     assert limits[2] >= 180.0
     rig.order("land")
-    assert 20.0 < rig.core.flight._limit_s < 40.0
+    assert 20.0 < (rig.core.flight.deadline_ns - rig.now_ns) * 1e-9 < 40.0
 
 
 def test_a_landing_that_does_not_come_down_is_handed_to_px4() -> None:
     rig = Rig()
     rig.fly()
     order = rig.order("land")
-    rig.core.flight._limit_s = 2.0
     move = rig._move
 
     def hanging() -> None:
@@ -248,7 +246,7 @@ def test_a_landing_that_does_not_come_down_is_handed_to_px4() -> None:
         rig.position[2], rig.velocity[2] = 1.0, 0.0
 
     rig._move = hanging  # type: ignore[method-assign]
-    rig.run(2.5)
+    rig.run((rig.core.flight.deadline_ns - rig.now_ns) * 1e-9 + 0.5)
     assert rig.count(ev.Px4Land) >= 1
     assert rig.outcomes()[order.order_id] == "timed out"
     rig._move = move  # type: ignore[method-assign]

@@ -26,7 +26,7 @@ def course(flight: FlightContext) -> int:
     if flight.state == "failed":
         return GIVEN_UP
     if flight.state in ("landing", "landed", "waiting", "ready"):
-        return Action.PX4_LAND if flight.step is Step.PX4 else Action.LAND
+        return Action.PX4_LAND if flight.step is Step.PX4_LANDING else Action.LAND
     if flight.state == "holding":
         return Action.HOLD
     return Action.SLOW if flight.is_slow else Action.GO_ON

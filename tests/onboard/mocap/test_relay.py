@@ -20,7 +20,8 @@ from onboard.bus.schema import Message, MocapPose, Vec4
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, fleet_from_mapping, load_fleet
-from onboard.mocap.relay.relay import EXIT_INCOMPLETE, EXIT_OK, Relay
+from onboard.exit_status import EXIT_FAILED, EXIT_OK
+from onboard.mocap.relay.relay import Relay
 from onboard.mocap.relay.statistics import Report
 from tests.onboard.mocap.natnet import NatNetServer, Pose
 
@@ -63,7 +64,7 @@ class _Ear:
 
 
 def _command(path: Path, *more: str) -> list[str]:
-    return [sys.executable, "-m", "onboard.mocap", "--fleet", str(path), "--every-s", "0.3", *more]
+    return [sys.executable, "-m", "groundstation", "mocap", "--fleet", str(path), "--every-s", "0.3", *more]
 
 
 def test_the_process_puts_every_body_on_the_bus_and_ends_cleanly_on_ctrl_c(tmp_path: Path) -> None:
@@ -128,7 +129,7 @@ def test_unknown_missing_and_unnameable_bodies_are_told_and_the_rest_is_passed_o
         with _Ear(fleet) as ear:
             status = relay.run(seconds=3.0, every_s=0.5, stopped=threading.Event())
     text = "\n".join(lines)
-    assert status == EXIT_INCOMPLETE
+    assert status == EXIT_FAILED
     assert {pose.body for pose in ear.poses} == {"mav0", "person"}
     assert "has not shown a body 'mav1' yet. Bodies that are no vehicle here: person." in text
     assert "vehicles.mav2.mocap_body" in text

@@ -75,7 +75,7 @@ def test_a_second_agent_for_the_same_vehicle_is_refused_in_words_with_status_2(f
         with _start(fleet_file) as second:
             _, errors = second.communicate(timeout=20)
             assert second.returncode == 2
-            assert "is taken" in errors
+            assert "is in use" in errors
             assert "Traceback" not in errors
         assert first.poll() is None
         first.terminate()

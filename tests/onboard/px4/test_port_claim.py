@@ -12,28 +12,27 @@ from onboard.px4.port_lock import PortClaim
 DEVICE = f"/dev/covey-test-{os.getpid()}"
 
 
-@pytest.mark.parametrize(
-    ("first", "second"),
-    [
-        ("udpin://127.0.0.1:28991", "udpin://0.0.0.0:28991"),
-        ("udpout://10.9.9.9:14550", "udpout://10.9.9.9:14550"),
-        (f"serial://{DEVICE}:921600", f"serial://{DEVICE}:57600"),
-        (f"serial://{DEVICE}:921600", f"serial://{DEVICE}"),
-    ],
-    ids=["addresses", "remote", "serial", "serial without a rate"],
-)
-def test_who_comes_second_is_refused_in_words_until_the_first_lets_go(first: str, second: str) -> None:
-    holder, newcomer = PortClaim(first), PortClaim(second)
-    holder.take()
-    holder.take()
-    try:
-        with pytest.raises(LinkError, match="is taken"):
-            newcomer.take()
-    finally:
-        holder.release()
-    newcomer.take()
-    newcomer.release()
-    newcomer.release()
+SAME = {
+    "addresses": ("udpin://127.0.0.1:28991", "udpin://0.0.0.0:28991"),
+    "remote": ("udpout://10.9.9.9:14550", "udpout://10.9.9.9:14550"),
+    "serial": (f"serial://{DEVICE}:921600", f"serial://{DEVICE}:57600"),
+    "serial without a rate": (f"serial://{DEVICE}:921600", f"serial://{DEVICE}"),
+}
+
+
+def test_the_second_of_two_agents_is_refused_in_words_until_the_first_releases_the_port() -> None:
+    for first, second in SAME.values():
+        holder, newcomer = PortClaim(first), PortClaim(second)
+        holder.take()
+        holder.take()
+        try:
+            with pytest.raises(LinkError, match="is in use"):
+                newcomer.take()
+        finally:
+            holder.release()
+        newcomer.take()
+        newcomer.release()
+        newcomer.release()
 
 
 def test_different_autopilots_do_not_hinder_each_other() -> None:

@@ -111,11 +111,11 @@ def test_the_snapshot_fills_with_everything_that_the_agent_reads(link: Px4Link) 
 def test_px4_tells_where_its_local_frame_lies_and_takes_an_origin_at_sea_level_for_a_mocap(link: Px4Link) -> None:
     deadline = time.monotonic() + 8.0
     while link.snapshot().global_origin is None and time.monotonic() < deadline:
-        link.settle_global_origin(gives_ours=False)
+        link.settle_global_origin(sets_ours=False)
         time.sleep(0.2)
     by_satellites = link.snapshot().global_origin
     assert by_satellites == pytest.approx((47.397742, 8.545594, 489.4), abs=1e-4)
-    link.settle_global_origin(gives_ours=True)
+    link.settle_global_origin(sets_ours=True)
     given = wait_for(link, lambda s: s.global_origin is not None and s.global_origin[2] == 0.0)
     assert given.global_origin == pytest.approx((47.397742, 8.545594, 0.0), abs=1e-4)
 
@@ -136,7 +136,7 @@ def test_required_parameters_are_read_found_wrong_set_and_found_right(link: Px4L
     assert [sentence.split()[2] for sentence in before][:2] == ["COM_OF_LOSS_T", "COM_OBL_RC_ACT"]
     link.apply_params(required)
     assert differences(required, link.read_params(required)) == ()
-    assert "did not tell" in differences({"NO_SUCH": 1}, link.read_params({"NO_SUCH": 1}))[0]
+    assert "did not send" in differences({"NO_SUCH": 1}, link.read_params({"NO_SUCH": 1}))[0]
 
 
 def test_a_flight_follows_the_setpoints_and_a_silent_loop_is_silence_on_the_wire(link: Px4Link) -> None:
@@ -171,7 +171,7 @@ def test_a_flight_follows_the_setpoints_and_a_silent_loop_is_silence_on_the_wire
 
 
 def test_a_second_agent_on_the_same_port_is_refused_in_words(link: Px4Link) -> None:
-    with pytest.raises(LinkError, match="is taken"):
+    with pytest.raises(LinkError, match="is in use"):
         Px4Link(link.endpoint, 3).start()
 
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from sitl.conformance.facts import Report
+from sitl.conformance.facts import FactReport
 from tests.clients.running import Running, running_emulator
 from tests.sitl.conformance.facts_page import whole_check
 
 
 @pytest.fixture(scope="session")
-def report() -> Report:
+def report() -> FactReport:
     """One whole check of the emulator in simulated time."""
     return whole_check()
 

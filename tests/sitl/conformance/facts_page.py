@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sitl.conformance.facts import Report, Verdict, chosen
+from sitl.conformance.facts import FactReport, Verdict, matching
 from sitl.conformance.suite import FACTS, PHASES, Terms, check
 from tests.sitl.conformance.exceptions import DIFFERENCES, OTHER_VERSION
 from tests.sitl.conformance.virtual import Wires
@@ -33,28 +33,28 @@ v1.16). It agrees in all that was asked but this, which a program for both has t
 """
 
 
-def whole_check(seed: int = 1) -> Report:
+def whole_check(seed: int = 1) -> FactReport:
     """Every fact, asked of the emulator in simulated time; those about the first sender in a run of their own."""
-    report = Report(chosen(FACTS, []))
+    report = FactReport(matching(FACTS, []))
     wires = Wires(seed=seed)
     check(wires.companion(), wires.ground_station(), report, Terms(), lambda line: None)
-    sender = Report(chosen(FACTS, ["link"]))
+    sender = FactReport(matching(FACTS, ["link"]))
     check(Wires(seed=seed).companion(), None, sender, Terms(from_elsewhere=True), lambda line: None)
-    for name, finding in sender.findings.items():
-        if report.findings[name].verdict is Verdict.SKIPPED:
-            report.findings[name] = finding
+    for name, finding in sender.results.items():
+        if report.results[name].verdict is Verdict.SKIPPED:
+            report.results[name] = finding
     return report
 
 
-def page(report: Report) -> str:
+def page(report: FactReport) -> str:
     """The page as text."""
-    differing = [name for name, finding in report.findings.items() if finding.verdict is not Verdict.AGREES]
-    agree = len(report.findings) - len(differing)
+    differing = [name for name, finding in report.results.items() if finding.verdict is not Verdict.AGREES]
+    agree = len(report.results) - len(differing)
     differ = "\n\nNot emulated, or not quite:\n\n" if DIFFERENCES or differing else ""
     named = dict.fromkeys((*DIFFERENCES, *differing))
     lines = [f"- `{name}`: {DIFFERENCES.get(name, 'unexplained')}" for name in named]
     other = "\n".join(f"- `{name}`: {found}" for name, found in OTHER_VERSION.items())
-    numbers = {"agree": agree, "all": len(report.findings)}
+    numbers = {"agree": agree, "all": len(report.results)}
     out = [_HEAD.format(**numbers, differ=differ + "\n".join(lines), other=other).rstrip()]
     done: set[str] = set()
     for phase in (*PHASES, None):
@@ -71,7 +71,7 @@ def page(report: Report) -> str:
             "|---|---|---|---|---|",
         ]
         for fact in facts:
-            finding = report.findings[fact.name]
+            finding = report.results[fact.name]
             mark = "" if finding.verdict is Verdict.AGREES else finding.verdict.value
             cells = (f"`{fact.name}`", fact.says, fact.expected, finding.measured, mark)
             out.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from sitl.conformance.__main__ import main
-from sitl.conformance.facts import Fact, Report, Verdict, chosen, number, word
+from groundstation.cli import main
+from sitl.conformance import suite
+from sitl.conformance.facts import Fact, FactReport, Verdict, matching, number, word
 from sitl.conformance.suite import FACTS, Terms, check
 from tests.sitl.conformance.exceptions import DIFFERENCES
 from tests.sitl.conformance.facts_page import PAGE, whole_check
@@ -22,17 +23,17 @@ from tests.sitl.conformance.virtual import VirtualPort, Wires
 pytestmark = pytest.mark.timeout(400)
 
 
-def test_the_emulator_agrees_with_every_fact_but_the_documented_ones(report: Report) -> None:
+def test_the_emulator_agrees_with_every_fact_but_the_documented_ones(report: FactReport) -> None:
     differing = {
         name: f"{finding.measured} instead of {finding.fact.expected} {finding.reason}"
-        for name, finding in report.findings.items()
+        for name, finding in report.results.items()
         if finding.verdict is not Verdict.AGREES and name not in DIFFERENCES
     }
     assert not differing
 
 
-def test_every_fact_is_settled_one_way_or_the_other(report: Report) -> None:
-    assert set(report.findings) == {fact.name for fact in FACTS}
+def test_every_fact_is_settled_one_way_or_the_other(report: FactReport) -> None:
+    assert set(report.results) == {fact.name for fact in FACTS}
 
 
 @pytest.mark.long
@@ -40,7 +41,7 @@ def test_every_fact_is_settled_one_way_or_the_other(report: Report) -> None:
 def test_the_facts_do_not_depend_on_the_seed(seed: int) -> None:
     differing = {
         name: f"{finding.measured} instead of {finding.fact.expected} {finding.reason}"
-        for name, finding in whole_check(seed).findings.items()
+        for name, finding in whole_check(seed).results.items()
         if finding.verdict is not Verdict.AGREES and name not in DIFFERENCES
     }
     assert not differing
@@ -71,9 +72,9 @@ def test_a_vehicle_that_does_not_look_simulated_is_never_armed() -> None:
         return [] if int.from_bytes(frame[7:10], "little") == 115 else [frame]  # no ground truth
 
     wires.outgoing = outgoing
-    asked = Report(chosen(FACTS, ["arm", "step.thrust", "ack", "param.COM_OF_LOSS_T"]))
+    asked = FactReport(matching(FACTS, ["arm", "step.thrust", "ack", "param.COM_OF_LOSS_T"]))
     check(wires.companion(), None, asked, Terms(), lambda line: None)
-    verdicts = {name: finding.verdict for name, finding in asked.findings.items()}
+    verdicts = {name: finding.verdict for name, finding in asked.results.items()}
     assert not any(armed)
     assert verdicts["arm.accepted"] is verdicts["step.thrust"] is Verdict.SKIPPED
     assert verdicts["ack.unknown-command"] is verdicts["param.COM_OF_LOSS_T"] is Verdict.AGREES
@@ -82,17 +83,17 @@ def test_a_vehicle_that_does_not_look_simulated_is_never_armed() -> None:
 def test_a_vehicle_that_falls_silent_in_flight_differs_in_what_was_not_seen() -> None:
     wires = Wires()
     wires.outgoing = lambda frame: [] if wires.emulator.time_s > 20.0 else [frame]
-    asked = Report(chosen(FACTS, ["loss", "param.COM_OF_LOSS_T"]))
+    asked = FactReport(matching(FACTS, ["loss", "param.COM_OF_LOSS_T"]))
     check(wires.companion(), None, asked, Terms(may_turn_motors=True), lambda line: None)
-    assert asked.findings["param.COM_OF_LOSS_T"].verdict is Verdict.AGREES
-    assert asked.findings["loss.ground-armed"].verdict is Verdict.DIFFERS
-    assert "silent" in asked.findings["loss.ground-armed"].reason
+    assert asked.results["param.COM_OF_LOSS_T"].verdict is Verdict.AGREES
+    assert asked.results["loss.ground-armed"].verdict is Verdict.DIFFERS
+    assert "silent" in asked.results["loss.ground-armed"].reason
 
 
 def test_parameters_are_what_they_were_after_a_check() -> None:
     wires = Wires()
     before = dict(wires.emulator.autopilots[0].params.values)
-    asked = Report(chosen(FACTS, ["param.set-float", "loss.action-4", "loss.timeout-follows", "vision.flags"]))
+    asked = FactReport(matching(FACTS, ["param.set-float", "loss.action-4", "loss.timeout-follows", "vision.flags"]))
     check(wires.companion(), None, asked, Terms(may_turn_motors=True), lambda line: None)
     assert dict(wires.emulator.autopilots[0].params.values) == before
     assert not wires.emulator.autopilots[0].is_armed
@@ -111,7 +112,7 @@ def test_an_interrupted_check_puts_the_vehicle_down_and_its_parameters_back() ->
         return [frame]
 
     wires.incoming = incoming
-    asked = Report(chosen(FACTS, ["loss.action-4", "loss.action-5"]))
+    asked = FactReport(matching(FACTS, ["loss.action-4", "loss.action-5"]))
     with pytest.raises(KeyboardInterrupt):
         check(wires.companion(), None, asked, Terms(may_turn_motors=True), lambda line: None)
     assert interrupted
@@ -143,12 +144,12 @@ class _Quick:
 
 def test_a_simulator_that_runs_faster_than_time_is_judged_in_its_own_time() -> None:
     facts = ["boot", "stream.attitude", "heartbeat", "rate.odometry", "arm", "loss.action-4", "hover", "clock.pace"]
-    asked = Report(chosen(FACTS, facts))
+    asked = FactReport(matching(FACTS, facts))
     pilot = check(_Quick(Wires().companion()), None, asked, Terms(), lambda line: None)
-    differing = {name: f.measured for name, f in asked.findings.items() if f.verdict is Verdict.DIFFERS}
+    differing = {name: f.measured for name, f in asked.results.items() if f.verdict is Verdict.DIFFERS}
     assert pilot.clock.pace == pytest.approx(4.0, rel=0.02)
     assert differing == {}
-    assert asked.findings["clock.pace"].verdict is Verdict.SKIPPED
+    assert asked.results["clock.pace"].verdict is Verdict.SKIPPED
 
 
 @pytest.mark.parametrize(
@@ -162,13 +163,13 @@ def test_a_simulator_that_runs_faster_than_time_is_judged_in_its_own_time() -> N
     ],
 )
 def test_a_fact_accepts_what_lies_within_its_bounds(fact: Fact, measured: float | str, agrees: bool) -> None:
-    asked = Report({"a": fact})
+    asked = FactReport({"a": fact})
     asked.add("a", measured)
-    assert (asked.findings["a"].verdict is Verdict.AGREES) == agrees
+    assert (asked.results["a"].verdict is Verdict.AGREES) == agrees
 
 
 def test_the_command_lists_what_it_would_check(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--list", "--only", "heartbeat", "loss.action-*"]) == 0
+    assert main(["sitl-check", "--list", "--only", "heartbeat", "loss.action-*"]) == 0
     out = capsys.readouterr().out
     assert "heartbeat.interval-max" in out
     assert "loss.action-0-time" in out
@@ -185,7 +186,7 @@ def test_the_command_lists_what_it_would_check(capsys: pytest.CaptureFixture[str
     ],
 )
 def test_wrong_input_is_refused_in_words(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(words) == 2
+    assert main(["sitl-check", *words]) == 2
     assert said in capsys.readouterr().err
 
 
@@ -193,7 +194,7 @@ def test_a_port_in_use_is_refused_in_words(capsys: pytest.CaptureFixture[str]) -
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
-        assert main([f"udpin://127.0.0.1:{port}"]) == 2
+        assert main(["sitl-check", f"udpin://127.0.0.1:{port}"]) == 2
     assert f"port {port} on 127.0.0.1 cannot be bound" in capsys.readouterr().err
 
 
@@ -201,7 +202,7 @@ def test_nobody_at_the_endpoint_is_exit_status_ten(capsys: pytest.CaptureFixture
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    assert main([f"udpin://127.0.0.1:{port}", "--wait", "0.2"]) == 10
+    assert main(["sitl-check", f"udpin://127.0.0.1:{port}", "--wait", "0.2"]) == 10
     assert "nobody answered" in capsys.readouterr().out
 
 
@@ -219,7 +220,7 @@ def test_the_command_checks_a_running_emulator_over_udp_and_prints_json(emulator
 
 
 def test_the_suite_shares_no_code_with_the_emulator() -> None:
-    folder = Path(main.__code__.co_filename).parent
+    folder = Path(suite.__file__).parent
     imports = [line for path in folder.glob("*.py") for line in path.read_text().splitlines() if "import" in line]
     foreign = [line for line in imports if re.match(r"\s*(from|import) (sitl|onboard|groundstation)", line)]
     assert foreign

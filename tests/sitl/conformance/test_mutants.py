@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sitl.conformance.facts import Report, Verdict, chosen
+from sitl.conformance.facts import FactReport, Verdict, matching
 from sitl.conformance.suite import FACTS, Terms, check
 from tests.sitl.conformance.mutants import MUTANTS, Mutant
 from tests.sitl.conformance.virtual import Wires
@@ -17,9 +17,9 @@ def verdict(fact: str, mutant: Mutant) -> tuple[Verdict, str]:
     """How one fact comes out, and what was measured."""
     wires = Wires(profile=mutant.profile)
     mutant.mutate(wires)
-    report = Report(chosen(FACTS, [fact]))
+    report = FactReport(matching(FACTS, [fact]))
     check(wires.companion(), None, report, Terms(may_turn_motors=True), lambda line: None)
-    finding = report.findings[fact]
+    finding = report.results[fact]
     return finding.verdict, f"{finding.measured} {finding.reason}"
 
 
@@ -27,8 +27,8 @@ def verdict(fact: str, mutant: Mutant) -> tuple[Verdict, str]:
     "mutant",
     [pytest.param(m, id=m.name, marks=[pytest.mark.long] if m.flies else []) for m in MUTANTS],
 )
-def test_a_deviation_from_px4_is_caught_by_name(mutant: Mutant, report: Report) -> None:
-    assert report.findings[mutant.caught_by].verdict is Verdict.AGREES, "not even without the deviation"
+def test_a_deviation_from_px4_is_caught_by_name(mutant: Mutant, report: FactReport) -> None:
+    assert report.results[mutant.caught_by].verdict is Verdict.AGREES, "not even without the deviation"
     found, measured = verdict(mutant.caught_by, mutant)
     assert found is Verdict.DIFFERS, f"{mutant.name}: {measured}"
 

@@ -223,7 +223,7 @@ _NEEDS: dict[Action, tuple[str, ...]] = {
 def _done(core: object) -> str:
     flight = core.flight  # type: ignore[attr-defined]
     if flight.state == "landing":
-        return "px4" if flight.step is Step.PX4 else "land"
+        return "px4" if flight.step is Step.PX4_LANDING else "land"
     return {"holding": "hold", "failed": "failed", "armed": "armed"}.get(flight.state, "fly")
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from groundstation.cli import main
 from groundstation.cli import main as covey
 from onboard.control.pipeline import pipeline_params
 from onboard.rollout import batch as rollout_batch
 from sitl.monte_carlo import batch, flight, radio, results, scenarios, settings
-from sitl.monte_carlo.command import main
 
 KEYS = {
     *("scenario", "seed", "law", "success", "min_separation_m", "violation_s", "collision", "makespan_s"),
@@ -57,7 +57,7 @@ def test_flight_alone_is_bit_for_bit_the_same_flight_in_a_batch(name, errors, ty
 def test_lines_are_the_same_again_in_other_chunks_and_over_two_processes(capsys):
     lines = []
     for words in (["--seeds", "0:4"], ["--seeds", "0:4", "--jobs", "2"], ["--seeds", "0:3"]):
-        assert main(["form3", "--json", *words]) == 0
+        assert main(["simulate", "form3", "--json", *words]) == 0
         lines.append(capsys.readouterr().out.splitlines())
     assert lines[0] == lines[1]
     assert lines[0][:3] == lines[2]
@@ -67,7 +67,7 @@ def test_lines_are_the_same_again_in_other_chunks_and_over_two_processes(capsys)
 
 
 def test_trace_shows_what_the_line_says_and_without_the_law_they_collide(tmp_path, capsys):
-    assert main(["form3", "--law", "off", "--seeds", "0:6", "--json", "--trace", str(tmp_path)]) == 1
+    assert main(["simulate", "form3", "--law", "off", "--seeds", "0:6", "--json", "--trace", str(tmp_path)]) == 1
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert sum(line["collision"] for line in lines) >= 2
     for line in lines:
@@ -269,7 +269,7 @@ def test_last_of_two_values_for_a_key_counts():
 
 
 def test_table_counts_flights_and_bounds_the_rate_of_violations(capsys):
-    assert main(["swap2", "form3", "--seeds", "0:2", "--set", "law.kappa_1_1_s=5"]) == 0
+    assert main(["simulate", "swap2", "form3", "--seeds", "0:2", "--set", "law.kappa_1_1_s=5"]) == 0
     out = capsys.readouterr().out
     assert "swap2" in out
     assert "form3" in out
@@ -301,7 +301,7 @@ def test_fleet_file_gives_types_law_and_distances(tmp_path):
 
 @pytest.mark.parametrize("name", ["intruder3@2", "intruder9@2"])
 def test_picture_of_a_flight_is_drawn_for_few_and_for_many_vehicles(name, tmp_path):
-    assert main([name, "--seeds", "1", "--plot", str(tmp_path / "pictures"), "--json"]) in (0, 1)
+    assert main(["simulate", name, "--seeds", "1", "--plot", str(tmp_path / "pictures"), "--json"]) in (0, 1)
     picture = tmp_path / "pictures" / f"{name}-1.png"
     assert picture.read_bytes()[:4] == b"\x89PNG"
     assert picture.stat().st_size > 50_000

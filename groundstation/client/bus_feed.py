@@ -1,0 +1,151 @@
+"""The client's side of the bus: subscribes, and brings messages to the event loop in batches.
+
+Topics with many messages wait on the bus until the loop takes all of them, fifty times a second: waking up the loop for
+each message costs more than the message. Callbacks of all other topics come on threads of the bus; they only append to
+a bounded queue and wake up the loop once.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Sequence
+
+from groundstation.fleet.state import NodeSeen, Received
+from onboard.bus.clock_sync import ClockNode
+from onboard.bus.codec import Malformed
+from onboard.bus.protocol import Bus
+from onboard.bus.schema import Message
+from onboard.bus.topics import Topic
+
+MAX_QUEUED = 20_000
+DELIVERY_PERIOD_S = 0.02
+FOLDED = (Topic.TELEMETRY, Topic.EVENT, Topic.TRUTH, Topic.PREFLIGHT)  # topics that the fleet's state is made of
+_COLLECTED = (Topic.TELEMETRY, Topic.TRUTH, Topic.STATE, Topic.TICK, Topic.MOCAP)
+
+Sink = Callable[[Topic, str, Message, int], None]
+
+
+class BusFeed:
+    """Messages of the bus for one client.
+
+    Args:
+        bus: not yet open.
+        on_batch: called on the event loop with everything that has arrived since the last call.
+        recorded: topics for the sinks only.
+        clock_ns: the ground's monotonic clock [ns].
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        on_batch: Callable[[Sequence[Received]], None],
+        *,
+        recorded: Sequence[Topic],
+        clock_ns: Callable[[], int],
+    ) -> None:
+        self.bus = bus
+        self._on_batch = on_batch
+        self._topics = (*FOLDED, *(topic for topic in recorded if topic not in FOLDED))
+        self._clock_ns = clock_ns
+        self._queue: deque[Received] = deque(maxlen=MAX_QUEUED)
+        self._is_scheduled = False
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._delivery: asyncio.TimerHandle | None = None
+        self._clock: asyncio.Task[None] | None = None
+        self._sinks: list[Sink] = []
+
+    @property
+    def is_started(self) -> bool:
+        """Whether the bus is open."""
+        return self._loop is not None
+
+    async def start(self) -> None:
+        """Open the bus; a second call does nothing.
+
+        Raises:
+            BusError: the bus cannot be opened.
+        """
+        if self._loop is not None:
+            return
+        self._loop = asyncio.get_running_loop()
+        await asyncio.to_thread(self._open)
+        if not self.bus.is_simulated:
+            # agents on other hosts need this ground's clock to judge the deadline of an order
+            self._clock = self._loop.create_task(ClockNode(self.bus).keep())
+            self._deliver_periodically(self._loop)
+
+    async def stop(self) -> None:
+        """Leave the bus; a second call does nothing."""
+        if self._loop is None:
+            return
+        if self._clock is not None:
+            self._clock.cancel()
+            await asyncio.gather(self._clock, return_exceptions=True)
+        if self._delivery is not None:
+            self._delivery.cancel()
+        await asyncio.to_thread(self.bus.stop)
+        self._loop = None
+
+    def add_sink(self, sink: Sink) -> None:
+        """Call ``sink(topic, name, message, received_ns)`` for every message, on any thread."""
+        self._sinks.append(sink)
+
+    def tell_sinks(self, topic: Topic, name: str, message: Message) -> None:
+        """Hand a message to the sinks alone; callable from any thread.
+
+        Args:
+            topic: the message's topic.
+            name: vehicle, body or node that it is about.
+            message: the message.
+        """
+        now_ns = self._clock_ns()
+        for sink in self._sinks:
+            sink(topic, name, message, now_ns)
+
+    def put(self, item: Message | Malformed | NodeSeen) -> None:
+        """Queue an item for the next batch; callable from any thread."""
+        self._queue.append((item, self._clock_ns()))
+        if self._loop is not None and not self._is_scheduled:
+            self._is_scheduled = True
+            self.call(self._drain)
+
+    def call(self, function: Callable[..., None], *args: object) -> None:
+        """Call a function on the event loop; callable from any thread. Nothing is called after the loop has ended."""
+        loop = self._loop
+        if loop is not None and not loop.is_closed():
+            try:
+                loop.call_soon_threadsafe(function, *args)
+            except RuntimeError:
+                return  # the loop closed between the two lines
+
+    # -- threads of the bus ------------------------------------------------------------------------------------------
+
+    def _open(self) -> None:
+        self.bus.start()
+        for topic in self._topics:
+            if topic in _COLLECTED:
+                self.bus.collect(topic, "*", self._receive, most=MAX_QUEUED)
+            else:
+                self.bus.subscribe(topic, "*", self._receive)
+        self.bus.watch_alive(lambda node, is_alive: self.put(NodeSeen(node, is_alive)))
+
+    def _receive(self, topic: Topic, name: str, message: Message | Malformed) -> None:
+        if not isinstance(message, Malformed):
+            if getattr(message, "vehicle", name) != name:
+                message = Malformed(f"a message of another vehicle on {topic.value}/{name}", 0)
+            else:
+                self.tell_sinks(topic, name, message)
+        if isinstance(message, Malformed) or topic in FOLDED:
+            self.put(message)
+
+    # -- event loop --------------------------------------------------------------------------------------------------
+
+    def _deliver_periodically(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._delivery = loop.call_later(DELIVERY_PERIOD_S, self._deliver_periodically, loop)
+        self.bus.deliver()
+
+    def _drain(self) -> None:
+        self.bus.deliver()  # a listener that hears of an order's end finds the telemetry of that time in the state
+        self._is_scheduled = False
+        self._on_batch([self._queue.popleft() for _ in range(len(self._queue))])

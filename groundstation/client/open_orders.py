@@ -1,0 +1,144 @@
+"""Orders that have been sent and have not ended: replies, deadlines, and the direct path to PX4."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from groundstation.client.bus_feed import BusFeed
+from groundstation.client.direct_mavlink import DirectKind, DirectResult
+from groundstation.fleet.state import DIRECT_DISARMED
+from groundstation.orders.plan import PlannedOrder
+from groundstation.orders.result import OrderResult, Phase
+from onboard.bus.codec import Malformed
+from onboard.bus.schema import Event, Order, OrderReply
+from onboard.bus.topics import Topic
+from onboard.config.fleet import FleetConfig, Vehicle
+
+REPLY_TIMEOUT_S = 1.5
+_WATCH_KILL_S, _WATCH_LAND_S = 2.0, 30.0  # wait so long for PX4 to report that it is disarmed
+_DIRECT: dict[str, DirectKind] = {"land": "land", "kill": "kill"}
+
+SendDirect = Callable[..., DirectResult]  # as direct_mavlink.send_direct
+PublishEvent = Callable[[str, str, str, str], None]  # severity, code, sentence, vehicle
+
+
+class OpenOrders:
+    """The orders of one client.
+
+    Args:
+        fleet: the fleet file.
+        feed: the client's side of the bus.
+        send_direct: sends a land or kill command straight to PX4.
+        publish_event: publishes an event of the ground.
+    """
+
+    def __init__(
+        self, fleet: FleetConfig, feed: BusFeed, *, send_direct: SendDirect, publish_event: PublishEvent
+    ) -> None:
+        self._fleet, self._feed = fleet, feed
+        self._send_direct, self._publish_event = send_direct, publish_event
+        self._open: dict[str, OrderResult] = {}  # order id -> result
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def send(self, planned: PlannedOrder) -> OrderResult:
+        """Send the messages of a planned order; callable from any thread.
+
+        Args:
+            planned: checked just now.
+
+        Returns:
+            Its results, which fill in on the event loop.
+        """
+        result = OrderResult(planned)
+        for vehicle, order in planned.orders.items():
+            self._open[order.order_id] = result
+            self._feed.tell_sinks(Topic.ORDER, vehicle, order)
+        # all leave before the first wait: the last of a hundred must not stand behind the bookkeeping of the others
+        replied = {vehicle: self._send(result, vehicle, order) for vehicle, order in planned.orders.items()}
+        for vehicle, event in replied.items():
+            self._feed.call(self._begin_wait, result, vehicle, event)
+        return result
+
+    def end(self, event: Event) -> None:
+        """Take over the end of an order, where an event reports one.
+
+        Args:
+            event: any event of the fleet.
+        """
+        result = self._open.get(event.order_id)
+        if result is None or not event.order_outcome or event.vehicle not in result.planned.orders:
+            return
+        if result.planned.orders[event.vehicle].order_id != event.order_id:
+            return
+        if result.results[event.vehicle].phase == "direct" and event.order_outcome != "done":
+            return  # a late agent: the order is PX4's now, and PX4's answer ends it
+        result.update(event.vehicle, event.order_outcome, event.sentence)
+        if result.results[event.vehicle].is_final:
+            self._open.pop(event.order_id, None)
+
+    async def stop(self) -> None:
+        """Wait for no more replies."""
+        for task in list(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def _send(self, result: OrderResult, vehicle: str, order: Order) -> asyncio.Event:
+        replied = asyncio.Event()
+
+        def on_reply(reply: OrderReply | Malformed) -> None:
+            if isinstance(reply, OrderReply) and reply.vehicle == vehicle:
+                self._feed.tell_sinks(Topic.ORDER, vehicle, reply)
+            self._feed.call(self._take_reply, result, vehicle, reply, replied)
+
+        self._feed.bus.order(vehicle, order, timeout_s=REPLY_TIMEOUT_S, on_reply=on_reply, on_end=lambda: None)
+        return replied
+
+    def _take_reply(
+        self, result: OrderResult, vehicle: str, reply: OrderReply | Malformed, replied: asyncio.Event
+    ) -> None:
+        if isinstance(reply, Malformed):
+            self._feed.put(reply)
+        elif reply.vehicle == vehicle and reply.order_id == result.planned.orders[vehicle].order_id:
+            replied.set()
+            if result.results[vehicle].phase != "direct":
+                result.update(vehicle, "accepted" if reply.is_accepted else "refused", reply.reason)
+
+    def _begin_wait(self, result: OrderResult, vehicle: str, replied: asyncio.Event) -> None:
+        task = asyncio.get_running_loop().create_task(self._wait_for_reply(result, vehicle, replied))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _wait_for_reply(self, result: OrderResult, vehicle: str, replied: asyncio.Event) -> None:
+        direct = _DIRECT.get(result.planned.orders[vehicle].kind)
+        limit_s = self._fleet.fleet.direct_command_timeout_s
+        if direct is None:
+            limit_s = max(limit_s, REPLY_TIMEOUT_S)
+        try:
+            async with asyncio.timeout(limit_s):
+                await replied.wait()
+        except TimeoutError:
+            silence = f"{vehicle}'s agent did not answer within {limit_s:g} s"
+            if direct is None:
+                result.update(vehicle, "no answer", f"{silence}. Is it running?")
+            else:
+                await self._send_to_px4(result, self._fleet.vehicles[vehicle], direct, silence)
+
+    async def _send_to_px4(self, result: OrderResult, vehicle: Vehicle, kind: DirectKind, silence: str) -> None:
+        name = vehicle.name
+        if vehicle.direct is None:
+            sentence = f"{silence}, and the fleet file gives no direct endpoint. Use the RC switch."
+            result.update(name, "no answer", sentence)
+            return
+        sentence = f"{silence}; {kind} goes straight to PX4 at {vehicle.direct}."
+        result.update(name, "direct", sentence)
+        self._publish_event("warning", "direct_command", sentence, name)
+        watch_s = _WATCH_KILL_S if kind == "kill" else _WATCH_LAND_S
+        answer = await asyncio.to_thread(
+            self._send_direct, vehicle.direct, vehicle.system_id, kind, timeout_s=3.0, watch_s=watch_s
+        )
+        sentence = f"{silence}; {kind} was sent straight to PX4: {answer.sentence}."
+        phase: Phase = "done" if answer.is_accepted and answer.is_disarmed else "failed"
+        code = DIRECT_DISARMED if answer.is_disarmed else "direct_result"
+        self._publish_event("warning" if phase == "done" else "critical", code, sentence, name)
+        result.update(name, phase, sentence)

@@ -1,0 +1,72 @@
+"""``covey mocap``: the relay from a motion capture to the fleet's bus, and its check."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from groundstation.commands.parameters import FleetFile, Seconds
+from onboard.bus.protocol import BusError
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.config.mocap import SystemType, problems
+from onboard.mocap.relay.check import Check
+from onboard.mocap.relay.relay import Relay, with_source
+
+EPILOG = """\
+Examples:
+  covey mocap --fleet fleet.toml
+  covey mocap --fleet fleet.toml --source vicon --hostname 192.168.1.5
+  covey mocap --fleet fleet.toml --check
+
+Exit status: 0 stopped, or all is right at the end (every vehicle's body tracked; with --check its own one, and its
+stamps right); 1 something is not; 2 wrong input; 10 no body was seen. docs/mocap.md says more."""
+
+
+def mocap(
+    *,
+    fleet: FleetFile,
+    source: Annotated[SystemType | None, Parameter(choices=SystemType)] = None,
+    hostname: Annotated[str | None, Parameter(metavar="HOST")] = None,
+    check: bool = False,
+    seconds: Seconds | None = None,
+    every_s: Seconds = 2.0,
+) -> int:
+    """Read a motion capture and publish its bodies on the fleet's bus.
+
+    Args:
+        source: instead of mocap.type
+        hostname: instead of mocap.hostname
+        check: only listen: does each vehicle have its own body, axes and stamps?
+        seconds: end after so long (default: run until Ctrl-C)
+        every_s: time between reports
+    """
+    if not 0.1 <= every_s <= 3600.0 or not (seconds is None or seconds >= 0.5):
+        raise ConfigError("--every-s must lie between 0.1 and 3600, --seconds be 0.5 or more.")
+    config = load_fleet(fleet)
+    runner = Check(config, _print) if check else _relay(config, source, hostname)
+    stopped = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):  # a clean end
+        signal.signal(number, lambda *_: stopped.set())
+    try:
+        return runner.run(seconds=seconds, every_s=every_s, stopped=stopped)
+    except BusError as error:
+        raise ConfigError(str(error)) from None
+
+
+def _relay(fleet: FleetConfig, source: SystemType | None, hostname: str | None) -> Relay:
+    config = with_source(fleet, type_=source, hostname=hostname)
+    for sentence in problems(config.mocap, {}):
+        raise ConfigError(f"{fleet.path}: {sentence}")
+    if config.mocap.source == "bus":
+        raise ConfigError(
+            f"{fleet.path}: there is no motion capture to read: mocap.source is 'bus'. Add a table [mocap] with "
+            'source = "motioncapture", type and hostname (docs/mocap.md), or give --source and --hostname.'
+        )
+    return Relay(config, _print)
+
+
+def _print(line: str) -> None:
+    print(line, flush=True)

@@ -1,0 +1,65 @@
+"""Types of options that several commands share, with the words that their help shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Group, Parameter
+
+File = Annotated[str, Parameter(metavar="FILE")]
+FleetFile = Annotated[str, Parameter(metavar="FILE", help="fleet file")]
+Folder = Annotated[Path, Parameter(metavar="DIR")]
+Names = Annotated[str, Parameter(metavar="NAMES")]
+Seconds = Annotated[float, Parameter(metavar="S")]
+LawName = Annotated[Literal["covey", "paper", "off"] | None, Parameter(choices=("covey", "paper", "off"))]
+
+_BUS = Parameter(group=Group("The bus of a flight in lockstep", sort_key=9), metavar="X")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusOptions:
+    """How the simulated bus of a flight in lockstep treats messages.
+
+    Args:
+        bus_delay_s: shortest time from sender to receiver (default 0.001)
+        bus_jitter_s: mean of what comes on top of it (default 0)
+        bus_loss: chance of each message to be lost (default 0)
+        bus_reorder: chance of each message to be overtaken (default 0)
+        bus_duplicate: chance of each message to come twice (default 0)
+    """
+
+    bus_delay_s: Annotated[float | None, _BUS] = None
+    bus_jitter_s: Annotated[float | None, _BUS] = None
+    bus_loss: Annotated[float | None, _BUS] = None
+    bus_reorder: Annotated[float | None, _BUS] = None
+    bus_duplicate: Annotated[float | None, _BUS] = None
+
+    @property
+    def given(self) -> dict[str, float]:
+        """The options that were given, by the names of the lockstep bus's settings."""
+        values = {field.name.removeprefix("bus_"): getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in values.items() if value is not None}
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightOptions:
+    """Options of commands that fly a mission.
+
+    Args:
+        headless: no console: progress in lines, ends by itself
+        record: flight folder (default: flights/<time>)
+        law: avoidance law instead of the fleet file's (simulated flights)
+        seed: seed of everything random in the emulator
+        lockstep: agents and emulator in one process, in simulated time
+    """
+
+    fleet: Annotated[str | None, Parameter(metavar="FILE", help="fleet file instead of the mission's")] = None
+    headless: bool = False
+    record: Folder | None = None
+    law: LawName = None
+    seed: int = 0
+    lockstep: bool = False

@@ -1,0 +1,79 @@
+"""``covey simulate``: the law over many perturbed flights on the emulator's physics."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from groundstation.commands.parameters import File, Folder
+from onboard.config.fleet import ConfigError
+from onboard.exit_status import EXIT_FAILED, EXIT_OK
+from sitl.monte_carlo import results, scenarios, settings
+from sitl.monte_carlo.command import run
+
+EPILOG = f"""\
+Examples:
+  covey simulate form3 --seeds 0:100
+  covey simulate swap8x --seeds 0:1 --plot swap8.png
+  covey simulate mix --seeds 200:242 --set law.rotation=never --json
+
+Scenarios: {scenarios.KNOWN}
+Laws: {", ".join(settings.LAWS)}. Classes of errors: {", ".join(settings.ERRORS)}.
+Keys of --set: {", ".join(settings.keys(with_aliases=True))}.
+
+Exit status: 0 all flights succeed without violation; 1 otherwise; 2 wrong input."""
+
+
+def simulate(
+    *scenario: Annotated[str, Parameter(name="SCENARIO", required=True)],
+    seeds: Annotated[str, Parameter(metavar="A:B")] = "0:10",
+    law: Annotated[str | None, Parameter(metavar="NAME")] = None,
+    errors: Annotated[str, Parameter(metavar="CLASS")] = "mocap",
+    type: Annotated[str | None, Parameter(metavar="NAME[,NAME]")] = None,
+    fleet: File | None = None,
+    scale: float = 1.0,
+    set: Annotated[tuple[str, ...], Parameter(metavar="KEY=VALUE")] = (),
+    jobs: Annotated[int, Parameter(metavar="N")] = 1,
+    json: bool = False,
+    trace: Folder | None = None,
+    plot: Annotated[Folder | None, Parameter(metavar="FILE_OR_DIR")] = None,
+) -> int:
+    """Fly a scenario once per seed, and say how often it succeeds and how near vehicles come.
+
+    The very control of the drone on the emulator's vehicles, with errors of the estimate, late and lost messages, gusts
+    and vehicles that differ from their type. Same seed, same digits.
+
+    Args:
+        scenario: one or several
+        seeds: half-open range, or one seed
+        law: avoidance law (default covey)
+        errors: class of errors of the estimate
+        type: vehicle types, given in turn (default sih)
+        fleet: take types, law and distances from this fleet file (no obstacles, no fence)
+        scale: multiplies every spacing
+        set: change one value; repeatable
+        jobs: processes
+        json: one JSON object per flight on standard output
+        trace: write one .npz per flight
+        plot: a picture (PNG, SVG, PDF) of a flight, or of each
+    """
+    names = scenarios.expand(scenario)
+    wanted = _seeds(seeds)
+    if jobs < 1:
+        raise ConfigError(f"--jobs is {jobs}; it must be 1 or more.")
+    setup = settings.choose(law=law, types=type, fleet_path=fleet, errors=errors, scale=scale, changes=set)
+    records = run(names, wanted, setup, jobs=jobs, is_json=json, trace_folder=trace, picture=plot)
+    return EXIT_OK if all(results.is_flawless(values) for values in records) else EXIT_FAILED
+
+
+def _seeds(text: str) -> range:
+    match = re.fullmatch(r"(\d{1,9})(?::(\d{1,9}))?", text)
+    if not match:
+        raise ConfigError(f"--seeds is '{text}'; write it as A:B with 0 <= A < B, or as one number.")
+    first = int(match[1])
+    last = int(match[2]) if match[2] else first + 1
+    if last <= first:
+        raise ConfigError(f"--seeds is '{text}', which holds no seed; write it as A:B with A < B (B is not flown).")
+    return range(first, last)

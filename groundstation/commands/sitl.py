@@ -1,0 +1,131 @@
+"""``covey sitl``: emulated PX4s for a fleet file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from groundstation.commands.parameters import Names
+from onboard.bus.protocol import BusError
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.exit_status import EXIT_OK
+from sitl.emulator.emulator import Environment
+from sitl.emulator.mocap import MocapSettings
+from sitl.faults import catalogue
+from sitl.faults.catalogue import FaultError
+from sitl.mavlink.endpoints import GROUND_STATION, Address, StartError, ground_port_of, station_of
+from sitl.physics.contacts import SpawnError
+from sitl.physics.wind import WindSettings
+from sitl.server import run
+
+EPILOG = """\
+Examples:
+  covey sitl --fleet configs/fleets/paper.toml
+  covey sitl --fleet fleet.toml --fault 'mav1 motor_dead at=20 motor=2' --wind-m-s 3,0
+  covey sitl --faults
+
+Exit status: 0 ended by an interrupt; 2 wrong input or a port in use, nothing was emulated."""
+_LARGEST = 30.0
+
+
+def sitl(
+    *,
+    fleet: Annotated[str | None, Parameter(metavar="FILE", help="fleet file")] = None,
+    vehicles: Names | None = None,
+    exclude: Names | None = None,
+    seed: int = 0,
+    mocap_noise_m: float = 0.003,
+    mocap_latency_s: float = 0.02,
+    mocap_dropouts_per_s: float = 0.0,
+    mocap_dropout_s: float = 0.1,
+    no_bus: bool = False,
+    gcs: Annotated[str | None, Parameter(metavar="HOST:PORT")] = None,
+    no_gcs: bool = False,
+    fault: Annotated[tuple[str, ...], Parameter(metavar="LINE")] = (),
+    faults: bool = False,
+    wind_m_s: Annotated[str, Parameter(metavar="EAST,NORTH", allow_leading_hyphen=True)] = "0,0",
+    gust_m_s: float = 0.0,
+    gust_s: float = 1.0,
+    common_gusts: bool = False,
+    common_errors: bool = False,
+    error_scale: float = 1.0,
+    truth_offset_m: float = 0.0,
+) -> int:
+    """Emulate the PX4s of a fleet, with their vehicles.
+
+    Args:
+        vehicles: names or indices, for instance mav0,mav2 or 0-1 (default: all enabled)
+        exclude: vehicles to leave out
+        seed: seed of everything random
+        mocap_noise_m: standard deviation of the emulated motion capture
+        mocap_latency_s: latency of the emulated motion capture
+        mocap_dropouts_per_s: marker losses per body and second
+        mocap_dropout_s: length of a marker loss
+        no_bus: MAVLink only: no motion capture, no ground truth
+        gcs: ground station that every vehicle streams to (default 127.0.0.1:14550 if the fleet uses PX4's ports)
+        no_gcs: ground links answer only the program that speaks first
+        fault: inject a fault, for instance 'mav1 motor_dead at=20 motor=2'; may be given several times
+        faults: list the faults and their parameters, and leave
+        wind_m_s: steady wind
+        gust_m_s: standard deviation of gusts
+        gust_s: correlation time of gusts
+        common_gusts: all vehicles feel the same gusts
+        common_errors: all estimates err alike, as instances of SIH do
+        error_scale: size of the estimates' errors
+        truth_offset_m: falsify the published truth by this much
+    """
+    if faults:
+        print(catalogue.listing())
+        return EXIT_OK
+    if fleet is None:
+        raise ConfigError("--fleet FILE is missing: the fleet whose PX4s are emulated.")
+    if gcs is not None and no_gcs:
+        raise ConfigError("--gcs and --no-gcs exclude each other. Give one of them.")
+    config = load_fleet(fleet)
+    names = config.select(vehicles, exclude)
+    if not names or seed < 0:
+        raise ConfigError("there is nothing to emulate: select at least one vehicle, and a seed of 0 or more.")
+    wind = WindSettings(_wind(wind_m_s), gust_m_s, gust_s, common_gusts)
+    if not all(0.0 <= value <= _LARGEST for value in (gust_m_s, gust_s, error_scale)):
+        raise ConfigError("--gust-m-s, --gust-s and --error-scale must lie between 0 and 30.")
+    try:
+        run(
+            config,
+            vehicles=names,
+            seed=seed,
+            mocap=MocapSettings(
+                noise_m=mocap_noise_m,
+                latency_s=mocap_latency_s,
+                dropout_per_s=mocap_dropouts_per_s,
+                dropout_s=mocap_dropout_s,
+            ),
+            with_bus=not no_bus,
+            truth_offset_m=truth_offset_m,
+            station=_station(config, names, gcs, is_silent=no_gcs),
+            environment=Environment(wind, has_common_errors=common_errors, error_scale=error_scale),
+            injected=[catalogue.parse(line) for line in fault],
+        )
+    except (StartError, SpawnError, FaultError, BusError) as error:
+        raise ConfigError(str(error)) from None
+    return EXIT_OK
+
+
+def _wind(text: str) -> tuple[float, float, float]:
+    try:
+        east, north = (float(part) for part in text.split(","))
+    except ValueError:
+        east = north = math.nan
+    if not (abs(east) <= _LARGEST and abs(north) <= _LARGEST):
+        raise ConfigError(f"--wind-m-s is '{text}'; write it as EAST,NORTH, each at most 30 m/s.")
+    return (east, north, 0.0)
+
+
+def _station(fleet: FleetConfig, names: Sequence[str], endpoint: str | None, *, is_silent: bool) -> Address | None:
+    """Return the ground station to stream to: the given one, or PX4's own where the fleet uses PX4's ports."""
+    if endpoint is not None:
+        return station_of(endpoint)
+    has_layout = any(ground_port_of(fleet.vehicles[name].autopilot) is not None for name in names)
+    return GROUND_STATION if has_layout and not is_silent else None

@@ -1,0 +1,135 @@
+"""``covey sitl-check``: does a MAVLink endpoint behave as a real PX4, fact by fact?"""
+
+from __future__ import annotations
+
+import re
+import sys
+from json import dumps
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from groundstation.commands.parameters import Seconds
+from onboard.config.fleet import ConfigError
+from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_NO_ANSWER, EXIT_OK
+from sitl.conformance.endpoint import UdpPort
+from sitl.conformance.facts import Fact, FactReport, FactResult, Verdict, matching
+from sitl.conformance.suite import FACTS, NobodyAnsweredError, Terms, check
+
+EPILOG = """\
+Examples:
+  covey sitl-check udpin://127.0.0.1:14540
+  covey sitl-check udpin://127.0.0.1:14540 --only quirk.heartbeat 'param.*' --json
+  covey sitl-check --list
+
+Exit status: 0 all agree; 1 some differ; 2 wrong input; 10 nobody answered; 130 interrupted. Boot facts need a vehicle
+that is started while the check already waits."""
+_ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*):(\d{1,5})")
+_MARKS = {Verdict.AGREES: "  agrees ", Verdict.DIFFERS: "X DIFFERS", Verdict.SKIPPED: "- skipped"}
+
+
+def sitl_check(
+    endpoint: Annotated[str | None, Parameter(name="ENDPOINT")] = None,
+    /,
+    *,
+    gcs: Annotated[str | None, Parameter(metavar="ENDPOINT")] = None,
+    only: Annotated[tuple[str, ...], Parameter(metavar="NAME", consume_multiple=True)] = (),
+    list: bool = False,
+    json: bool = False,
+    wait: Seconds = 15.0,
+    from_elsewhere: bool = False,
+    i_have_removed_the_propellers: bool = False,
+) -> int:
+    """Check fact by fact whether a MAVLink endpoint behaves as a real PX4 v1.16 was measured to.
+
+    Most facts need a flight: the vehicle is armed and flown up to 10 m high, by its own position estimate and in any
+    direction, but only if it is simulated. Parameters and rates are put back at the end.
+
+    Args:
+        endpoint: udpin://HOST:PORT or udpout://HOST:PORT
+        gcs: also check the ground station's link (udpin://127.0.0.1:14550)
+        only: facts or topics, also with * and ?
+        list: say which facts would be checked, and end
+        json: findings as JSON on stdout, progress on stderr
+        wait: for the first message
+        from_elsewhere: speak first from another port than ENDPOINT's, to see the stream move there; the vehicle is
+            locked to that port until it restarts
+        i_have_removed_the_propellers: turn motors even if the vehicle does not look simulated
+    """
+    facts = _facts(only)
+    if list:
+        for fact in facts.values():
+            print(f"{fact.name:38} {fact.says}: {fact.expected}")
+        print(f"{len(facts)} facts")
+        return EXIT_OK
+    if endpoint is None:
+        raise ConfigError("which endpoint? For instance udpin://127.0.0.1:14540, PX4's first onboard link.")
+    port = _open(endpoint)
+    ground = None
+    try:
+        ground = _open(gcs) if gcs else None
+        terms = Terms(i_have_removed_the_propellers, wait, from_elsewhere)
+        return _check(endpoint, facts, port, ground, terms, is_json=json)
+    finally:
+        for each in (port, ground):
+            if each is not None:
+                each.close()
+
+
+def _facts(patterns: tuple[str, ...]) -> dict[str, Fact]:
+    try:
+        return matching(FACTS, patterns)
+    except KeyError as error:
+        topics = ", ".join(sorted({fact.name.partition(".")[0] for fact in FACTS}))
+        raise ConfigError(f"no fact is called {error.args[0]!r}. Topics: {topics}; all names: --list.") from None
+
+
+def _open(endpoint: str) -> UdpPort:
+    match = _ENDPOINT.fullmatch(endpoint)
+    if match is None or not 0 < int(match[3]) < 65536:
+        raise ConfigError(f"{endpoint!r} is no endpoint. Use udpin://127.0.0.1:14540 or udpout://127.0.0.1:18570.")
+    address = (match[2] or "0.0.0.0", int(match[3]))
+    try:
+        return UdpPort(address, None) if match[1] == "udpin" else UdpPort(None, address)
+    except OSError as error:
+        raise ConfigError(
+            f"UDP port {address[1]} on {address[0]} cannot be bound ({error.strerror or error}). "
+            "Does another client of this vehicle listen there? Stop it, then restart the vehicle: it stays with its "
+            "first client."
+        ) from None
+
+
+def _check(
+    endpoint: str, facts: dict[str, Fact], port: UdpPort, ground: UdpPort | None, terms: Terms, *, is_json: bool
+) -> int:
+    out = sys.stderr if is_json else sys.stdout
+
+    def say(line: str) -> None:
+        print(line, file=out, flush=True)
+
+    def show(result: FactResult) -> None:
+        reason = f"   {result.reason}" if result.reason else ""
+        expected = result.fact.expected
+        say(f"{_MARKS[result.verdict]} {result.fact.name:38} {result.measured}   expected {expected}{reason}")
+
+    report = FactReport(facts, show)
+    say(f"{len(facts)} facts at {endpoint}; all of them take some five minutes and a flight")
+    try:
+        client = check(port, ground, report, terms, lambda phase: say(f"-- {phase}"))
+    except NobodyAnsweredError:
+        say(
+            f"covey sitl-check: nobody answered at {endpoint} within {terms.wait_s:g} s. Is the vehicle running, and "
+            "did another client speak to it before? PX4 stays with its first client until it restarts."
+        )
+        return EXIT_NO_ANSWER
+    except KeyboardInterrupt:
+        say("interrupted; the vehicle was put down and its parameters were put back")
+        return EXIT_INTERRUPTED
+    counts = {verdict.value: report.count(verdict) for verdict in Verdict}
+    if is_json:
+        about: dict[str, Any] = {"endpoint": endpoint, "system_id": client.system_id}
+        about["pace"] = round(client.clock.pace, 3)
+        results = [result.as_json() for result in report.results.values()]
+        print(dumps({"schema": 1, **about, **counts, "facts": results}, indent=1))
+    say(", ".join(f"{count} {word}" for word, count in counts.items()))
+    return EXIT_FAILED if counts[Verdict.DIFFERS.value] else EXIT_OK

@@ -1,0 +1,31 @@
+"""``covey sitl-truth``: ground truth of real PX4s with their built-in simulator (SIH) on the fleet's bus."""
+
+from __future__ import annotations
+
+from groundstation.commands.parameters import FleetFile, Names
+from onboard.bus.protocol import BusError
+from onboard.config.fleet import ConfigError, load_fleet
+from onboard.exit_status import EXIT_OK
+from sitl.mavlink.endpoints import StartError
+from sitl.sih_truth import run
+
+EPILOG = """\
+Example:
+  covey sitl-truth --fleet configs/fleets/px4-sitl.toml
+
+Exit status: 0 ended by an interrupt; 2 wrong input or a port in use. docs/px4-sitl.md says more."""
+
+
+def sitl_truth(*, fleet: FleetFile, vehicles: Names | None = None, mocap: bool = False) -> int:
+    """Put the ground truth of real PX4s (SITL with SIH) on the fleet's bus, for verdicts and records.
+
+    Args:
+        vehicles: names or indices (default: all enabled)
+        mocap: publish it as motion capture too, at 50 Hz
+    """
+    config = load_fleet(fleet)
+    try:
+        run(config, config.select(vehicles), with_mocap=mocap)
+    except (BusError, StartError) as error:
+        raise ConfigError(str(error)) from None
+    return EXIT_OK

@@ -1,0 +1,61 @@
+"""``covey tui``: the console, attached to a fleet at any time."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+
+from groundstation.client.client import FleetClient
+from groundstation.client.read_only import ReadOnlyClient
+from groundstation.commands.parameters import FleetFile
+from onboard.config.fleet import ConfigError, load_fleet
+
+EPILOG = """\
+Examples:
+  covey tui --fleet configs/fleets/paper.toml
+  covey tui --fleet fleet.toml --view
+
+The console ends with q; a fleet that flies goes on flying. Exit status: 0; 2 wrong input or no terminal."""
+
+
+def tui(
+    *, fleet: FleetFile, readonly: bool = False, bell: bool = False, view: bool = False, no_preview: bool = False
+) -> int:
+    """Attach the console to a fleet.
+
+    Args:
+        readonly: only watch: no order leaves it, not even land
+        bell: ring the terminal's bell for every new alarm
+        view: only watch: do not take control, not even of a free fleet
+        no_preview: send arm, take-off and moves without showing them ahead
+    """
+    config = load_fleet(fleet)
+    require_terminal()
+    from groundstation.console.app import run_console
+
+    async def attach() -> int:
+        client = FleetClient(config, operates=not (view or readonly))
+        try:
+            return await run_console(
+                config,
+                ReadOnlyClient(client) if readonly else client,
+                connect=client.start,
+                has_preview=not no_preview,
+                title=f"fleet {config.fleet.name}",
+                has_bell=bell,
+            )
+        finally:
+            await client.stop()
+
+    return asyncio.run(attach())
+
+
+def require_terminal(remedy: str = "") -> None:
+    """Refuse to open a console where nobody can see it.
+
+    Raises:
+        ConfigError: the output is no terminal, and no browser's page either.
+    """
+    if not (sys.stdout.isatty() or "TEXTUAL_DRIVER" in os.environ):  # in a browser the page is the terminal
+        raise ConfigError(f"The console needs a terminal, and this output is none. {remedy}".rstrip())

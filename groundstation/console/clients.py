@@ -1,0 +1,56 @@
+"""The clients that a console works with: of a fleet, of a record, and of a fleet that may only be watched."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from groundstation.fleet.control_authority import Control
+from groundstation.fleet.state import FleetState
+from groundstation.fleet.tick_stream import TickStream
+from groundstation.orders.grammar import Intent
+from groundstation.orders.plan import PlannedOrder
+from groundstation.orders.result import OrderResult
+
+
+class ConsoleClient(Protocol):
+    """The part of :class:`groundstation.client.client.FleetClient` that every console needs; a record has it too."""
+
+    @property
+    def tick_stream(self) -> TickStream:
+        """The pipeline's values of the vehicle whose page is open."""
+
+    @property
+    def state(self) -> FleetState:
+        """The fleet as known now."""
+
+    def now_ns(self) -> int:
+        """The clock that ages are counted on."""
+
+    async def submit(self, order: Intent | str) -> OrderResult:
+        """Send an order; results fill in."""
+
+
+@runtime_checkable
+class OrderingClient(Protocol):
+    """The part of the client that sends orders; a record and a read-only client lack it."""
+
+    control: Control
+
+    @property
+    def state(self) -> FleetState:
+        """The fleet as known now."""
+
+    def now_ns(self) -> int:
+        """The clock that ages are counted on."""
+
+    def plan(self, order: Intent | str) -> PlannedOrder:
+        """Plan an order and check it; nothing is sent."""
+
+    def check_again(self, planned: PlannedOrder) -> PlannedOrder:
+        """Check a planned order against the fleet as it is now."""
+
+    def send(self, planned: PlannedOrder) -> OrderResult:
+        """Send a planned order from any thread; results fill in."""
+
+    def submit_now(self, order: Intent | str) -> OrderResult:
+        """Send an order from any thread; results fill in."""

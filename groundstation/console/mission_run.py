@@ -1,0 +1,115 @@
+"""The mission that flies beside the console: its worker, the line in the title and its verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Sequence
+
+from textual.app import App
+from textual.worker import Worker, WorkerState
+
+from groundstation.console import theme
+from groundstation.console.panels import Panels
+from groundstation.console.theme import SEVERITY_SIGNS
+
+Mission = Callable[[], Awaitable[object]]
+_PASSED, _FAILED = "✔ mission passed", "✖ mission failed"
+
+
+class MissionRun:
+    """Connects and flies in workers, so that the screen waits for neither.
+
+    Args:
+        mission: flies, and returns a verdict with ``sentences``, and ``exit_status`` or ``is_passed`` if any.
+        connect: opens the bus.
+        progress: returns one line about the mission, called at each refresh.
+    """
+
+    def __init__(
+        self,
+        app: App[int],
+        panels: Panels,
+        *,
+        mission: Mission | None = None,
+        connect: Mission | None = None,
+        progress: Callable[[], str] | None = None,
+    ) -> None:
+        self._app, self._panels, self._progress = app, panels, progress
+        self._mission, self._connect = mission, connect
+        self._mission_worker: Worker[object] | None = None
+        self._connect_worker: Worker[object] | None = None
+        self._line = ""
+        self.status = 0  # the console's exit status so far
+
+    @property
+    def has_mission(self) -> bool:
+        """Whether this console flies a mission, so that its end is the end of what was started for it."""
+        return self._mission is not None
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether the mission flies now."""
+        return self._mission_worker is not None and self._mission_worker.is_running
+
+    def start(self) -> None:
+        """Start both workers."""
+        if self._connect is not None:
+            self._connect_worker = self._app.run_worker(_awaited(self._connect), exit_on_error=False)
+        if self._mission is not None:
+            self._line = "mission flies"
+            self._mission_worker = self._app.run_worker(self._fly(self._mission), exit_on_error=False)
+
+    def cancel(self) -> None:
+        """End the mission without a verdict."""
+        if self._mission_worker is not None:
+            self._mission_worker.cancel()
+
+    def text(self, clock: str) -> str:
+        """Return the mission's line for the title; ``clock`` is the time since take-off."""
+        if self.is_under_way and self._progress is not None:
+            return self._progress() or self._line
+        return f"{self._line}{clock if self._line == 'mission flies' else ''}"
+
+    def worker_changed(self, event: Worker.StateChanged) -> None:
+        """Turn a worker's error into a sentence; the vehicles are still under the operator's orders."""
+        if event.state is not WorkerState.ERROR:
+            return
+        error = event.worker.error
+        if event.worker is self._mission_worker:
+            self.status = 1
+            self._show([f"The mission broke off: {type(error).__name__}: {error}", "Land with ctrl+l."])
+        elif event.worker is self._connect_worker:
+            self.status = 2
+            self._panels.events.add(f"No connection: {error} Press q to quit.", SEVERITY_SIGNS["critical"])
+
+    def toggle_verdict(self) -> None:
+        """Hide or show the verdict."""
+        if self._panels.verdict.border_title:
+            self._open(not self._panels.verdict.display)
+
+    async def _fly(self, mission: Mission) -> object:
+        verdict = await mission()
+        sentences = getattr(verdict, "sentences", None) or str(verdict).splitlines()
+        is_passed = bool(getattr(verdict, "is_passed", getattr(verdict, "passed", True)))
+        status = getattr(verdict, "exit_status", None)
+        self.status = status if isinstance(status, int) else 0 if is_passed else 1
+        self._show([theme.clean(sentence) for sentence in sentences])
+        return verdict
+
+    def _show(self, sentences: Sequence[str]) -> None:
+        is_passed, box = self.status == 0, self._panels.verdict
+        self._line = box.border_title = _PASSED if is_passed else _FAILED
+        box.border_subtitle = "v hides · q quits"
+        box.set_class(not is_passed, "bad")
+        box.update("\n".join(sentences))
+        self._open(True)
+        for sentence in sentences:
+            self._panels.events.add(sentence, SEVERITY_SIGNS["info" if is_passed else "warning"])
+
+    def _open(self, is_open: bool) -> None:
+        """Show it in place of the events, which say the same: the plan keeps its room."""
+        self._panels.verdict.display = is_open
+        self._app.screen_stack[0].set_class(is_open, "judged")
+
+
+async def _awaited(function: Mission) -> object:
+    return await function()

@@ -1,0 +1,52 @@
+"""The widgets of the main screen, and where they stand."""
+
+from __future__ import annotations
+
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.widgets import Static
+
+from groundstation.console.history import History
+from groundstation.console.widgets.bars import StatusBar, TitleBar
+from groundstation.console.widgets.event_log import EventLog
+from groundstation.console.widgets.fleet_table import FleetTable
+from groundstation.console.widgets.notices import NoticeLines
+from groundstation.console.widgets.order_line import OrderLine
+from groundstation.console.widgets.plan_view import PlanView
+from groundstation.console.widgets.results import ResultLines
+from groundstation.console.widgets.separation import SeparationView
+from onboard.config.fleet import FleetConfig
+
+
+class Panels:
+    """Made once and kept: a timer may still fire while the screen is taken apart, when a query would find nothing."""
+
+    def __init__(self, fleet: FleetConfig, history: History) -> None:
+        self.title = TitleBar("title")
+        self.table = FleetTable(fleet, history)
+        self.plan = PlanView(fleet, history)
+        self.separation = SeparationView(fleet, history)
+        self.verdict = Static(id="verdict", markup=False)
+        self.events = EventLog()
+        self.notices = NoticeLines()
+        self.results = ResultLines()
+        self.order_line = OrderLine(fleet)
+        self.status = StatusBar("status")
+
+    def compose(self) -> ComposeResult:
+        """Title, fleet, plan beside separation and events (or the verdict), notices, results, order line, status."""
+        yield self.title
+        yield self.table
+        with Horizontal(id="middle"):
+            yield self.plan
+            with Vertical(id="right"):
+                yield self.separation
+                yield self.verdict
+                yield self.events
+        yield self.notices
+        yield self.results
+        with Horizontal(id="line"):
+            yield Static(" : ", id="prompt", markup=False)
+            yield self.order_line
+            yield Static("esc leaves ", id="leave", markup=False)
+        yield self.status

@@ -1,0 +1,131 @@
+"""Findings about a mission before it flies: spacing, time for each leg, expectations. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from groundstation.missions.files import FormationStep, LandStep, Mission, MoveStep, OrderStep, TakeoffStep, intent_of
+from groundstation.orders.grammar import default_formation
+from groundstation.orders.plan import HeldFormation, plan_order
+from onboard.config.fleet import ConfigError, FleetConfig, Vec3
+from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
+from onboard.feasibility.bounds import ACCURACIES
+from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
+from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
+
+_OF_THE_MISSION = ("time", "expectation", "arrival")  # findings that are no promise of the law's
+_CLIMB_M_S, _START_S, _SETTLE_S = 0.4, 3.0, 1.0
+_ROOM_FOR_DETOURS = 1.7  # times the straight way's duration
+
+
+def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tuple[Finding, ...]:
+    """Findings about a mission's steps: spacing and room of each constellation, time for each leg, expectations.
+
+    Of equal findings of several steps only the worst is listed. A Python mission's steps are not known before it flies.
+    """
+    found: dict[str, list[Finding]] = {}
+    for finding in _step_findings(mission, errors):
+        found.setdefault(finding.name.partition(",")[0], []).append(finding)
+    expected = mission.expect.min_separation_m
+    if expected is not None and mission.fleet.law.name != "off":
+        promise_m = mission.fleet.fleet.safety_distance_m
+        found["expectation"] = [
+            at_most(
+                "expectation",
+                expected,
+                promise_m,
+                "m",
+                "The mission expects vehicles to stay {value} apart; fleet.safety_distance_m promises {bound}",
+                "Lower expect.min_separation_m, or raise fleet.safety_distance_m.",
+            )
+        ]
+    near_m = mission.expect.arrived_within_m
+    if near_m is not None:
+        accuracy = ACCURACIES[errors or error_class(mission.fleet)]
+        found["arrival"] = [
+            at_least(
+                "arrival",
+                near_m,
+                0.05 + 2.0 * accuracy.position_std_m,
+                "m",
+                f"The mission expects arrivals within {{value}}; with the accuracy of '{accuracy.name}' {{relation}} "
+                "{bound} comes true nearly always",
+                "Raise expect.arrived_within_m by {difference}, or fly on a better position.",
+                refuse_below=0.0,
+            )
+        ]
+    return worst_first(worst(group) for group in found.values())
+
+
+def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
+    """ConfigError when the law says that a mission cannot be flown: places too near, a fleet beyond its means.
+
+    Whether there is time enough is for the flight to show; other laws than Covey's may be flown in simulation.
+    """
+    fleet = mission.fleet
+    if not fleet.enabled_names or (is_simulated and fleet.law.name != "covey"):
+        return
+    found = [
+        finding
+        for finding in (*mission_findings(mission), *fleet_findings(fleet))
+        if finding.status == "refused" and finding.name.partition(",")[0] not in _OF_THE_MISSION
+    ]
+    if found:
+        more = f" ({len(found)} findings are against it)" if len(found) > 1 else ""
+        raise ConfigError(
+            f"{mission.path}: the law says that this cannot be flown{more}. {found[0].sentence} "
+            f"'covey check {mission.path}' tells all."
+        )
+
+
+def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Finding]:
+    fleet = mission.fleet
+    held = HeldFormation(default_formation(fleet))
+    spots: dict[str, Vec3] = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
+    flying: set[str] = set()
+    for index, step in enumerate(mission.steps):
+        if not isinstance(step, TakeoffStep | MoveStep | FormationStep | LandStep):
+            continue
+        intent = intent_of(step, fleet)
+        planned = plan_order(intent, fleet, None, held=held, author="check", now_ns=0)
+        held = planned.held
+        goals = {name: _goal(step, spots[name], order.position_enu_m) for name, order in planned.orders.items()}
+        if not goals:
+            continue
+        where = f"step[{index}] ({step.do})"
+        yield worst(_time(fleet, step, name, spots[name], goal, where) for name, goal in goals.items())
+        spots.update(goals)
+        if isinstance(step, LandStep):
+            flying.difference_update(goals)
+        else:
+            flying.update(goals)
+            yield from spot_findings(
+                fleet, {name: spots[name] for name in spots if name in flying}, where, errors=errors
+            )
+
+
+def _goal(step: OrderStep, spot: Vec3, ordered: Vec3 | None) -> Vec3:
+    if isinstance(step, TakeoffStep):
+        return (spot[0], spot[1], step.height_m)
+    return (spot[0], spot[1], 0.0) if isinstance(step, LandStep) else ordered or spot
+
+
+def _time(fleet: FleetConfig, step: OrderStep, name: str, spot: Vec3, goal: Vec3, where: str) -> Finding:
+    vehicle = fleet.vehicles[name]
+    if isinstance(step, TakeoffStep | LandStep):
+        shortest_s = _START_S + abs(goal[2] - spot[2]) / _CLIMB_M_S
+    else:
+        bounds = TrajectoryParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2)
+        shortest_s = shortest_duration_s(math.dist(spot, goal), bounds)
+        shortest_s = _SETTLE_S + max(shortest_s, getattr(step, "duration_s", 0.0))
+    return at_least(
+        f"time, {where}",
+        step.timeout_s,
+        _ROOM_FOR_DETOURS * shortest_s,
+        "s",
+        f"{where[0].upper()}{where[1:]}: timeout_s is {{value}}; {name} needs {shortest_s:.1f} s alone, so "
+        "{relation} {bound} leaves room for detours",
+        "Raise its timeout_s by {difference}.",
+        refuse_below=shortest_s,
+    )

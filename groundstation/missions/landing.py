@@ -1,0 +1,72 @@
+"""Landing of all vehicles at the end of a mission, whatever has happened before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from groundstation.client.client import FleetClient
+from groundstation.fleet.state import FleetState
+from groundstation.missions.verdict import is_landed
+from groundstation.orders.grammar import Intent
+
+LAND_AGAIN_S = 6.0
+TELEMETRY_WITHIN_S = 0.3
+
+
+async def land_all(
+    client: FleetClient, superseded: Sequence[str], timeout_s: float, *, say: Callable[[str], None]
+) -> bool:
+    """Land all vehicles that are not down yet. A landing under way goes on: no new order replaces an operator's.
+
+    Args:
+        client: started.
+        superseded: vehicles whose last order another ground has replaced; that may have been by a landing.
+        timeout_s: longest wait [s].
+        say: progress in words.
+
+    Returns:
+        Whether all are landed and disarmed.
+    """
+    up = tuple(name for name in client.fleet.enabled_names if _may_fly(client.state, name))
+    end_ns = client.now_ns() + int(timeout_s * 1e9)
+    if superseded:  # the next telemetry shows whether the new order is to land
+        await client.wait_for(lambda _: all(_is_landing(client, name) for name in superseded), TELEMETRY_WITHIN_S)
+    left = up
+    while left and client.now_ns() < end_ns:
+        ordered = tuple(name for name in left if not _is_landing(client, name))
+        if not ordered:
+            if await client.wait_for(_all_landed(up), LAND_AGAIN_S):
+                return True
+            left = tuple(name for name in left if not is_landed(client.state, name))
+            continue
+        say(f"Landing {', '.join(ordered)}.")
+        order = await client.submit(Intent("land", ordered))
+        await order.wait((end_ns - client.now_ns()) * 1e-9)
+        # An order can end before the vehicle is down: when a failsafe has taken over, PX4 lands by itself.
+        # A vehicle that PX4 itself reports as disarmed, on the direct path, has no agent left to send telemetry.
+        down = {name for name, result in order.results.items() if result.is_done}
+        left = tuple(name for name in left if name not in down)
+        if await client.wait_for(_all_landed(up), LAND_AGAIN_S if left else 1.0):
+            return True
+        for name, result in order.results.items():
+            if not result.is_done:
+                say(f"  {name} {result.phase}: {result.sentence}")
+        left = tuple(name for name in left if not is_landed(client.state, name))
+    return not left
+
+
+def _all_landed(names: Sequence[str]) -> Callable[[FleetState], bool]:
+    return lambda state: all(is_landed(state, name) for name in names)
+
+
+def _may_fly(state: FleetState, name: str) -> bool:
+    """Whether it flies or is about to: an order to take off precedes the telemetry that shows it."""
+    telemetry = state.vehicles[name].telemetry
+    if telemetry is None:
+        return False
+    return not is_landed(state, name) or telemetry.state in ("armed", "taking off", "flying", "holding", "landing")
+
+
+def _is_landing(client: FleetClient, name: str) -> bool:
+    view = client.state.vehicles[name]
+    return view.telemetry is not None and view.is_fresh(client.now_ns()) and view.telemetry.state == "landing"

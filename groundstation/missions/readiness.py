@@ -1,0 +1,51 @@
+"""Readiness of the fleet before a mission's first step. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from groundstation.fleet.state import FleetState
+
+READY_STATES = ("ready", "landed", "armed", "flying", "holding")
+
+
+class NotReady(RuntimeError):
+    """The fleet did not get ready in time; ``heard`` is whether any vehicle answered at all."""
+
+    def __init__(self, sentence: str, heard: bool) -> None:
+        self.heard = heard
+        super().__init__(sentence)
+
+
+def is_ready(state: FleetState, name: str, now_ns: int) -> bool:
+    """Whether a vehicle reports that it may fly."""
+    view = state.vehicles[name]
+    telemetry = view.telemetry
+    return (
+        telemetry is not None and view.is_fresh(now_ns) and telemetry.state in READY_STATES and not telemetry.not_ready
+    )
+
+
+def not_ready(state: FleetState, names: Sequence[str], now_ns: int, timeout_s: float) -> NotReady:
+    """Return the exception that names each vehicle that is not ready, with its reason.
+
+    Args:
+        state: the fleet as known now.
+        names: vehicles to name.
+        now_ns: the ground's monotonic clock [ns].
+        timeout_s: how long was waited [s].
+
+    Returns:
+        The exception, to be raised.
+    """
+    reasons, heard = [], False
+    for name in names:
+        view = state.vehicles[name]
+        if view.telemetry is None or not view.is_fresh(now_ns):
+            reasons.append(f"{name} does not answer.")
+            continue
+        heard = True
+        if not is_ready(state, name, now_ns):
+            reason = " ".join(view.telemetry.not_ready) or view.telemetry.reason or "it gives no reason."
+            reasons.append(f"{name} is {view.telemetry.state}: {reason.rstrip('.')}.")
+    return NotReady(f"Not ready within {timeout_s:g} s. {' '.join(reasons)}", heard)

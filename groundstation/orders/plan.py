@@ -1,0 +1,276 @@
+"""An intent -> one checked order per vehicle, or a reason in words for each refusal. Pure.
+
+An order is planned once. Before it is sent, :func:`check_again` checks the planned goals against the fleet as it is
+then; the goals themselves stay as they were shown.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import uuid
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import msgspec
+
+from groundstation.fleet.state import FleetState
+from groundstation.orders.grammar import USAGE, Intent
+from onboard.bus.schema import Order, OrderKind, Vec3
+from onboard.config.fleet import FleetConfig, parking_distance_m
+
+ORDER_LIFE_S = 2.0
+_MIN_HEIGHT_M = 0.2
+_JOINT = ("move", "formation", "takeoff")  # one refusal refuses the whole order
+
+
+@dataclass(frozen=True, slots=True)
+class HeldFormation:
+    """The formation that moves of several vehicles keep."""
+
+    name: str | None  # in the fleet file; None when it has none
+    spacing_m: float | None = None  # distance of its two nearest slots; None: as in the fleet file
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedOrder:
+    """A checked order of an operator: messages to send, and refusals."""
+
+    intent: Intent  # with the position filled in that a formation without one takes
+    orders: Mapping[str, Order] = field(default_factory=dict)  # vehicle -> message
+    refusals: Mapping[str, str] = field(default_factory=dict)  # vehicle -> sentence
+    held: HeldFormation = HeldFormation(None)  # holds as soon as the order is sent
+
+
+def random_id() -> str:
+    """Return an order id that no other order has."""
+    return uuid.uuid4().hex[:12]
+
+
+def plan_order(
+    intent: Intent,
+    fleet: FleetConfig,
+    state: FleetState | None,
+    *,
+    held: HeldFormation,
+    author: str,
+    now_ns: int,
+    node: str = "",
+    new_id: Callable[[], str] = random_id,
+) -> PlannedOrder:
+    """Check an intent against the fleet and make its orders.
+
+    If one goal of a joint move is refused, none of that move is sent: nobody wants half a formation.
+
+    Args:
+        intent: the order, by the grammar or by a program.
+        fleet: the fleet file.
+        state: the fleet as known now; None checks against the fleet file alone.
+        held: formation that holds now.
+        author: person or program that orders.
+        now_ns: the ground's monotonic clock [ns].
+        node: the ground's name on the bus.
+        new_id: makes the orders' ids.
+
+    Returns:
+        Orders for the vehicles that may be ordered, refusals for the others.
+    """
+    keeps = HeldFormation(intent.formation, intent.spacing_m) if intent.formation else held
+    goals: dict[str, Vec3] = {}
+    refusals = {name: _unknown(name, fleet) for name in intent.vehicles if name not in fleet.enabled_names}
+    names = [name for name in intent.vehicles if name not in refusals]
+    refusals.update({name: reason for name in names if (reason := _bad_number(intent))})
+    if not refusals and intent.verb in ("move", "formation"):
+        intent, goals, refusals = _goals(intent, fleet, state, keeps, names)
+        if not refusals:
+            refusals = _goal_refusals(goals, fleet, state, now_ns)
+    if not refusals and intent.verb == "takeoff":
+        refusals = _height_refusals(names, intent.height_m or 0.0, fleet)
+    if intent.verb in _JOINT:
+        refusals = _refuse_jointly(refusals, names)
+    kind: OrderKind = "move" if intent.verb == "formation" else intent.verb
+    orders = {
+        name: Order(
+            order_id=new_id(),
+            author=author,
+            kind=kind,
+            stamp_ns=now_ns,
+            deadline_ns=_deadline_ns(now_ns),
+            position_enu_m=goals.get(name),
+            height_m=intent.height_m if kind == "takeoff" else None,
+            duration_s=intent.duration_s,
+            node=node,
+        )
+        for name in names
+        if name not in refusals
+    }
+    return PlannedOrder(intent, orders, refusals, keeps if orders and intent.verb == "formation" else held)
+
+
+def check_again(planned: PlannedOrder, fleet: FleetConfig, state: FleetState, now_ns: int) -> PlannedOrder:
+    """Check a planned order against the fleet as it is now, and stamp it anew.
+
+    Args:
+        planned: by :func:`plan_order`.
+        fleet: the fleet file.
+        state: the fleet as known now.
+        now_ns: the ground's monotonic clock [ns].
+
+    Returns:
+        The same orders with the same goals, or refusals instead of all of them.
+    """
+    goals = {name: goal for name, order in planned.orders.items() if (goal := order.position_enu_m) is not None}
+    refusals = _refuse_jointly(_goal_refusals(goals, fleet, state, now_ns), planned.orders)
+    orders = {
+        name: msgspec.structs.replace(order, stamp_ns=now_ns, deadline_ns=_deadline_ns(now_ns))
+        for name, order in planned.orders.items()
+        if name not in refusals
+    }
+    return replace(planned, orders=orders, refusals={**planned.refusals, **refusals})
+
+
+def slots_of(fleet: FleetConfig, formation: str, spacing_m: float | None = None) -> dict[str, Vec3]:
+    """Return the offsets of a formation, stretched in the plane.
+
+    Args:
+        fleet: the fleet file.
+        formation: its name.
+        spacing_m: distance [m] of its two nearest slots; None leaves the formation as it is.
+
+    Returns:
+        Offset of each vehicle from the formation's position, metres ENU.
+    """
+    slots = fleet.formations[formation]
+    nearest_m = min((math.dist(p[:2], q[:2]) for p, q in itertools.combinations(slots.values(), 2)), default=0.0)
+    scale = 1.0 if spacing_m is None or nearest_m <= 0.0 else spacing_m / nearest_m
+    return {name: (scale * x, scale * y, z) for name, (x, y, z) in slots.items()}
+
+
+def formation_position(slots: Mapping[str, Vec3], state: FleetState, names: Sequence[str]) -> Vec3 | None:
+    """Return the position of a formation: the mean of its vehicles' positions minus their slots.
+
+    Args:
+        slots: offset of each vehicle, metres ENU.
+        state: the fleet as known now.
+        names: vehicles to average over.
+
+    Returns:
+        Position in metres ENU; None when no vehicle reports one.
+    """
+    positions = []
+    for name in names:
+        view = state.vehicles.get(name)
+        if view is None or view.telemetry is None or name not in slots or not view.telemetry.is_position_valid:
+            continue
+        own = view.telemetry.position_enu_m
+        positions.append(tuple(value - offset for value, offset in zip(own, slots[name], strict=True)))
+    if not positions:
+        return None
+    x, y, z = (sum(axis) / len(positions) for axis in zip(*positions, strict=True))
+    return (x, y, z)
+
+
+def _deadline_ns(now_ns: int) -> int:
+    return now_ns + int(ORDER_LIFE_S * 1e9)
+
+
+def _refuse_jointly(refusals: Mapping[str, str], names: Iterable[str]) -> dict[str, str]:
+    if not refusals:
+        return {}
+    cause = ", ".join(refusals)
+    others = {name: f"{name}: not sent, because {cause} was refused." for name in names if name not in refusals}
+    return {**refusals, **others}
+
+
+def _unknown(name: str, fleet: FleetConfig) -> str:
+    if name in fleet.vehicles:
+        return f"{name} is not enabled in the fleet file. Set enabled = true to fly it."
+    return f"{name[:40]} is not a vehicle of fleet '{fleet.fleet.name}': it has {', '.join(fleet.enabled_names)}."
+
+
+def _bad_number(intent: Intent) -> str | None:
+    values = [*(intent.position_enu_m or ()), intent.duration_s, intent.height_m or 0.0, intent.spacing_m or 0.0]
+    if not all(math.isfinite(value) for value in values):
+        return "A number of this order is not finite. Give metres in the fleet's frame, and seconds."
+    if not 0.0 <= intent.duration_s <= 600.0:
+        return f"A duration of {intent.duration_s:g} s is outside 0 to 600 s."
+    if intent.spacing_m is not None and not 0.0 < intent.spacing_m <= 1000.0:
+        return f"A spacing of {intent.spacing_m:g} m is no distance between slots. Give metres, for instance 1.6."
+    return None
+
+
+def _goals(
+    intent: Intent, fleet: FleetConfig, state: FleetState | None, keeps: HeldFormation, names: list[str]
+) -> tuple[Intent, dict[str, Vec3], dict[str, str]]:
+    """The intent with its position, the goal of each vehicle, and refusals."""
+    position = intent.position_enu_m
+    slots = slots_of(fleet, keeps.name, keeps.spacing_m) if keeps.name is not None else {}
+    if intent.verb == "formation" and position is None:
+        position = formation_position(slots, state, names) if state is not None else None
+        if position is None:
+            reason = "the formation's position is not known, because no vehicle reports one. Write it: {}"
+            return intent, {}, {name: reason.format(USAGE["formation"]) for name in names}
+        intent = replace(intent, position_enu_m=position)
+    if position is None:
+        return intent, {}, dict.fromkeys(names, "a move needs a position: X Y Z in metres.")
+    if intent.verb == "move" and len(names) == 1:
+        return intent, {names[0]: position}, {}
+    if keeps.name is None:
+        reason = "this fleet file has no formation, so several vehicles cannot share one order. Move them one by one."
+        return intent, {}, dict.fromkeys(names, reason)
+    goals, refusals = {}, {}
+    for name in names:
+        if name in slots:
+            offset = slots[name]
+            goals[name] = (position[0] + offset[0], position[1] + offset[1], position[2] + offset[2])
+        else:
+            refusals[name] = f"{name} has no slot in formation '{keeps.name}' (slots: {', '.join(slots) or 'none'})."
+    return intent, goals, refusals
+
+
+def _goal_refusals(
+    goals: Mapping[str, Vec3], fleet: FleetConfig, state: FleetState | None, now_ns: int
+) -> dict[str, str]:
+    refusals: dict[str, str] = {}
+    fence, parking_m = fleet.fleet.geofence_m, parking_distance_m(fleet)
+    for name, goal in goals.items():
+        if not fence.contains(goal) or goal[2] <= 0.0:
+            refusals[name] = (
+                f"{name}: the goal ({goal[0]:.2f}, {goal[1]:.2f}, {goal[2]:.2f}) lies outside the fence "
+                f"x {list(fence.x)}, y {list(fence.y)}, z {list(fence.z)} m. Choose one inside, above the ground."
+            )
+    for name, goal in goals.items():
+        for other, position, noun in _others(name, goals, state, now_ns):
+            distance_m = math.dist(goal[:2], position[:2])
+            if distance_m < parking_m:
+                refusals.setdefault(
+                    name,
+                    f"{name}: its goal is {distance_m:.2f} m from {other}'s {noun}; the law '{fleet.law.name}' keeps "
+                    f"{parking_m:.2f} m between parked vehicles. Choose a goal further away.",
+                )
+    return refusals
+
+
+def _others(
+    name: str, goals: Mapping[str, Vec3], state: FleetState | None, now_ns: int
+) -> Iterator[tuple[str, Vec3, str]]:
+    """Goals of this order, and those of vehicles that fly but are not part of it."""
+    for other, goal in goals.items():
+        if other != name:
+            yield other, goal, "goal"
+    for other, view in state.vehicles.items() if state is not None else ():
+        telemetry = view.telemetry
+        if other in goals or telemetry is None or not telemetry.is_airborne or not view.is_fresh(now_ns):
+            continue
+        if telemetry.state in ("flying", "taking off") and all(map(math.isfinite, telemetry.goal_position_enu_m)):
+            yield other, telemetry.goal_position_enu_m, "goal"
+        elif telemetry.is_position_valid:
+            yield other, telemetry.position_enu_m, "position"
+
+
+def _height_refusals(names: list[str], height_m: float, fleet: FleetConfig) -> dict[str, str]:
+    _, top = fleet.fleet.geofence_m.z
+    if _MIN_HEIGHT_M <= height_m <= top:
+        return {}
+    reason = f"a take-off height of {height_m:g} m is outside {_MIN_HEIGHT_M:g} to {top:g} m, the top of the fence."
+    return {name: f"{name}: {reason}" for name in names}

@@ -1,0 +1,101 @@
+"""Goals and limits of what begins: the only writers of a flight's goal besides the state machine that calls them."""
+
+from __future__ import annotations
+
+import math
+
+from onboard.autopilot import Vec3
+from onboard.bus.schema import Order
+from onboard.flight.arrival import stop_point
+from onboard.flight.context import FlightContext
+from onboard.flight.types import FlightGoal, FlightView
+
+DEFAULT_HEIGHT_M = 1.0
+_CLIMB_SPEED_M_S, _LEAST_CLIMB_S = 0.45, 1.5
+_SINK_SPEED_M_S, _LEAST_DESCENT_S = 0.4, 1.0
+_SLOW_SHARE = 0.25  # of the top speed on average
+_PEAK_OF_MEAN = 1.9  # speed of a quintic: its peak over its mean
+_UNDER_GROUND_M, _LOWER_BY_M = 0.10, 0.3
+_LEG_LIMIT_S, _LANDING_LIMIT_S = 30.0, 20.0
+_PATIENCE = 3.0  # times the duration that the way would take alone
+
+
+def takeoff_height_m(order: Order | None) -> float:
+    """Return the height that an order to take off means, above the fleet's origin."""
+    return DEFAULT_HEIGHT_M if order is None or order.height_m is None else order.height_m
+
+
+def stay_on_ground(flight: FlightContext, view: FlightView) -> None:
+    """Take this position for the ground and the goal."""
+    flight.ground_z_m = view.position_enu_m[2]
+    flight.goal = flight.goal._replace(position_enu_m=view.position_enu_m)
+
+
+def climb(flight: FlightContext, view: FlightView) -> None:
+    """Go straight up to the ordered height."""
+    x, y, z = view.position_enu_m
+    flight.ground_z_m = z
+    top_m = takeoff_height_m(flight.order)
+    _set_goal(flight, (x, y, top_m), max(_LEAST_CLIMB_S, (top_m - z) / _CLIMB_SPEED_M_S))
+
+
+def fly_leg(flight: FlightContext, view: FlightView) -> None:
+    """Go to the ordered position, within a time that grows with the way."""
+    order = flight.order
+    assert order is not None
+    assert order.position_enu_m is not None
+    duration_s = max(0.0, order.duration_s)
+    _set_goal(flight, order.position_enu_m, duration_s)
+    flight.leg_count += 1
+    alone_s = _PEAK_OF_MEAN * math.dist(order.position_enu_m, view.position_enu_m) / flight.vehicle.max_speed_m_s
+    _limit(flight, view, _LEG_LIMIT_S + _PATIENCE * max(duration_s, alone_s))
+
+
+def slow_down(flight: FlightContext, view: FlightView) -> None:
+    """Fly the rest of the leg at reduced speed, with more time for it."""
+    flight.is_slow = True
+    left_m = math.dist(flight.goal_position_enu_m, view.position_enu_m)
+    duration_s = left_m / (_SLOW_SHARE * flight.vehicle.max_speed_m_s)
+    _set_goal(flight, flight.goal_position_enu_m, duration_s)
+    flight.deadline_ns += round(_PATIENCE * duration_s * 1e9)
+
+
+def stop_here(flight: FlightContext, view: FlightView) -> None:
+    """Stop as soon as the acceleration allows, inside the fence."""
+    _set_goal(flight, stop_point(view, flight.vehicle, flight.fleet), 0.0)
+
+
+def take_over(flight: FlightContext, view: FlightView) -> None:
+    """Stop here; the ground is at the height of the start, since the take-off was not seen."""
+    flight.ground_z_m = flight.vehicle.start_enu_m[2]
+    stop_here(flight, view)
+
+
+def descend(flight: FlightContext, view: FlightView) -> None:
+    """Brake, and go straight down to below the ground."""
+    expect_contact(flight, view)
+    x, y, _ = stop_point(view, flight.vehicle, flight.fleet)
+    height_m = max(0.0, view.position_enu_m[2] - flight.ground_z_m)
+    braking_s = 2.0 * math.hypot(*view.velocity_enu_m_s) / flight.vehicle.max_acceleration_m_s2
+    duration_s = max(_LEAST_DESCENT_S, height_m / _SINK_SPEED_M_S) + braking_s
+    _set_goal(flight, (x, y, flight.ground_z_m - _UNDER_GROUND_M), duration_s)
+    _limit(flight, view, _LANDING_LIMIT_S + _PATIENCE * duration_s)
+
+
+def descend_further(flight: FlightContext, view: FlightView) -> None:
+    """Go on down slowly."""
+    x, y, z = flight.goal_position_enu_m
+    _set_goal(flight, (x, y, min(z, view.position_enu_m[2]) - _LOWER_BY_M), 1.0)
+
+
+def expect_contact(flight: FlightContext, view: FlightView) -> None:
+    """Forget how low it was before."""
+    flight.lowest_m = math.inf
+
+
+def _set_goal(flight: FlightContext, position_enu_m: Vec3, duration_s: float) -> None:
+    flight.goal = FlightGoal(position_enu_m, duration_s, flight.goal.sequence + 1)
+
+
+def _limit(flight: FlightContext, view: FlightView, limit_s: float) -> None:
+    flight.deadline_ns = view.now_ns + round(limit_s * 1e9)

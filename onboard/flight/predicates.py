@@ -1,0 +1,178 @@
+"""Facts that the table of the flight decides on; the names are printed in docs/flight.md. Pure."""
+
+from __future__ import annotations
+
+from onboard.flight.arrival import is_at, is_at_rest
+from onboard.flight.context import FlightContext
+from onboard.flight.types import FlightView, Step
+
+CONFIRM_TIMEOUT_S = 5.0
+LIFTOFF_TIMEOUT_S, CLIMB_TIMEOUT_S, HOLD_TIMEOUT_S, PX4_LANDING_TIMEOUT_S = 6.0, 40.0, 15.0, 60.0
+_STREAM_BEFORE_OFFBOARD_S = 0.3
+_LEAST_OFFBOARD_S = 0.1
+_LIFTED_M = 0.12
+_ARRIVED_S, _REST_S = 0.5, 0.3
+_CONTACT_HEIGHT_M, _CONTACT_M_S, _CONTACT_S = 0.06, 0.10, 0.3
+_STALLED_M, _STALLED_M_S, _STALLED_S = 0.30, 0.05, 1.5
+_LATE_DESCENT_S, _LOWER_FLOOR_S = 1.0, 3.0  # after the time that was planned for it
+_DISARM_AFTER_S = 4.0
+
+
+def _is_confirmed(flight: FlightContext, view: FlightView) -> bool:
+    """Whether a heartbeat has come since this step began; the one before it may be a second old."""
+    return view.snapshot.heartbeat_ns > flight.step_ns
+
+
+# -- what PX4 confirms -------------------------------------------------------------------------------------------------
+
+
+def px4_confirms_offboard(flight: FlightContext, view: FlightView) -> bool:
+    """Whether a heartbeat since the step began says OFFBOARD."""
+    return view.snapshot.is_offboard and _is_confirmed(flight, view) and flight.seconds(view) > _LEAST_OFFBOARD_S
+
+
+def px4_confirms_armed(flight: FlightContext, view: FlightView) -> bool:
+    """Whether a heartbeat since the step began says armed."""
+    return view.snapshot.is_armed and _is_confirmed(flight, view)
+
+
+def px4_confirms_disarmed(flight: FlightContext, view: FlightView) -> bool:
+    """Whether a heartbeat since the step began says disarmed."""
+    return not view.snapshot.is_armed and _is_confirmed(flight, view)
+
+
+def px4_has_not_confirmed_in_time(flight: FlightContext, view: FlightView) -> bool:
+    """Whether PX4 has had five seconds to confirm what was requested."""
+    return flight.seconds(view) > CONFIRM_TIMEOUT_S
+
+
+def setpoints_have_streamed(flight: FlightContext, view: FlightView) -> bool:
+    """Whether PX4 has had setpoints for long enough to accept OFFBOARD."""
+    return flight.seconds(view) > _STREAM_BEFORE_OFFBOARD_S
+
+
+def px4_is_armed(flight: FlightContext, view: FlightView) -> bool:
+    """Whether the last heartbeat says armed."""
+    return view.snapshot.is_armed
+
+
+def px4_is_disarmed_on_ground(flight: FlightContext, view: FlightView) -> bool:
+    """Whether PX4 says disarmed, and on the ground."""
+    return not view.snapshot.is_armed and view.is_on_ground
+
+
+def px4_is_on_ground(flight: FlightContext, view: FlightView) -> bool:
+    """Whether PX4 says that it is on the ground."""
+    return view.is_on_ground
+
+
+def px4_flies_without_agent(flight: FlightContext, view: FlightView) -> bool:
+    """Whether the vehicle is in the air although this agent has not begun a flight."""
+    return view.snapshot.is_armed and not view.is_on_ground and flight.order is None
+
+
+# -- take-off, move, hold ----------------------------------------------------------------------------------------------
+
+
+def lifted_off(flight: FlightContext, view: FlightView) -> bool:
+    """Whether it has clearly left the ground."""
+    return view.position_enu_m[2] > flight.ground_z_m + _LIFTED_M
+
+
+def lift_off_late(flight: FlightContext, view: FlightView) -> bool:
+    """Whether it should have lifted off long since."""
+    return flight.seconds(view) > LIFTOFF_TIMEOUT_S
+
+
+def arrived(flight: FlightContext, view: FlightView) -> bool:
+    """Whether it has been at its goal for half a second."""
+    return flight.steady_s(view) > _ARRIVED_S
+
+
+def climb_late(flight: FlightContext, view: FlightView) -> bool:
+    """Whether it should have been at its height long since."""
+    return flight.seconds(view) > CLIMB_TIMEOUT_S
+
+
+def at_rest(flight: FlightContext, view: FlightView) -> bool:
+    """Whether it has been at rest for a moment."""
+    return flight.steady_s(view) > _REST_S
+
+
+def rest_late(flight: FlightContext, view: FlightView) -> bool:
+    """Whether it should have come to rest long since."""
+    return flight.seconds(view) > HOLD_TIMEOUT_S
+
+
+def not_slowed_yet(flight: FlightContext, view: FlightView) -> bool:
+    """Whether the order still goes on at full speed."""
+    return not flight.is_slow
+
+
+# -- landing -----------------------------------------------------------------------------------------------------------
+
+
+def _is_low(flight: FlightContext, view: FlightView) -> bool:
+    height_m = view.position_enu_m[2] - flight.ground_z_m
+    return height_m < _CONTACT_HEIGHT_M and abs(view.velocity_enu_m_s[2]) < _CONTACT_M_S
+
+
+def _is_stalled(flight: FlightContext, view: FlightView) -> bool:
+    height_m = view.position_enu_m[2] - flight.ground_z_m
+    is_late = flight.seconds(view) > flight.goal.duration_s + _LATE_DESCENT_S
+    return is_late and abs(view.velocity_enu_m_s[2]) < _STALLED_M_S and height_m < _STALLED_M
+
+
+def touched_down(flight: FlightContext, view: FlightView) -> bool:
+    """Whether it is low and slow for a moment, or sinks no more near the ground, or PX4 says that it is down."""
+    steady_s = _CONTACT_S if _is_low(flight, view) else _STALLED_S
+    return flight.steady_s(view) > steady_s or (view.is_on_ground and flight.seconds(view) > 1.0)
+
+
+def floor_is_lower(flight: FlightContext, view: FlightView) -> bool:
+    """Whether the descent is over and the ground is not reached: it is lower here than at the take-off."""
+    is_high = view.position_enu_m[2] - flight.ground_z_m > _CONTACT_HEIGHT_M
+    return is_high and flight.seconds(view) > flight.goal.duration_s + _LOWER_FLOOR_S
+
+
+def landed_by_order(flight: FlightContext, view: FlightView) -> bool:
+    """Whether PX4 confirms the end of a landing that an operator ordered."""
+    return landed(flight, view) and flight.order is not None and flight.order.kind == "land"
+
+
+def landed(flight: FlightContext, view: FlightView) -> bool:
+    """Whether PX4 confirms that it is disarmed on the ground."""
+    return px4_is_disarmed_on_ground(flight, view) and _is_confirmed(flight, view)
+
+
+def px4_should_have_disarmed(flight: FlightContext, view: FlightView) -> bool:
+    """Whether PX4 has been down for longer than it takes to disarm by itself."""
+    return flight.seconds(view) > _DISARM_AFTER_S
+
+
+def px4_does_not_land(flight: FlightContext, view: FlightView) -> bool:
+    """Whether PX4 is in another mode, and in the air."""
+    return view.snapshot.mode != "LAND" and not view.is_on_ground
+
+
+def px4_refuses_to_land(flight: FlightContext, view: FlightView) -> bool:
+    """Whether PX4 is still in another mode after five seconds."""
+    return px4_does_not_land(flight, view) and flight.seconds(view) > CONFIRM_TIMEOUT_S
+
+
+def px4_landing_late(flight: FlightContext, view: FlightView) -> bool:
+    """Whether PX4 should have landed long since."""
+    return flight.seconds(view) > PX4_LANDING_TIMEOUT_S
+
+
+# -- what must last ----------------------------------------------------------------------------------------------------
+
+
+def is_steady(flight: FlightContext, view: FlightView) -> bool:
+    """Whether what the step waits for holds at this tick; the step counts for how long."""
+    step = flight.step
+    if step in (Step.CLIMB, Step.LEG):
+        return is_at(view, flight.goal_position_enu_m, flight.vehicle)
+    if step is Step.HOLDING:
+        return is_at_rest(view, flight.vehicle)
+    return step is Step.DESCENT and (_is_low(flight, view) or _is_stalled(flight, view))

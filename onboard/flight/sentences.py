@@ -1,0 +1,57 @@
+"""Sentences of the table of the flight for people. Pure."""
+
+from __future__ import annotations
+
+from onboard.flight.arrival import position_text
+from onboard.flight.context import FlightContext
+from onboard.flight.predicates import CONFIRM_TIMEOUT_S, PX4_LANDING_TIMEOUT_S
+from onboard.flight.types import FlightView
+
+LOCATED = "The tune was sent to PX4, which does not confirm it: listen, or look at the row that blinks."
+FLIES_WITHOUT_AGENT = "PX4 flies without this agent: order land or kill, or hold when PX4 holds its place."
+DISARMED = "PX4 is disarmed."
+LANDED = "Landed and disarmed."
+NO_LIFTOFF = "The vehicle did not leave the ground: check propellers, battery and hover_thrust_frac."
+NOT_LANDED = f"PX4 has not landed after {PX4_LANDING_TIMEOUT_S:.0f} s: take it by radio control."
+
+
+def killed(flight: FlightContext, view: FlightView) -> str:
+    """Return the reason of a killed vehicle's state."""
+    return f"Killed by order of {'' if flight.order is None else flight.order.author}."
+
+
+def still_armed(flight: FlightContext, view: FlightView) -> str:
+    """Return the reason why an order to disarm or to kill has not been confirmed."""
+    sentence = "PX4 is still armed" if view.snapshot.is_armed else "PX4 has not said that it is disarmed"
+    return f"{sentence}. {view.snapshot.status_text}".strip()
+
+
+def not_armed(flight: FlightContext, view: FlightView) -> str:
+    """Return the reason why PX4 did not arm, with its own words if it has said any since."""
+    text = view.snapshot.status_text if view.snapshot.status_text_ns > flight.step_ns else ""
+    return f"PX4 did not arm within {CONFIRM_TIMEOUT_S:.0f} s. {text}".strip()
+
+
+def at_height(flight: FlightContext, view: FlightView) -> str:
+    """Return the end of a take-off."""
+    return f"At {view.position_enu_m[2]:.2f} m."
+
+
+def at_position(flight: FlightContext, view: FlightView) -> str:
+    """Return the end of a move."""
+    return f"At {position_text(view)}."
+
+
+def holding(flight: FlightContext, view: FlightView) -> str:
+    """Return the end of an order to hold."""
+    return f"Holding at {position_text(view)}."
+
+
+def why_landed(flight: FlightContext, view: FlightView) -> str:
+    """Return the reason why another order than to land ended with a landing."""
+    return flight.reason or "Landed."
+
+
+def px4_does_not_land(flight: FlightContext, view: FlightView) -> str:
+    """Return the reason why PX4's landing has failed."""
+    return f"PX4 does not land, it is in {view.snapshot.mode}: take it by radio control."

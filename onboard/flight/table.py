@@ -1,0 +1,203 @@
+"""The flight as a table: (step, event) -> (step, request to PX4), with predicates. Pure data.
+
+Of the rows of a step and an event, in their order, the first counts whose predicate holds. An event without a row
+changes nothing, and an order without a row is refused. Nothing counts as armed, in OFFBOARD, landed or disarmed before
+PX4 says so. docs/flight.md is printed from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from onboard.bus.schema import OrderOutcome, Severity
+from onboard.events import Arm, Command, Disarm, Kill, Px4Land, SetOffboard
+from onboard.flight import effects, sentences
+from onboard.flight import predicates as p
+from onboard.flight.context import FlightContext
+from onboard.flight.types import FlightEvent as E
+from onboard.flight.types import FlightView
+from onboard.flight.types import Step as S
+
+Predicate = Callable[[FlightContext, FlightView], bool]
+Effect = Callable[[FlightContext, FlightView], None]
+Text = str | Callable[[FlightContext, FlightView], str]
+
+CAUSE = "{cause}"  # stands for the reason that the failsafe or the order gave
+
+
+class Row(NamedTuple):
+    """One row of the table."""
+
+    steps: Sequence[S]
+    event: E
+    when: Predicate | None = None  # None: always
+    to: S | None = None  # None: the step goes on; the same step: it begins anew
+    request: Command | None = None  # to PX4: at once when a step begins, else repeated until PX4 has obeyed
+    effect: Effect | None = None  # sets the goal of what begins
+    reason: Text | None = None  # shown beside the state; None: as it was
+    ends: tuple[OrderOutcome, Text] | None = None  # end of the order in progress
+    says: tuple[Severity, str, Text] | None = None  # event for people: severity, code, sentence
+
+
+_START = (S.WAITING, S.READY, S.LANDED)
+_ARMED = (S.ARM_OFFBOARD, S.ARM_ARMING, S.ARMED, S.TAKEOFF_OFFBOARD, S.TAKEOFF_ARMING)
+_FREE = (S.CLIMB, S.LEG, S.ARRIVED, S.HOLDING, S.TAKEOVER)
+_DOWN = (S.DESCENT, S.CONTACT)
+_SILENT = (S.FAILED, S.FAILED_DISARMING, S.KILLING)
+_DISARMABLE = (*_START, S.ARM_OFFBOARD, S.ARM_ARMING, S.ARMED, S.DISARMING, S.DISARMED, S.FAILSAFE_DISARMING,
+               S.CONTACT, S.PX4_LANDING)  # fmt: skip
+_NO_OFFBOARD = f"PX4 did not enter OFFBOARD within {p.CONFIRM_TIMEOUT_S:.0f} s"
+
+ORDERS = (
+    Row(_START, E.ARM, to=S.ARM_OFFBOARD, effect=effects.stay_on_ground, reason=""),
+    Row(_START, E.TAKEOFF, to=S.TAKEOFF_OFFBOARD, effect=effects.stay_on_ground, reason=""),
+    Row((S.ARMED,), E.TAKEOFF, to=S.LIFTOFF, effect=effects.climb, reason=""),
+    Row(_FREE, E.MOVE, to=S.LEG, effect=effects.fly_leg, reason=""),
+    Row(_FREE, E.HOLD, to=S.HOLDING, effect=effects.stop_here, reason="ordered"),
+    # an agent that found its vehicle in the air, or lost it, flies it again from PX4's hold
+    Row(_SILENT, E.HOLD, to=S.TAKEOVER, effect=effects.take_over, reason=S.TAKEOVER.text),
+    Row((*_FREE, *_DOWN), E.LAND, to=S.DESCENT, effect=effects.descend, reason="ordered"),
+    Row((S.PX4_LANDING,), E.LAND),  # what PX4 is landing already, it lands
+    Row(_SILENT, E.LAND, to=S.PX4_LANDING, request=Px4Land(), reason="ordered"),
+    Row(_DISARMABLE, E.DISARM, p.px4_is_armed, S.DISARMING, Disarm(), reason=""),
+    Row(_DISARMABLE, E.DISARM, to=S.DISARMED, request=Disarm(), reason=""),
+    Row(_SILENT, E.DISARM, to=S.FAILED_DISARMING, request=Disarm()),
+    Row(tuple(S), E.KILL, to=S.KILLING, request=Kill(), reason=sentences.killed),
+)
+
+FAILSAFES = (
+    Row((S.LEG,), E.FAILSAFE_SLOW, p.not_slowed_yet, effect=effects.slow_down, reason=CAUSE),
+    Row((S.CLIMB, S.LEG, S.ARRIVED), E.FAILSAFE_HOLD, to=S.HOLDING, effect=effects.stop_here, reason=CAUSE),
+    Row((S.LIFTOFF, *_FREE), E.FAILSAFE_LAND, to=S.DESCENT, effect=effects.descend, reason=CAUSE),
+    Row((S.ARM_ARMING, S.TAKEOFF_ARMING, S.ARMED, S.LIFTOFF, *_FREE, *_DOWN), E.FAILSAFE_PX4_LAND,
+        to=S.PX4_LANDING, request=Px4Land(), reason=CAUSE),
+    Row((*_ARMED, S.DISARMING), E.FAILSAFE_DISARM, to=S.FAILSAFE_DISARMING, request=Disarm(), reason=CAUSE),
+    Row((*_ARMED, S.DISARMING, S.LIFTOFF, *_FREE, *_DOWN, S.PX4_LANDING), E.FAILSAFE_STOP, to=S.FAILED, reason=CAUSE),
+)  # fmt: skip
+
+GROUND = (
+    Row((S.WAITING,), E.PREFLIGHT_PASSED, to=S.READY),
+    Row((S.READY,), E.PREFLIGHT_REFUSED, to=S.WAITING),
+    Row((S.FAILSAFE_DISARMING,), E.TICK, p.px4_confirms_disarmed, S.WAITING),
+    Row((S.FAILSAFE_DISARMING,), E.TICK, p.px4_is_on_ground, request=Disarm()),
+    Row((*_START, S.FAILSAFE_DISARMING), E.TICK, p.px4_flies_without_agent, S.FAILED,
+        reason=sentences.FLIES_WITHOUT_AGENT),
+    Row((S.ARMED,), E.TICK, p.px4_confirms_disarmed, S.READY, reason="",
+        says=("warning", "auto-disarmed", "PX4 disarmed by itself before take-off.")),
+    Row((S.DISARMING,), E.TICK, p.px4_confirms_disarmed, S.READY, reason="", ends=("done", sentences.DISARMED)),
+    Row((S.DISARMING,), E.TICK, p.px4_has_not_confirmed_in_time, S.FAILED,
+        reason=sentences.still_armed, ends=("timed out", sentences.still_armed)),
+    Row((S.DISARMED,), E.TICK, p.px4_confirms_disarmed, S.READY, ends=("done", sentences.DISARMED)),
+    Row((S.DISARMED,), E.TICK, p.px4_has_not_confirmed_in_time, S.READY, ends=("timed out", sentences.still_armed)),
+    Row((S.FAILED_DISARMING, S.KILLING), E.TICK, p.px4_confirms_disarmed, S.FAILED,
+        ends=("done", sentences.DISARMED)),
+    Row((S.FAILED_DISARMING, S.KILLING), E.TICK, p.px4_has_not_confirmed_in_time, S.FAILED,
+        ends=("timed out", sentences.still_armed)),
+    Row((S.DISARMING, S.DISARMED, S.FAILED_DISARMING), E.TICK, p.px4_is_armed, request=Disarm()),
+    Row((S.KILLING,), E.TICK, p.px4_is_armed, request=Kill()),
+    Row((S.FAILED,), E.TICK, p.px4_is_disarmed_on_ground, S.LANDED,
+        says=("info", "landed", "On the ground and disarmed.")),
+)  # fmt: skip
+
+TAKEOFF = (
+    Row((S.ARM_OFFBOARD,), E.TICK, p.px4_confirms_offboard, S.ARM_ARMING),
+    Row((S.TAKEOFF_OFFBOARD,), E.TICK, p.px4_confirms_offboard, S.TAKEOFF_ARMING),
+    Row((S.ARM_OFFBOARD, S.TAKEOFF_OFFBOARD), E.TICK, p.px4_has_not_confirmed_in_time, S.FAILSAFE_DISARMING, Disarm(),
+        reason=f"{_NO_OFFBOARD}.", ends=("failed", f"{_NO_OFFBOARD}.")),
+    Row((S.ARM_OFFBOARD, S.TAKEOFF_OFFBOARD), E.TICK, p.setpoints_have_streamed, request=SetOffboard()),
+    Row((S.ARM_ARMING,), E.TICK, p.px4_confirms_armed, S.ARMED, ends=("done", "Armed.")),
+    Row((S.TAKEOFF_ARMING,), E.TICK, p.px4_confirms_armed, S.LIFTOFF, effect=effects.climb),
+    Row((S.ARM_ARMING, S.TAKEOFF_ARMING), E.TICK, p.px4_has_not_confirmed_in_time, S.FAILSAFE_DISARMING, Disarm(),
+        reason=sentences.not_armed, ends=("failed", sentences.not_armed)),
+    Row((S.ARM_ARMING, S.TAKEOFF_ARMING), E.TICK, request=Arm()),
+    Row((S.LIFTOFF,), E.TICK, p.lifted_off, S.CLIMB),
+    Row((S.LIFTOFF,), E.TICK, p.lift_off_late, S.CONTACT, effect=effects.expect_contact,
+        reason=sentences.NO_LIFTOFF, ends=("failed", sentences.NO_LIFTOFF),
+        says=("critical", "no-liftoff", sentences.NO_LIFTOFF)),
+    Row((S.CLIMB,), E.TICK, p.arrived, S.ARRIVED, ends=("done", sentences.at_height)),
+    Row((S.CLIMB,), E.TICK, p.climb_late, S.HOLDING, effect=effects.stop_here, reason="the climb took too long",
+        ends=("timed out", f"Not at its height after {p.CLIMB_TIMEOUT_S:.0f} s; holding.")),
+)  # fmt: skip
+
+FLYING = (
+    Row((S.LEG,), E.TICK, p.arrived, S.ARRIVED, ends=("done", sentences.at_position)),
+    Row((S.HOLDING,), E.TICK, p.at_rest, ends=("done", sentences.holding)),
+    Row((S.HOLDING,), E.TICK, p.rest_late,
+        ends=("timed out", f"Not at rest after {p.HOLD_TIMEOUT_S:.0f} s; still trying to hold.")),
+    Row((S.TAKEOVER,), E.TICK, p.px4_confirms_offboard, S.HOLDING, reason="ordered",
+        ends=("done", "Taken over from PX4's hold; holding.")),
+    Row((S.TAKEOVER,), E.TICK, p.px4_has_not_confirmed_in_time, S.FAILED,
+        reason=f"{_NO_OFFBOARD}: it flies without this agent.",
+        ends=("failed", f"{_NO_OFFBOARD}: it flies without this agent.")),
+    Row((S.TAKEOVER,), E.TICK, p.setpoints_have_streamed, request=SetOffboard()),
+)  # fmt: skip
+
+LANDING = (
+    Row((S.DESCENT,), E.TICK, p.touched_down, S.CONTACT),
+    Row((S.DESCENT,), E.TICK, p.floor_is_lower, S.DESCENT, effect=effects.descend_further),
+    Row((S.CONTACT, S.PX4_LANDING), E.TICK, p.landed_by_order, S.LANDED, ends=("done", sentences.LANDED)),
+    Row((S.CONTACT, S.PX4_LANDING), E.TICK, p.landed, S.LANDED, ends=("failed", sentences.why_landed),
+        says=("info", "landed", sentences.LANDED)),
+    Row((S.CONTACT,), E.TICK, p.px4_should_have_disarmed, request=Disarm()),
+    Row((S.PX4_LANDING,), E.TICK, p.px4_refuses_to_land, request=Px4Land(),
+        ends=("failed", sentences.px4_does_not_land)),
+    Row((S.PX4_LANDING,), E.TICK, p.px4_does_not_land, request=Px4Land()),
+    Row((S.PX4_LANDING,), E.TICK, p.px4_landing_late, ends=("timed out", sentences.NOT_LANDED)),
+)  # fmt: skip
+
+ROWS = (*ORDERS, *FAILSAFES, *GROUND, *TAKEOFF, *FLYING, *LANDING)
+
+
+def _by_step_and_event() -> dict[tuple[S, E], tuple[Row, ...]]:
+    table: dict[tuple[S, E], tuple[Row, ...]] = {}
+    for row in ROWS:
+        for step in row.steps:
+            table[step, row.event] = (*table.get((step, row.event), ()), row)
+    return table
+
+
+TABLE = _by_step_and_event()
+
+
+# -- docs/flight.md ----------------------------------------------------------------------------------------------------
+
+
+def steps_text() -> str:
+    """Return the steps as Markdown, for the documentation."""
+    lines = [_line("step", "state", "shown beside it", "situation for failsafes", "phase of the pipeline", "setpoints")]
+    lines.append("|---" * 6 + "|")
+    for step in S:
+        streams, phase = "yes" if step.is_streaming else "no", step.phase.name.lower()
+        lines.append(_line(_name(step), step.state, step.text, step.situation.value, phase, streams))
+    return "\n".join(lines)
+
+
+def table_text() -> str:
+    """Return the table as Markdown, for the documentation."""
+    lines = [_line("step", "event", "when", "next step", "request to PX4", "goal", "the order ends"), "|---" * 7 + "|"]
+    for row in ROWS:
+        steps = "any" if len(row.steps) == len(S) else ", ".join(map(_name, row.steps))
+        cells = (
+            steps,
+            row.event.value,
+            _words(row.when),
+            "" if row.to is None else _name(row.to),
+            "" if row.request is None else type(row.request).__name__,
+            _words(row.effect),
+            "" if row.ends is None else row.ends[0],
+        )
+        lines.append(_line(*cells))
+    return "\n".join(lines)
+
+
+def _line(*cells: str) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _name(step: S) -> str:
+    return step.name.lower().replace("_", " ")
+
+
+def _words(function: Predicate | Effect | None) -> str:
+    return "" if function is None else function.__name__.replace("_", " ")

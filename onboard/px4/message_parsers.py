@@ -1,0 +1,85 @@
+"""Parsers of PX4's messages: from JSON fields and arrival to fields of :class:`onboard.autopilot.Snapshot`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from onboard.autopilot import Landed
+from onboard.frames import enu_flu_from_ned_frd
+from onboard.px4 import modes
+
+
+def _attitude(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
+    q = enu_flu_from_ned_frd((fields["q1"], fields["q2"], fields["q3"], fields["q4"]))
+    if not math.isfinite(sum(q)):
+        return {}
+    return {
+        "quaternion_enu_flu_wxyz": q,
+        "attitude_ns": arrival_ns,
+        "px4_boot_ms": int(fields["time_boot_ms"]),
+    }
+
+
+def _local_position(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
+    position, velocity = (fields["x"], fields["y"], fields["z"]), (fields["vx"], fields["vy"], fields["vz"])
+    if not all(isinstance(value, float) and math.isfinite(value) for value in (*position, *velocity)):
+        return {}
+    return {"position_local_ned_m": position, "velocity_local_ned_m_s": velocity, "local_position_ns": arrival_ns}
+
+
+def _estimator_status(fields: dict[str, Any], _: int) -> dict[str, Any]:
+    accuracy_m = fields["pos_horiz_accuracy"]
+    is_known = isinstance(accuracy_m, float) and math.isfinite(accuracy_m) and accuracy_m >= 0.0
+    return {"position_accuracy_m": accuracy_m} if is_known else {}
+
+
+def _global_origin(fields: dict[str, Any], _: int) -> dict[str, Any]:
+    return {"global_origin": (fields["latitude"] * 1e-7, fields["longitude"] * 1e-7, fields["altitude"] * 1e-3)}
+
+
+def _heartbeat(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
+    return {
+        "heartbeat_ns": arrival_ns,
+        "is_armed": bool(int(fields["base_mode"]) & modes.BASE_MODE_ARMED),
+        "mode": modes.mode_name(int(fields["custom_mode"])),
+        "is_failsafe": int(fields["system_status"]) == modes.STATUS_CRITICAL,
+    }
+
+
+def _extended_state(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
+    return {"landed": Landed(int(fields["landed_state"])), "landed_ns": arrival_ns}
+
+
+def _battery(fields: dict[str, Any], _: int) -> dict[str, Any]:
+    remaining, voltages = int(fields["battery_remaining"]), fields["voltages"]
+    return {
+        "battery_frac": remaining / 100.0 if remaining >= 0 else math.nan,
+        "battery_voltage_v": sum(v for v in voltages if v < 65535) / 1000.0,
+    }
+
+
+def _status_text(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
+    return {"status_text": str(fields["text"]).strip(), "status_text_ns": arrival_ns}
+
+
+def _sys_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
+    return {
+        "sensors_enabled": int(fields["onboard_control_sensors_enabled"]),
+        "sensors_healthy": int(fields["onboard_control_sensors_health"]),
+        "sensors_ns": arrival_ns,
+    }
+
+
+PARSERS: dict[str, Callable[[dict[str, Any], int], dict[str, Any]]] = {
+    "HEARTBEAT": _heartbeat,
+    "ATTITUDE_QUATERNION": _attitude,
+    "LOCAL_POSITION_NED": _local_position,
+    "ESTIMATOR_STATUS": _estimator_status,
+    "EXTENDED_SYS_STATE": _extended_state,
+    "GPS_GLOBAL_ORIGIN": _global_origin,
+    "BATTERY_STATUS": _battery,
+    "STATUSTEXT": _status_text,
+    "SYS_STATUS": _sys_status,
+}

@@ -1,0 +1,41 @@
+"""``make bench-NAME ARGS="..."``, which is ``python -m tests.bench NAME ...``: run one benchmark of this clone."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+from onboard.config.fleet import ConfigError
+
+# name -> module with main(words) -> exit status, description
+BENCHMARKS = {
+    "lockstep": ("tests.bench.lockstep", "how much faster than time flights in lockstep are, and where the time goes"),
+    "demo": ("tests.bench.demo", "fly the demo several times and write a table"),
+    "console": ("tests.bench.console", "what the console costs and how quickly it answers"),
+    "sitl": ("tests.bench.sitl", "what the emulated PX4s cost"),
+    "responses": ("tests.bench.responses", "the emulator beside PX4: steps, closed loop, errors"),
+    "silence": ("tests.bench.silence.bench", "how soon the link to PX4 is silent after an agent hangs"),
+    "agents": ("tests.bench.agents", "period, processor and memory of agents in flight"),
+    "soak": ("tests.bench.soak", "memory, orders and late ticks of a long flight"),
+    "law": ("tests.bench.peers.bench", "the law beside other methods, and without each of its ideas"),
+}
+
+
+def main(words: list[str]) -> int:
+    """Run the benchmark that the first word names; the exit status."""
+    if not words or words[0] not in BENCHMARKS:
+        width = max(map(len, BENCHMARKS))
+        print('usage: make bench-NAME [ARGS="..."]; make bench-NAME ARGS=--help says more.')
+        print("\n".join(f"  {name:<{width}}  {text}" for name, (_, text) in BENCHMARKS.items()))
+        return 0 if words[:1] == ["--help"] else 2
+    try:
+        return int(importlib.import_module(BENCHMARKS[words[0]][0]).main(words[1:]))
+    except ConfigError as error:
+        print(f"bench-{words[0]}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
