@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from onboard.agent.core import Pass
+from onboard.agent.control_step import PipelineInputs
 from onboard.control import pipeline
 from onboard.control.pipeline import PipelineMemory, PipelineParams
 from sitl.lockstep.agents import AgentShell, Hall
@@ -124,7 +124,7 @@ class Batch:
             known = self._known[agent.name] = params, self._kinds.index(params)
         return known[1]
 
-    def _together(self, params: PipelineParams, dues: list[Pass]) -> list[Any]:
+    def _together(self, params: PipelineParams, dues: list[PipelineInputs]) -> list[Any]:
         first = dues[0]
         assert self._hall is not None
         memory, tick = pipeline.step(
@@ -139,7 +139,7 @@ class Batch:
         ticks = stacker_of(tick).rows(tick)
         return [(_Row(memory, place), row) for place, row in enumerate(ticks)]
 
-    def _stacked_memory(self, dues: list[Pass]) -> PipelineMemory:
+    def _stacked_memory(self, dues: list[PipelineInputs]) -> PipelineMemory:
         """As it is when the same agents ticked together last time, else put together anew."""
         held: list[Any] = [due.memory for due in dues]
         first = held[0]
@@ -155,7 +155,7 @@ class Batch:
         return together
 
 
-def _alone(params: PipelineParams, due: Pass) -> Any:
+def _alone(params: PipelineParams, due: PipelineInputs) -> Any:
     return pipeline.step(
         _taken_out(due.memory),
         due.state,
@@ -171,6 +171,6 @@ def _taken_out(memory: Any) -> Any:
     return memory.taken_out() if isinstance(memory, _Row) else memory
 
 
-def _stack(name: str, dues: list[Pass]) -> Any:
+def _stack(name: str, dues: list[PipelineInputs]) -> Any:
     values = [getattr(due, name) for due in dues]
     return stacker_of(values[0]).stack(values)
