@@ -99,7 +99,7 @@ class Agent:
         self._ended = loop.create_future()
         for number in (signal.SIGINT, signal.SIGTERM):  # before anything takes time: a stop asked for early counts too
             loop.add_signal_handler(number, self._signalled)
-        warm_up(self.fleet, self.name, self._core.law)
+        warm_up(self.fleet, self.name, self._core.control.law)
         self._link.start()
         try:
             self._bus.start()
@@ -140,14 +140,14 @@ class Agent:
                     now_ns = time.monotonic_ns()
                     if isinstance(message, StateMessage):
                         message = self._clock.state(name, message, now_ns)
-                    self._inbox.append(ev.NeighbourHeard(message, now_ns))
+                    self._inbox.append(ev.NeighbourReceived(message, now_ns))
             else:
                 self._inbox.append(ev.MessageMalformed())
 
         def pose(message: MocapPose, received_ns: int) -> None:
             aged = self._clock.pose(message, received_ns)
             if aged is not None:
-                self._inbox.append(ev.PoseArrived(aged, received_ns))
+                self._inbox.append(ev.PoseReceived(aged, received_ns))
 
         def malformed() -> None:
             self._inbox.append(ev.MessageMalformed())
@@ -164,7 +164,7 @@ class Agent:
             self._mocap = source_of(self._mocap_table, self._bus, body, pose, malformed)
             self._mocap.start()
         self._bus.serve_orders(self.name, order)
-        self._bus.watch_alive(lambda node, is_alive: self._notices.append(ev.NodeSeen(node, is_alive)))
+        self._bus.watch_alive(lambda node, is_alive: self._notices.append(ev.NodeChanged(node, is_alive)))
 
     def _ordered(self, message: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
         if isinstance(message, Malformed):
@@ -173,9 +173,9 @@ class Agent:
             self._reliable.submit(reply, answer)
             return
         self._replies[message.order_id] = reply
-        self._core.handle(ev.AutopilotHeard(self._link.snapshot()), time.monotonic_ns())
+        self._core.handle(ev.SnapshotReceived(self._link.snapshot()), time.monotonic_ns())
         now_ns = time.monotonic_ns()
-        self._execute(self._core.handle(ev.OrderArrived(self._clock.order(message, now_ns)), now_ns))
+        self._execute(self._core.handle(ev.OrderReceived(self._clock.order(message, now_ns)), now_ns))
         log.info("order %s of %s", message.kind, message.author)
 
     def _signalled(self) -> None:
@@ -185,7 +185,7 @@ class Agent:
             os._exit(EXIT_INTERRUPTED)
         else:
             log.info("asked to stop: landing first if in the air")
-            self._notices.append(ev.ShutdownAsked())
+            self._notices.append(ev.ShutdownRequested())
 
     # -- tick --------------------------------------------------------------------------------------------------------
 
@@ -198,7 +198,7 @@ class Agent:
             for_px4: list[ev.Command] = []  # poses, which may wait until the setpoint is out
             while self._inbox:
                 for_px4 += self._core.handle(self._inbox.popleft(), now_ns)
-            self._core.handle(ev.AutopilotHeard(self._link.snapshot()), now_ns)
+            self._core.handle(ev.SnapshotReceived(self._link.snapshot()), now_ns)
             self._execute(self._core.tick(now_ns))
             self._execute(for_px4)
             if self._ticks % _STATISTICS_TICKS == 0:
@@ -206,7 +206,7 @@ class Agent:
                 self._core.handle(ev.ClocksCompared(self._clock.clocks.bounds_s(now_ns)), now_ns)
                 if self._mocap is not None and self._mocap.problem != self._told:
                     self._told = self._mocap.problem
-                    self._core.handle(ev.SourceTold(self._told), now_ns)
+                    self._core.handle(ev.MocapProblemChanged(self._told), now_ns)
             self._failed_ticks = 0
             self._life.alive(now_ns, self._core.flight.state)
         except Exception as error:  # our own bug in flight: the one place that catches it

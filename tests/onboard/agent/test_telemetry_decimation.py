@@ -11,7 +11,7 @@ import pytest
 
 from onboard import events as ev
 from onboard.agent.loop import Agent
-from onboard.agent.telemetry_decimation import Brief
+from onboard.agent.telemetry_decimation import TelemetryDecimation
 from onboard.bus.schema import Telemetry
 from onboard.bus.topics import Topic
 from sitl.lockstep.fleets import square_fleet
@@ -29,7 +29,7 @@ def telemetry() -> Telemetry:
 
 
 def _told(telemetry: Telemetry, tenths: Iterable[int], **changes: Any) -> list[int]:
-    brief = Brief()
+    brief = TelemetryDecimation()
     assert all(brief.is_due(msgspec.structs.replace(telemetry, stamp_ns=tenth * _TENTH_NS)) for tenth in range(-3, 1))
     return [
         tenth

@@ -25,7 +25,7 @@ def other(boot_id: int) -> Rig:
 
 
 def hear(rig: Rig, message: Telemetry) -> None:
-    rig.core.handle(ev.NeighbourHeard(message, rig.now_ns), rig.now_ns)
+    rig.core.handle(ev.NeighbourReceived(message, rig.now_ns), rig.now_ns)
 
 
 def test_a_restart_is_one_life_after_the_other_and_two_voices_are_two() -> None:
