@@ -10,7 +10,7 @@ the normals e and e turned by 90 degrees. A row is divided by the distance to ke
 from __future__ import annotations
 
 from onboard.avoidance.half_planes import HalfPlane
-from onboard.avoidance.pairs import Pair, Surface
+from onboard.avoidance.pairs import NeighbourPair, Surface
 from onboard.avoidance.params import (
     DIRECTION_CROWD,
     DIRECTION_FIXED,
@@ -59,7 +59,7 @@ def h_2(e: Vec2, w: Vec2, v: Vec2, d_m: float, v_perp_m_s: float, sign: float, g
     return -d_2 - kappa_3 * d_o2_rate - kappa_4 * (phi_perp - d_m * v_perp_m_s + kappa_3 * outside)
 
 
-def distance_row(pair: Pair, params: LawParams) -> HalfPlane:
+def distance_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
     """Return the half-plane that keeps one neighbour outside the distance to keep (line D).
 
     Implements: (17), (20). DEVIATION D2: the policy says how much of the bound this vehicle takes on itself. full: all
@@ -85,7 +85,7 @@ def distance_row(pair: Pair, params: LawParams) -> HalfPlane:
     return HalfPlane(Vec2(e.x / d, e.y / d), bound / d)
 
 
-def rotation_row(pair: Pair, own_velocity_m_s: Vec2, is_crowded: bool, params: LawParams) -> HalfPlane:
+def rotation_row(pair: NeighbourPair, own_velocity_m_s: Vec2, is_crowded: bool, params: LawParams) -> HalfPlane:
     """Return the soft half-plane that turns the pair about each other (line R).
 
     Implements: (18), (21). DEVIATION D4: in relative form with half a share for each, where both see the same numbers.
@@ -131,7 +131,12 @@ def turn_sign(e: Vec2, intent_m_s: Vec2, d_m: float, is_crowded: bool, direction
 
 
 def obstacle_row(surface: Surface, gains: Gains) -> HalfPlane:
-    """Return the half-plane that keeps a static obstacle at its distance: (17) with all of the bound. DEVIATION D13."""
+    """Return the half-plane that keeps a static obstacle at its distance: (17) with all of the bound. DEVIATION D13.
+
+    Args:
+        surface: the obstacle's nearest point.
+        gains: ``static_kappa_1_1_s`` in place of kappa_1.
+    """
     e, d = surface.e, surface.d_m
     bound = h_1(e, surface.w, d, gains.static_kappa_1_1_s, gains.kappa_2_1_s)
     return HalfPlane(Vec2(e.x / d, e.y / d), bound / d)
@@ -180,21 +185,42 @@ def speed_row(velocity_m_s: Vec2, top_speed_m_s: float) -> HalfPlane:
 
 
 def compensated(row: HalfPlane, compensation_m_s2: Vec2) -> HalfPlane:
-    """Return the row for the thrust with its compensation; rows constrain the net motion, which is without it."""
+    """Return the row for the thrust with its compensation; rows constrain the net motion, which is without it.
+
+    Args:
+        row: of the net motion.
+        compensation_m_s2: horizontal.
+    """
     return HalfPlane(row.normal, row.bound_m_s2 + dot_2(row.normal, compensation_m_s2))
 
 
 def violation(row: HalfPlane, thrust_m_s2: Vec2) -> float:
-    """Return by how much a thrust misses the bound [m/s^2]; negative where the row holds."""
+    """Return by how much a thrust misses the bound [m/s^2]; negative where the row holds.
+
+    Args:
+        row: half-plane.
+        thrust_m_s2: horizontal.
+    """
     return row.bound_m_s2 - dot_2(row.normal, thrust_m_s2)
 
 
 def can_bind(row: HalfPlane, radius_m_s2: float) -> bool:
-    """Whether some thrust of the disc violates the row."""
+    """Whether some thrust of the disc violates the row.
+
+    Args:
+        row: half-plane.
+        radius_m_s2: of the disc of possible thrusts.
+    """
     return row.bound_m_s2 > -radius_m_s2 * length_2(row.normal)
 
 
 def faded(row: HalfPlane, thrust_m_s2: Vec2, strength: float) -> HalfPlane:
-    """Return the row between what the thrust gives already, for strength 0, and its own bound, for 1. DEVIATION D15."""
+    """Return the row between what the thrust gives already, for strength 0, and its own bound, for 1. DEVIATION D15.
+
+    Args:
+        row: half-plane.
+        thrust_m_s2: of the baseline.
+        strength: from 0 to 1.
+    """
     given = dot_2(row.normal, thrust_m_s2)
     return HalfPlane(row.normal, given + strength * (row.bound_m_s2 - given))

@@ -18,20 +18,34 @@ class HalfPlane(NamedTuple):
 
 
 def unit_row(row: HalfPlane) -> HalfPlane:
-    """Return the same half-plane with a normal of unit length."""
+    """Return the same half-plane with a normal of unit length.
+
+    Args:
+        row: with a normal that is not zero.
+    """
     normal, bound = row
     length = length_2(normal)
     return HalfPlane(Vec2(normal.x / length, normal.y / length), bound / length)
 
 
 def in_disc(u: Vec2, radius: float) -> bool:
-    """Whether a point lies in the disc, up to rounding."""
+    """Whether a point lies in the disc, up to rounding.
+
+    Args:
+        u: point.
+        radius: of the disc about the origin.
+    """
     limit = radius * (1.0 + 1e-12) + 1e-12
     return u.x * u.x + u.y * u.y <= limit * limit
 
 
 def foot(u: Vec2, row: HalfPlane) -> Vec2:
-    """Return the nearest point of one half-plane of unit length."""
+    """Return the nearest point of one half-plane of unit length.
+
+    Args:
+        u: point.
+        row: of unit length.
+    """
     normal, bound = row
     missing = max(0.0, bound - normal.x * u.x - normal.y * u.y)
     return Vec2(u.x + missing * normal.x, u.y + missing * normal.y)
@@ -41,6 +55,11 @@ def on_circle(row: HalfPlane, radius: float, side: float) -> Vec2:
     """Return the point, on the side +1 or -1, where the edge of a half-plane of unit length meets the circle.
 
     Where they do not meet it is the edge's nearest point to the origin, outside the disc.
+
+    Args:
+        row: of unit length.
+        radius: of the circle about the origin.
+        side: +1 or -1.
     """
     normal, bound = row
     half = side * math.sqrt(max(0.0, radius * radius - bound * bound))
@@ -48,7 +67,11 @@ def on_circle(row: HalfPlane, radius: float, side: float) -> Vec2:
 
 
 def corner(one: HalfPlane, two: HalfPlane) -> Vec2:
-    """Return the point where the edges of two half-planes meet; NaN for parallel ones."""
+    """Return the point where the edges of two half-planes meet; NaN for parallel ones.
+
+    Args:
+        one, two: of any length.
+    """
     (n_x, n_y), b = one
     (m_x, m_y), c = two
     det = n_x * m_y - n_y * m_x
@@ -58,6 +81,10 @@ def corner(one: HalfPlane, two: HalfPlane) -> Vec2:
 
 
 def difference(one: HalfPlane, two: HalfPlane) -> HalfPlane:
-    """Return the half-plane whose edge holds the points that miss both bounds by the same amount."""
+    """Return the half-plane whose edge holds the points that miss both bounds by the same amount.
+
+    Args:
+        one, two: of any length.
+    """
     normal = Vec2(one.normal.x - two.normal.x, one.normal.y - two.normal.y)
     return HalfPlane(normal, one.bound_m_s2 - two.bound_m_s2)

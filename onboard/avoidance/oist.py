@@ -30,7 +30,7 @@ from onboard.avoidance.constraints import (
     violation,
 )
 from onboard.avoidance.half_planes import HalfPlane
-from onboard.avoidance.pairs import Own, Pair, Surface, margin_2, nearest_pairs, nearest_surfaces
+from onboard.avoidance.pairs import NeighbourPair, Own, Surface, margin_2, nearest_pairs, nearest_surfaces
 from onboard.avoidance.params import (
     COVEY,
     JAM_IGNORE,
@@ -44,8 +44,8 @@ from onboard.avoidance.params import (
 from onboard.avoidance.prediction import (
     LARGEST,
     MAX_MESSAGE_AGE_S,
-    Command,
     Motion,
+    PastCommand,
     bounded,
     clipped,
     no_commands,
@@ -75,7 +75,7 @@ _NO_ROW = HalfPlane(ZERO_2, -math.inf)
 class LawMemory(NamedTuple):
     """State of the law between two ticks."""
 
-    commands: list[Command]  # own past commands, newest first
+    commands: list[PastCommand]  # own past commands, newest first
     relaxed_share: float  # low-passed share of ticks whose hard rows had to be relaxed
     held_s: float  # time for which the law has held the vehicle back; negative while it calls for a roundabout
 
@@ -130,7 +130,12 @@ def predict(memory: LawMemory, state: State, params: LawParams) -> Motion:
 
 
 def speed_share(memory: LawMemory, params: LawParams) -> float:
-    """Return the share of the speed limit that is left in a jam (line G): relaxed rows slow the pursuit, by policy."""
+    """Return the share of the speed limit that is left in a jam (line G): relaxed rows slow the pursuit, by policy.
+
+    Args:
+        memory: holds the share of relaxed ticks.
+        params: holds the policy.
+    """
     if params.policies.jam == JAM_IGNORE:
         return 1.0
     return max(0.1, 1.0 - 1.5 * memory.relaxed_share)
@@ -180,7 +185,13 @@ def step(
 
 
 def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParams) -> Own:
-    """Return this vehicle at t + L as the rows take it, with every number finite."""
+    """Return this vehicle at t + L as the rows take it, with every number finite.
+
+    Args:
+        baseline: thrust, compensation and intent.
+        predicted: own motion from :func:`predict`.
+        state: its standard deviations count.
+    """
     f, compensation = baseline.thrust.thrust_enu_m_s2, baseline.compensation_enu_m_s2
     if not is_sound(baseline, predicted):
         f = _LEVEL
@@ -199,7 +210,13 @@ def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParam
 
 
 def output_of(answer: Answer, own: Own, baseline: Baseline, predicted: Motion, params: LawParams) -> LawOutput:
-    """Return the output for an answer; one that rests on input that cannot be used is INFEASIBLE."""
+    """Return the output for an answer; one that rests on input that cannot be used is INFEASIBLE.
+
+    Args:
+        answer: of the law.
+        own: of this tick.
+        baseline, predicted: as they came in.
+    """
     u, s = answer.thrust_m_s2, own.compensation_m_s2
     command = Vec3(u.x - s.x, u.y - s.y, own.thrust_z_m_s2 - GRAVITY_M_S2)
     has_motion = is_sound(baseline, predicted)
@@ -220,7 +237,12 @@ def output_of(answer: Answer, own: Own, baseline: Baseline, predicted: Motion, p
 
 
 def is_sound(baseline: Baseline, predicted: Motion) -> bool:
-    """Whether the own motion and the baseline's thrust can be used."""
+    """Whether the own motion and the baseline's thrust can be used.
+
+    Args:
+        baseline: its thrust counts.
+        predicted: own motion.
+    """
     return (
         is_plausible(baseline.thrust.thrust_enu_m_s2)
         and is_plausible(predicted.position_enu_m)
@@ -264,7 +286,7 @@ def saturate(
     return Answer(point, status if are_sound else _INFEASIBLE, slack, crowd_count, active)
 
 
-def neighbour_constraint(own: Own, pair: Pair, crowd_count: float, params: LawParams) -> Constraint:
+def neighbour_constraint(own: Own, pair: NeighbourPair, crowd_count: float, params: LawParams) -> Constraint:
     """Return the rows of one neighbour: its distance (line D), and turning while that is violated (line R).
 
     Args:
@@ -283,7 +305,12 @@ def neighbour_constraint(own: Own, pair: Pair, crowd_count: float, params: LawPa
 
 
 def obstacle_constraint(own: Own, surface: Surface, params: LawParams) -> Constraint:
-    """Return the rows of one static obstacle: its distance, and turning while that is violated."""
+    """Return the rows of one static obstacle: its distance, and turning while that is violated.
+
+    Args:
+        own: this vehicle at t + L.
+        surface: the obstacle's nearest point.
+    """
     row = compensated(obstacle_row(surface, params.gains), own.compensation_m_s2)
     missing = violation(row, own.thrust_m_s2)
     if not is_turning(missing, params.policies.rotation):
@@ -293,18 +320,34 @@ def obstacle_constraint(own: Own, surface: Surface, params: LawParams) -> Constr
 
 
 def wall_constraint(own: Own, wall: HalfPlane) -> Constraint:
-    """Return the row of one wall of the fence; it is not turned about."""
+    """Return the row of one wall of the fence; it is not turned about.
+
+    Args:
+        own: this vehicle at t + L.
+        wall: one of :func:`fence_rows`.
+    """
     row = compensated(wall, own.compensation_m_s2)
     return Constraint(row, _NO_ROW, False, violation(row, own.thrust_m_s2), NOT_A_VEHICLE)
 
 
 def is_turning(violation_m_s2: float, rotation: int) -> bool:
-    """Whether the policy asks for a rotation row, given the violation of the distance row."""
+    """Whether the policy asks for a rotation row, given the violation of the distance row.
+
+    Args:
+        violation_m_s2: of the distance row by the baseline.
+        rotation: the policy.
+    """
     return rotation == ROTATION_ALWAYS or (rotation == ROTATION_VIOLATED and violation_m_s2 > _VIOLATED_M_S2)
 
 
 def saturate_pair(own: Own, state: State, neighbours: Sequence[Neighbour], params: LawParams) -> Answer:
-    """Return the paper's thrust (22) against the ring's successor, on plain estimates and within the radius."""
+    """Return the paper's thrust (22) against the ring's successor, on plain estimates and within the radius.
+
+    Args:
+        own: this vehicle; the thrust counts.
+        state: own estimate, not predicted.
+        neighbours: the ring's successor is among them, or nobody is avoided.
+    """
     for neighbour in neighbours:
         if neighbour.is_paper_obstacle:
             return _saturate_pair(own, state, neighbour, params)
@@ -352,7 +395,13 @@ def held(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
 
 
 def unchanged(thrust: Thrust, predicted: Motion, intent_enu_m_s: Vec3, params: LawParams) -> LawOutput:
-    """Return the output of a law that does nothing, not even limit the tilt."""
+    """Return the output of a law that does nothing, not even limit the tilt.
+
+    Args:
+        thrust: passes as it is.
+        predicted: published as it is.
+        intent_enu_m_s: published as it is.
+    """
     f = thrust.thrust_enu_m_s2
     command = Vec3(f.x, f.y, f.z - GRAVITY_M_S2)
     return LawOutput(
@@ -374,6 +423,10 @@ def horizontal_limit(thrust_z_m_s2: float, params: LawParams) -> float:
     """Return the largest horizontal thrust [m/s^2] that leaves the vertical one as it is, by tilt and by full throttle.
 
     DEVIATION D8.
+
+    Args:
+        thrust_z_m_s2: vertical thrust.
+        params: limits of tilt and thrust.
     """
     vertical = min(max(thrust_z_m_s2, 0.0), params.max_thrust_m_s2)
     by_thrust = math.sqrt(params.max_thrust_m_s2 * params.max_thrust_m_s2 - vertical * vertical)
@@ -381,12 +434,21 @@ def horizontal_limit(thrust_z_m_s2: float, params: LawParams) -> float:
 
 
 def relaxed_blend(dt_s: float) -> float:
-    """Return how far ``LawMemory.relaxed_share`` moves in one tick; 0.07 in 20 ms (line G)."""
+    """Return how far ``LawMemory.relaxed_share`` moves in one tick; 0.07 in 20 ms (line G).
+
+    Args:
+        dt_s: length of the tick.
+    """
     return 1.0 - math.pow(0.93, dt_s / 0.02)
 
 
 def into_disc(u: Vec2, radius: float) -> Vec2:
-    """Return the vector, shortened to the radius if it is longer."""
+    """Return the vector, shortened to the radius if it is longer.
+
+    Args:
+        u: vector.
+        radius: at least 0.
+    """
     size = length_2(u)
     if size <= radius:
         return u
@@ -395,5 +457,9 @@ def into_disc(u: Vec2, radius: float) -> Vec2:
 
 
 def is_plausible(a: Vec3) -> bool:
-    """Whether all components are finite and small enough to be squared."""
+    """Whether all components are finite and small enough to be squared.
+
+    Args:
+        a: of any components.
+    """
     return abs(a.x) < LARGEST and abs(a.y) < LARGEST and abs(a.z) < LARGEST

@@ -34,7 +34,7 @@ class Own(NamedTuple):
     radius_m_s2: float  # largest horizontal thrust
 
 
-class Pair(NamedTuple):
+class NeighbourPair(NamedTuple):
     """This vehicle and one neighbour; differences are own minus neighbour's."""
 
     e: Vec2  # position [m]
@@ -52,7 +52,7 @@ class Pair(NamedTuple):
 class Pairs(NamedTuple):
     """The nearest neighbours, and facts about all of them."""
 
-    pairs: list[Pair]  # nearest first
+    pairs: list[NeighbourPair]  # nearest first
     crowd_count: float  # number of near neighbours
     is_sound: bool  # False: a neighbour without finite motion, or one that coincides with this vehicle
 
@@ -74,7 +74,7 @@ def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) 
         neighbours: as received, in any order.
     Properties: independent of the neighbours' order.
     """
-    pairs: list[Pair] = []
+    pairs: list[NeighbourPair] = []
     crowd_count, is_sound = 0.0, True
     range_2 = params.spacing.range_m * params.spacing.range_m
     for neighbour in neighbours:
@@ -97,7 +97,7 @@ def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) 
     return Pairs(nearest, crowd_count, is_sound)
 
 
-def _pair(own: Own, neighbour: Neighbour, other: Received, e: Vec2, params: LawParams) -> Pair:
+def _pair(own: Own, neighbour: Neighbour, other: Received, e: Vec2, params: LawParams) -> NeighbourPair:
     w = Vec2(own.velocity_m_s.x - other.velocity_m_s.x, own.velocity_m_s.y - other.velocity_m_s.y)
     distance_2 = dot_2(e, e)
     d = design_distance(own.margin_2_m2, neighbour, params.spacing)
@@ -110,7 +110,7 @@ def _pair(own: Own, neighbour: Neighbour, other: Received, e: Vec2, params: LawP
         theirs = clipped(neighbour.intent_enu_m_s)
         intent = Vec2(own.intent_m_s.x - theirs.x, own.intent_m_s.y - theirs.y)
         is_settled = dot_2(theirs, theirs) <= SETTLED_M_S * SETTLED_M_S
-    return Pair(
+    return NeighbourPair(
         separated(e, w),
         w,
         other.command_m_s2,
@@ -144,14 +144,23 @@ def design_distance(own_margin_2_m2: float, neighbour: Neighbour, spacing: Spaci
 
 
 def margin_2(position_std_m: float, velocity_std_m_s: float, spacing: Spacing) -> float:
-    """Return one vehicle's part of the square of the accuracy margin [m^2]: the parts of two vehicles add."""
+    """Return one vehicle's part of the square of the accuracy margin [m^2]: the parts of two vehicles add.
+
+    Args:
+        position_std_m, velocity_std_m_s: standard deviations per axis, as published.
+        spacing: holds the weights sigma_position and sigma_velocity_s.
+    """
     by_position = spacing.sigma_position * known(position_std_m)
     by_velocity = spacing.sigma_velocity_s * known(velocity_std_m_s)
     return by_position * by_position + by_velocity * by_velocity
 
 
 def known(std: float) -> float:
-    """Return a standard deviation, bounded; 0 if it is not known."""
+    """Return a standard deviation, bounded; 0 if it is not known.
+
+    Args:
+        std: as published.
+    """
     return min(abs(std), _LARGEST_STD) if math.isfinite(std) else 0.0
 
 
@@ -172,6 +181,11 @@ def surface_of(capsule: Capsule, position_m: Vec2, velocity_m_s: Vec2, clearance
     """Return the nearest point of one obstacle.
 
     Beside the segment the nearest point moves along with the vehicle, so that only the velocity towards it counts.
+
+    Args:
+        capsule: the obstacle, in fleet ENU.
+        position_m, velocity_m_s: own, horizontal, at t + L.
+        clearance_m: kept from the outline by the vehicle's centre.
     """
     begin, end = capsule.begin_enu_m, capsule.end_enu_m
     segment = Vec2(end.x - begin.x, end.y - begin.y)
@@ -190,7 +204,11 @@ def surface_of(capsule: Capsule, position_m: Vec2, velocity_m_s: Vec2, clearance
 
 
 def separated(e: Vec2, w: Vec2) -> Vec2:
-    """Return e, or where there is no separation a tiny one, onwards along the relative velocity."""
+    """Return e, or where there is no separation a tiny one, onwards along the relative velocity.
+
+    Args:
+        e, w: relative position and velocity [m, m/s].
+    """
     if dot_2(e, e) >= COINCIDENT_M * COINCIDENT_M:
         return e
     speed = length_2(w)
@@ -203,6 +221,9 @@ def ascending(keys: list[float]) -> list[int]:
     """Return the indexes of numbers in ascending order, equal ones as they come.
 
     Insertion, because numba takes seconds to compile ``sorted``.
+
+    Args:
+        keys: numbers, none of them NaN.
     """
     order: list[int] = []
     for k in range(len(keys)):

@@ -167,7 +167,11 @@ def law_params(fleet: FleetConfig, vehicle_name: str, law: str | None = None) ->
 
 
 def obstacles(fleet: FleetConfig) -> tuple[Capsule, ...]:
-    """Return the static obstacles of a fleet as the law takes them."""
+    """Return the static obstacles of a fleet as the law takes them.
+
+    Args:
+        fleet: checked configuration.
+    """
     return tuple(
         Capsule(Vec2(float(x1), float(y1)), Vec2(float(x2), float(y2)), float(radius))
         for obstacle in fleet.obstacles
@@ -179,6 +183,10 @@ def params_of(config: LawConfig, limits: VehicleLimits = QUICK_VEHICLE) -> LawPa
     """Return the law's numbers for values of ``[law]`` and a vehicle.
 
     A fleet file may say 1 for 1.0, but compiled code is made for kinds of numbers: all are converted here.
+
+    Args:
+        config: values and policies of ``[law]``.
+        limits: of the vehicle and its room.
     """
     low_x, high_x, low_y, high_y = limits.fence_enu_m
     fence_margin_m = config.fence_margin_m

@@ -21,7 +21,7 @@ LARGEST = 1e5  # positions, velocities and accelerations beyond this are clipped
 _LEAST_LEAD_S = 1e-3
 
 
-class Command(NamedTuple):
+class PastCommand(NamedTuple):
     """One past command of this vehicle."""
 
     acceleration_enu_m_s2: Vec3
@@ -44,15 +44,15 @@ class Received(NamedTuple):
     command_m_s2: Vec2
 
 
-def no_commands() -> list[Command]:
+def no_commands() -> list[PastCommand]:
     """Return a history without commands: prediction is then at constant velocity.
 
     A list, because compiled code copies long tuples slowly; it is never changed in place.
     """
-    return [Command(ZERO_3, 0.0)] * SLOTS
+    return [PastCommand(ZERO_3, 0.0)] * SLOTS
 
 
-def remembered(commands: list[Command], acceleration_enu_m_s2: Vec3, duration_s: float) -> list[Command]:
+def remembered(commands: list[PastCommand], acceleration_enu_m_s2: Vec3, duration_s: float) -> list[PastCommand]:
     """Return the history, newest first, after one more command; a command that is not finite counts as zero.
 
     Args:
@@ -67,10 +67,10 @@ def remembered(commands: list[Command], acceleration_enu_m_s2: Vec3, duration_s:
             a.y if math.isfinite(a.y) else 0.0,
             a.z if math.isfinite(a.z) else 0.0,
         )
-    return [Command(a, duration_s), *commands[:-1]]
+    return [PastCommand(a, duration_s), *commands[:-1]]
 
 
-def predict_own(commands: list[Command], now: Motion, window_s: float, window_z_s: float) -> Motion:
+def predict_own(commands: list[PastCommand], now: Motion, window_s: float, window_z_s: float) -> Motion:
     """Return the own motion after ``window_s``, under the commands of the last ``window_s`` seconds (line P1).
 
     ``P = p + W v + sum u_k l_k (r_k + l_k / 2)`` and ``V = v + sum u_k l_k``: l_k is the part of command k inside the
@@ -142,28 +142,45 @@ def _carried(neighbour: Neighbour, lead_s: float, ahead_s: float) -> Received:
 
 
 def message_age(age_s: float) -> float:
-    """Return the age that counts: between 0 and MAX_MESSAGE_AGE_S, which also stands for an unknown one."""
+    """Return the age that counts: between 0 and MAX_MESSAGE_AGE_S, which also stands for an unknown one.
+
+    Args:
+        age_s: as received.
+    """
     if 0.0 <= age_s <= MAX_MESSAGE_AGE_S:
         return age_s
     return 0.0 if age_s < 0.0 and math.isfinite(age_s) else MAX_MESSAGE_AGE_S
 
 
 def lead_time(lead_s: float, own_lead_s: float) -> float:
-    """Return a neighbour's lead time, bounded; one that is not known is taken to be the own."""
+    """Return a neighbour's lead time, bounded; one that is not known is taken to be the own.
+
+    Args:
+        lead_s: of the neighbour, as received.
+        own_lead_s: of this vehicle.
+    """
     if math.isfinite(lead_s):
         return min(max(lead_s, 0.0), LONGEST_LEAD_S)
     return own_lead_s
 
 
 def clipped(a: Vec3) -> Vec2:
-    """Return the horizontal part with both components bounded, so that squares stay finite; 0 for NaN."""
+    """Return the horizontal part with both components bounded, so that squares stay finite; 0 for NaN.
+
+    Args:
+        a: of any components.
+    """
     if abs(a.x) + abs(a.y) < LARGEST:
         return Vec2(a.x, a.y)
     return Vec2(bounded(a.x), bounded(a.y))
 
 
 def bounded(value: float) -> float:
-    """Return the value between -LARGEST and LARGEST; 0 for NaN."""
+    """Return the value between -LARGEST and LARGEST; 0 for NaN.
+
+    Args:
+        value: any.
+    """
     if math.isnan(value):
         return 0.0
     return min(max(value, -LARGEST), LARGEST)

@@ -69,7 +69,13 @@ def project(u: Vec2, hard: list[HalfPlane], soft: list[HalfPlane], radius: float
 
 
 def relaxed(u: Vec2, hard: list[HalfPlane], radius: float) -> Projection:
-    """Return the nearest point of the disc that satisfies the hard rows up to their smallest common slack."""
+    """Return the nearest point of the disc that satisfies the hard rows up to their smallest common slack.
+
+    Args:
+        u: point to project.
+        hard: rows that no point of the disc satisfies together.
+        radius: of the disc.
+    """
     slack, point = least_slack(hard, radius)
     scale = 1.0
     for row in hard:
@@ -102,7 +108,12 @@ def nearest(u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
 
 
 def most_violated(u: Vec2, rows: list[HalfPlane]) -> int:
-    """Return the index of the most violated row; -1 if none is."""
+    """Return the index of the most violated row; -1 if none is.
+
+    Args:
+        u: point.
+        rows: of unit length.
+    """
     worst, most = -1, 0.0
     for k in range(len(rows)):
         normal, bound = rows[k]
@@ -113,7 +124,13 @@ def most_violated(u: Vec2, rows: list[HalfPlane]) -> int:
 
 
 def nearest_of(u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
-    """Return the nearest point of the disc and of a few rows of unit length, by trying all candidates."""
+    """Return the nearest point of the disc and of a few rows of unit length, by trying all candidates.
+
+    Args:
+        u: point to project.
+        rows: of unit length.
+        radius: of the disc.
+    """
     share = min(1.0, radius / max(length_2(u), 1e-300))
     clipped = Vec2(share * u.x, share * u.y)
     best = nearer(Candidate(False, clipped, math.inf), clipped, u, rows, radius)
@@ -127,7 +144,15 @@ def nearest_of(u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
 
 
 def nearer(best: Candidate, point: Vec2, u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
-    """Return the point as a candidate if it is feasible and nearer than the best one so far, else that one."""
+    """Return the point as a candidate if it is feasible and nearer than the best one so far, else that one.
+
+    Args:
+        best: candidate so far.
+        point: to compare with it.
+        u: point that is projected.
+        rows: of unit length, all to be satisfied.
+        radius: of the disc.
+    """
     x, y = point.x - u.x, point.y - u.y
     cost = x * x + y * y
     if not cost < best.cost or not in_disc(point, radius):

@@ -41,7 +41,12 @@ def least_slack(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
 
 
 def least_slack_of(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
-    """Return the smallest common slack of a few rows over the disc, and its point, by trying all candidates."""
+    """Return the smallest common slack of a few rows over the disc, and its point, by trying all candidates.
+
+    Args:
+        rows: of any length.
+        radius: of the disc.
+    """
     best, u = math.inf, Vec2(0.0, 0.0)
     for point in candidates(rows, radius):
         if in_disc(point, radius):
@@ -52,7 +57,12 @@ def least_slack_of(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
 
 
 def largest_violation(u: Vec2, rows: list[HalfPlane]) -> float:
-    """Return by how much a point misses the row that it misses most; negative where it satisfies all."""
+    """Return by how much a point misses the row that it misses most; negative where it satisfies all.
+
+    Args:
+        u: point.
+        rows: of any length.
+    """
     largest = -math.inf
     for normal, bound in rows:
         largest = max(largest, bound - normal.x * u.x - normal.y * u.y)
@@ -60,7 +70,12 @@ def largest_violation(u: Vec2, rows: list[HalfPlane]) -> float:
 
 
 def candidates(rows: list[HalfPlane], radius: float) -> list[Vec2]:
-    """Return the points where the smallest common slack may lie; NaN where rows are parallel."""
+    """Return the points where the smallest common slack may lie; NaN where rows are parallel.
+
+    Args:
+        rows: of any length.
+        radius: of the disc.
+    """
     points = [Vec2(0.0, 0.0)]
     for i in range(len(rows)):
         normal = rows[i].normal

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from onboard.avoidance import oist
 from onboard.avoidance.constraints import distance_row, rotation_row
-from onboard.avoidance.pairs import Pair
+from onboard.avoidance.pairs import NeighbourPair
 from onboard.avoidance.prediction import Motion
 from onboard.types import GRAVITY_M_S2, LawStatus
 from onboard.vectors import ZERO_3, Vec2, Vec3
@@ -139,7 +139,7 @@ def test_homogeneous(seed, length, time, is_cooperative, is_crowded):
 
     def rows(params, length, speed, push):
         vectors = (Vec2(*map(float, scale * x)) for scale, x in ((length, e), (speed, w), (push, u), (speed, 10.0 * g)))
-        pair = Pair(*vectors, d * length, 0.0, 0.0, True, is_cooperative, 0)
+        pair = NeighbourPair(*vectors, d * length, 0.0, 0.0, True, is_cooperative, 0)
         own_velocity = Vec2(*map(float, speed * own))
         return [distance_row(pair, params), rotation_row(pair, own_velocity, is_crowded, params)]
 

@@ -9,7 +9,7 @@ import pytest
 from onboard.avoidance import oist
 from onboard.avoidance.constraints import distance_row, turn_sign
 from onboard.avoidance.oist_paper import PlanarState, saturate_thrust
-from onboard.avoidance.pairs import LARGEST_MARGIN_M, Pair, design_distance, margin_2
+from onboard.avoidance.pairs import LARGEST_MARGIN_M, NeighbourPair, design_distance, margin_2
 from onboard.avoidance.params import (
     DIRECTION_CROWD,
     DIRECTION_FIXED,
@@ -96,7 +96,7 @@ def test_whole_numbers_in_a_fleet_file_make_no_other_kind_of_numbers():
 
 
 def pair_of(e, w, command=ZERO_2, d=0.9, **changes):
-    made = Pair(Vec2(*e), Vec2(*w), Vec2(*command), Vec2(*w), d, e[0] ** 2 + e[1] ** 2, 0.0, True, True, 0)
+    made = NeighbourPair(Vec2(*e), Vec2(*w), Vec2(*command), Vec2(*w), d, e[0] ** 2 + e[1] ** 2, 0.0, True, True, 0)
     return made._replace(**changes)
 
 
