@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from onboard.localization.pose_validator import PoseValidator, PoseVerdict
 
@@ -53,13 +54,16 @@ def test_a_noisier_capture_is_learned_within_two_seconds() -> None:
     )
 
 
-@pytest.mark.parametrize("jump_m", [0.12, 0.2, 0.5, 2.0])
-def test_a_jump_is_called_one_at_its_first_sample_and_leaves_the_expectation(jump_m: float) -> None:
-    validator, rng = settled()
+@given(jump_m=st.floats(0.1, 50.0), direction_rad=st.floats(-math.pi, math.pi), seed=st.integers(0, 1000))
+def test_a_jump_is_rejected_at_its_first_sample_and_leaves_the_expected_motion(
+    jump_m: float, direction_rad: float, seed: int
+) -> None:
+    validator, rng = settled(seed=seed)
     x, y, z = circle(100, rng)
-    assert judge(validator, 100, (x + jump_m, y, z)) is PoseVerdict.JUMPED
+    there = (x + jump_m * math.cos(direction_rad), y + jump_m * math.sin(direction_rad), z)
+    assert judge(validator, 100, there) is PoseVerdict.JUMPED
     assert validator.jumps == 1
-    assert validator.jumped_to_enu_m == (x + jump_m, y, z)
+    assert validator.jumped_to_enu_m == there
     assert judge(validator, 101, circle(101, rng)) is PoseVerdict.ACCEPTED
     assert validator.jumps == 0
 
