@@ -70,8 +70,6 @@ def test_an_orders_deadline_comes_as_far_after_it_on_our_clock_as_on_the_senders
         sent_ns = 10 * _S + int(ahead_s * 1e9) - 5 * _MS
         deadline_ns = sent_ns + 2 * _S
         order = Order(order_id="1", author="x", kind="land", stamp_ns=sent_ns, deadline_ns=deadline_ns, node="other")
-            order_id="1", author="x", kind="land", stamp_ns=sent_ns, deadline_ns=sent_ns + 2 * _S, node="other"
-        )
         received = _node(ahead_s=ahead_s).order(order, 10 * _S)
         assert received.deadline_ns - received.stamp_ns == 2 * _S
         assert 10 * _S - 12 * _MS < received.stamp_ns <= 10 * _S
