@@ -6,7 +6,7 @@ from onboard.autopilot import Vec3
 from onboard.bus.authority import Roles
 from onboard.config.fleet import FleetConfig
 from onboard.events import Follow
-from onboard.neighbours.subscription import CHOOSE_TICKS
+from onboard.neighbours.subscription import SELECT_TICKS
 from onboard.neighbours.table import NeighbourTable
 
 
@@ -43,6 +43,6 @@ class NeighbourFollower:
         self._ticks_left -= 1
         if self._ticks_left > 0:
             return []
-        is_first, self._ticks_left = self._ticks_left < 0, CHOOSE_TICKS
+        is_first, self._ticks_left = self._ticks_left < 0, SELECT_TICKS
         is_new = position_enu_m is not None and self._table.choose(position_enu_m, now_ns)
         return [Follow(self._table.followed)] if is_new or is_first else []
