@@ -1,6 +1,6 @@
-"""The autopilot as the agent sees it: a snapshot of what it said last, and the few things one can ask of it.
+"""The autopilot as the agent uses it: a snapshot of its newest messages, and a few commands.
 
-Nothing that is asked here counts as done because the call returned: what came of it is read from later snapshots.
+A command that returns is sent, not executed; later snapshots show the result.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Vec4 = tuple[float, float, float, float]
 
 
 class Landed(Enum):
-    """What EXTENDED_SYS_STATE says."""
+    """Landed state of EXTENDED_SYS_STATE."""
 
     UNKNOWN = 0
     ON_GROUND = 1
@@ -27,29 +27,22 @@ class Landed(Enum):
 
 
 class LinkError(RuntimeError):
-    """The link cannot be opened: a sentence that says where and what to do."""
+    """The link cannot be opened: a sentence that says what failed, where, and what to do."""
 
 
 class Snapshot(Struct, frozen=True):
-    """The newest value of everything, with the monotonic time [ns] at which it arrived; 0 = never.
-
-    quaternion_enu_flu_wxyz: PX4's own attitude, so its heading may differ from the fleet's. position_local_ned_m and
-    velocity_local_ned_m_s are in PX4's own local frame; global_origin is where that lies: latitude and longitude in
-    degrees, altitude in metres; position_accuracy_m is what PX4 holds for the horizontal error of its own position, one
-    standard deviation, 0 before it says so. px4_boot_ms: PX4's clock, to see it stand still. sensors_enabled,
-    sensors_healthy: bits of SYS_STATUS.
-    """
+    """Newest value of every message, with the monotonic time [ns] of its arrival; 0 = never."""
 
     last_packet_ns: int = 0
     system_id: int = 0
-    quaternion_enu_flu_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)
+    quaternion_enu_flu_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)  # PX4's own attitude: its heading may differ from the fleet's
     attitude_ns: int = 0
-    position_local_ned_m: Vec3 = (0.0, 0.0, 0.0)
+    position_local_ned_m: Vec3 = (0.0, 0.0, 0.0)  # in PX4's own local frame
     velocity_local_ned_m_s: Vec3 = (0.0, 0.0, 0.0)
     local_position_ns: int = 0
-    position_accuracy_m: float = 0.0
-    global_origin: Vec3 | None = None
-    px4_boot_ms: int = 0
+    position_accuracy_m: float = 0.0  # PX4's standard deviation of its horizontal position; 0 before its message
+    global_origin: Vec3 | None = None  # of PX4's local frame: latitude [deg], longitude [deg], altitude [m]
+    px4_boot_ms: int = 0  # PX4's clock, which shows whether it stands still
     heartbeat_ns: int = 0
     is_armed: bool = False
     mode: str = ""
@@ -60,7 +53,7 @@ class Snapshot(Struct, frozen=True):
     battery_voltage_v: float = float("nan")
     status_text: str = ""
     status_text_ns: int = 0
-    sensors_enabled: int = 0
+    sensors_enabled: int = 0  # bits of SYS_STATUS
     sensors_healthy: int = 0
     sensors_ns: int = 0
 
@@ -74,30 +67,30 @@ class Autopilot(Protocol):
     """One connected autopilot. No method blocks for longer than it takes to hand bytes to a socket."""
 
     def snapshot(self) -> Snapshot:
-        """The newest values; safe from any thread."""
+        """Return the newest values; safe from any thread."""
 
     def send_attitude(self, setpoint: AttitudeSetpoint) -> None:
-        """One setpoint on the wire, in PX4's heading; nothing is ever repeated by itself."""
+        """Send one setpoint, in PX4's heading; it is not repeated by itself."""
 
     def set_offboard(self) -> None:
-        """Ask for OFFBOARD."""
+        """Command OFFBOARD."""
 
     def land(self) -> None:
-        """Ask for PX4's own landing."""
+        """Command PX4's own landing."""
 
     def arm(self) -> None:
-        """Ask to arm."""
+        """Command to arm."""
 
     def disarm(self) -> None:
-        """Ask to disarm; PX4 refuses in the air."""
+        """Command to disarm; PX4 refuses in the air."""
 
     def kill(self) -> None:
         """Stop the motors now, wherever the vehicle is."""
 
     def play_tune(self) -> None:
-        """Let it play a tune; PX4 does not say whether it did."""
+        """Play a tune; PX4 does not acknowledge it."""
 
     def send_odometry(
         self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float, reset_count: int = 0
     ) -> None:
-        """Hand a mocap pose to PX4's estimator, so that its own hold and land work; another count: begin anew there."""
+        """Send a mocap pose to PX4's estimator, for its own hold and land; a new count lets it restart there."""

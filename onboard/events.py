@@ -1,4 +1,4 @@
-"""What goes into the agent's core and what comes out of it: frozen values, no clock, no sockets.
+"""Inputs and outputs of the agent's core: frozen values, no clock, no sockets.
 
 Some twenty of them are made at every tick; a frozen Struct costs a tenth of a frozen dataclass.
 """
@@ -15,41 +15,41 @@ from onboard.bus.topics import Topic
 from onboard.types import AttitudeSetpoint
 
 
-class PoseArrived(Struct, frozen=True):
+class PoseReceived(Struct, frozen=True):
     """A mocap sample, with its arrival on our clock."""
 
     pose: MocapPose
     received_ns: int
 
 
-class NeighbourHeard(Struct, frozen=True):
+class NeighbourReceived(Struct, frozen=True):
     """A neighbour's state or telemetry."""
 
     message: StateMessage | Telemetry
     received_ns: int
 
 
-class OrderArrived(Struct, frozen=True):
+class OrderReceived(Struct, frozen=True):
     """An order; its answer comes as a :class:`Reply` in the same call."""
 
     order: Order
 
 
-class NodeSeen(Struct, frozen=True):
+class NodeChanged(Struct, frozen=True):
     """A node appeared on the bus or left it."""
 
     node: str
     is_alive: bool
 
 
-class AutopilotHeard(Struct, frozen=True):
-    """The link's newest snapshot."""
+class SnapshotReceived(Struct, frozen=True):
+    """Newest snapshot of the link to PX4."""
 
     snapshot: Snapshot
 
 
 class ParamsRead(Struct, frozen=True):
-    """What is wrong with PX4's parameters, as sentences; empty when nothing is."""
+    """Sentences about PX4's wrong parameters; empty when all are right."""
 
     problems: tuple[str, ...]
 
@@ -89,30 +89,30 @@ class DiskChecked(Struct, frozen=True):
     is_full: bool
 
 
-class SourceTold(Struct, frozen=True):
-    """Why the mocap gives nothing, in the words of whoever reads it; empty when it gives again."""
+class MocapProblemChanged(Struct, frozen=True):
+    """Reason why the mocap delivers nothing, from the source that reads it; empty when it delivers again."""
 
     sentence: str
 
 
-class ShutdownAsked(Struct, frozen=True):
-    """Somebody wants this process to end: land first."""
+class ShutdownRequested(Struct, frozen=True):
+    """Somebody wants this process to end; in the air it lands first."""
 
 
 EventIn = (
-    PoseArrived
-    | NeighbourHeard
-    | OrderArrived
-    | NodeSeen
-    | AutopilotHeard
+    PoseReceived
+    | NeighbourReceived
+    | OrderReceived
+    | NodeChanged
+    | SnapshotReceived
     | ParamsRead
     | ClocksCompared
     | LoopTimed
     | MessageMalformed
     | TickFailed
     | DiskChecked
-    | SourceTold
-    | ShutdownAsked
+    | MocapProblemChanged
+    | ShutdownRequested
 )
 
 

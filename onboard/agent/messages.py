@@ -1,47 +1,69 @@
-"""What the agent publishes, built from one tick. No decisions here."""
+"""Messages built from one tick. No decisions here."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
+from msgspec import Struct
 from msgspec.structs import replace
 
+from onboard.autopilot import Vec3
 from onboard.bus.authority import Roles
-from onboard.bus.schema import StateMessage, Telemetry, TickSample, Vec3, Vec4
+from onboard.bus.schema import StateMessage, Telemetry, TickSample
 from onboard.config.fleet import Vehicle
 from onboard.events import LoopTimed
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
+from onboard.localization.own_state import OwnState
 from onboard.localization.px4_position_check import STD_M, STD_M_S
+from onboard.neighbours.duplicate_agents import DuplicateAgents
+from onboard.neighbours.table import NeighbourTable
+from onboard.safety.failsafe_table import Situation
+from onboard.supervision.failsafe_executor import FailsafeExecutor
 from onboard.types import LawStatus, Tick
 
 
-def law_status(tick: Tick) -> str:
-    """The law's status in a word."""
-    return LawStatus(tick.law.status).name.lower()
+class AgentIdentity(Struct, frozen=True):
+    """Facts of one run of an agent that never change."""
+
+    vehicle: Vehicle
+    boot_id: int
+    config_hash: str
+    law: str
 
 
-def state_message(
-    tick: Tick,
-    *,
-    vehicle: str,
-    boot_id: int,
-    sequence: int,
-    stamp_ns: int,
-    is_valid: bool,
-    is_airborne: bool,
-    is_cooperative: bool,
-) -> StateMessage:
-    """What the neighbours need, 50 Hz."""
-    state, law = tick.state, tick.law
+class TelemetrySources(Struct, frozen=True):
+    """Parts of an agent that its messages describe."""
+
+    own: OwnState
+    neighbours: NeighbourTable
+    flight: FlightContext
+    failsafes: FailsafeExecutor
+    roles: Roles
+    duplicates: DuplicateAgents
+
+
+class TickResult(Struct, frozen=True):
+    """Facts of one tick."""
+
+    tick: Tick
+    view: FlightView
+    period_s: float  # since the tick before
+    is_airborne: bool
+    distances_m: dict[str, float]  # to the neighbours, horizontally
+    not_ready: tuple[str, ...]  # sentences of the preflight check
+
+
+def state_message(identity: AgentIdentity, result: TickResult, sequence: int, *, is_cooperative: bool) -> StateMessage:
+    """Return the message that the neighbours take 50 times a second."""
+    state, law = result.tick.state, result.tick.law
     return StateMessage(
-        vehicle=vehicle,
-        boot_id=boot_id,
+        vehicle=identity.vehicle.name,
+        boot_id=identity.boot_id,
         sequence=sequence,
-        stamp_ns=stamp_ns,
-        is_valid=is_valid,
-        is_airborne=is_airborne,
+        stamp_ns=result.view.now_ns,
+        is_valid=result.view.has_position,
+        is_airborne=result.is_airborne,
         is_cooperative=is_cooperative,
         position_enu_m=state.position_enu_m,
         velocity_enu_m_s=state.velocity_enu_m_s,
@@ -57,11 +79,11 @@ def state_message(
     )
 
 
-def by_px4(told: StateMessage, position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> StateMessage:
-    """The same from a vehicle that has no pose and whose PX4 lands it: where PX4 believes it to be, and no promise."""
+def px4_state_message(state: StateMessage, position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> StateMessage:
+    """Return the state of a vehicle without a pose that its PX4 lands: where PX4 believes to be, and no promise."""
     still = 0.0, 0.0, 0.0
     return replace(
-        told,
+        state,
         is_valid=True,
         is_cooperative=False,
         position_enu_m=position_enu_m,
@@ -78,88 +100,75 @@ def by_px4(told: StateMessage, position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> 
     )
 
 
-def tick_sample(
-    tick: Tick,
-    told: StateMessage,
-    *,
-    period_s: float,
-    doing: str,
-    active_neighbour: str,
-    distances_m: dict[str, float],
-    ages_s: dict[str, float],
-    attitude_enu_flu_wxyz: Vec4,
-    attitude_age_s: float,
-) -> TickSample:
-    """Every intermediate value of one pass, for the record; ``told`` is what the neighbours were told of it."""
-    law = tick.law
+def law_status(tick: Tick) -> str:
+    """Return the law's status in a word."""
+    return LawStatus(tick.law.status).name.lower()
+
+
+def active_neighbour(tick: Tick, neighbours: NeighbourTable) -> str:
+    """Return the name of the neighbour for whose sake the law holds back most; "" for none."""
+    index, names = tick.law.active_neighbour, neighbours.names
+    return names[index] if 0 <= index < len(names) else ""
+
+
+def tick_sample(result: TickResult, state: StateMessage, sources: TelemetrySources) -> TickSample:
+    """Return every intermediate value of one pass, for the record; ``state`` is what the neighbours received of it."""
+    tick, view = result.tick, result.view
+    law, snapshot = tick.law, view.snapshot
     return TickSample(
-        stamp_ns=told.stamp_ns,
-        period_s=period_s,
-        state=doing,
-        position_enu_m=told.position_enu_m,
-        velocity_enu_m_s=told.velocity_enu_m_s,
-        acceleration_enu_m_s2=told.acceleration_enu_m_s2,
+        stamp_ns=state.stamp_ns,
+        period_s=result.period_s,
+        state=sources.flight.state,
+        position_enu_m=state.position_enu_m,
+        velocity_enu_m_s=state.velocity_enu_m_s,
+        acceleration_enu_m_s2=state.acceleration_enu_m_s2,
         yaw_rad=tick.state.yaw_rad,
         setpoint_position_enu_m=tick.setpoint.position_enu_m,
         setpoint_velocity_enu_m_s=tick.setpoint.velocity_enu_m_s,
         setpoint_acceleration_enu_m_s2=tick.setpoint.acceleration_enu_m_s2,
         thrust_baseline_enu_m_s2=tick.thrust_baseline.thrust_enu_m_s2,
         thrust_safe_enu_m_s2=law.thrust.thrust_enu_m_s2,
-        predicted_position_enu_m=told.predicted_position_enu_m,
-        predicted_velocity_enu_m_s=told.predicted_velocity_enu_m_s,
-        commanded_acceleration_enu_m_s2=told.commanded_acceleration_enu_m_s2,
+        predicted_position_enu_m=state.predicted_position_enu_m,
+        predicted_velocity_enu_m_s=state.predicted_velocity_enu_m_s,
+        commanded_acceleration_enu_m_s2=state.commanded_acceleration_enu_m_s2,
         law_status=law_status(tick),
-        intervention_m_s2=law.intervention_m_s2,
-        slack_m_s2=law.slack_m_s2,
-        active_neighbour=active_neighbour,
-        neighbour_distances_m=distances_m,
-        neighbour_ages_s=ages_s,
+        intervention_m_s2=float(law.intervention_m_s2),
+        slack_m_s2=float(law.slack_m_s2),
+        active_neighbour=active_neighbour(tick, sources.neighbours),
+        neighbour_distances_m=result.distances_m,
+        neighbour_ages_s=sources.neighbours.near_ages_s(view.now_ns),
         setpoint_quaternion_enu_flu_wxyz=tick.attitude.quaternion_wxyz,
         setpoint_thrust_frac=tick.attitude.thrust_frac,
-        attitude_quaternion_enu_flu_wxyz=attitude_enu_flu_wxyz,
+        attitude_quaternion_enu_flu_wxyz=sources.own.attitude_wxyz(snapshot),
         hover_thrust_frac=tick.hover_thrust_frac,
-        attitude_age_s=attitude_age_s,
+        attitude_age_s=(view.now_ns - snapshot.attitude_ns) * 1e-9 if snapshot.attitude_ns else 0.0,
     )
 
 
 def telemetry(
-    tick: Tick,
-    now_ns: int,
-    *,
-    vehicle: Vehicle,
-    boot_id: int,
+    identity: AgentIdentity,
+    result: TickResult,
+    sources: TelemetrySources,
     sequence: int,
-    flight: FlightContext,
-    view: FlightView,
-    not_ready: tuple[str, ...],
-    is_airborne: bool,
-    distances_m: Mapping[str, float],
-    law: str,
-    state_age_s: float,
-    mocap_delay_s: float,
-    neighbour_age_s: float,
     loop: LoopTimed,
-    malformed: int,
-    config_hash: str,
-    conditions: tuple[str, ...],
-    roles: Roles,
-    doubles: tuple[str, ...],
-    avoids: str,
-    action: str,
+    malformed_messages: int,
 ) -> Telemetry:
-    """All that a person looks at."""
-    snapshot, order = view.snapshot, flight.order
-    nearest = min(distances_m, key=distances_m.__getitem__, default="")
+    """Return everything that a person looks at."""
+    tick, view, own, flight = result.tick, result.view, sources.own, sources.flight
+    snapshot, order, now_ns = view.snapshot, flight.order, view.now_ns
+    nearest = min(result.distances_m, key=result.distances_m.__getitem__, default="")
+    conditions, action = sources.failsafes.in_words()
+    malformed = malformed_messages + sources.neighbours.ignored_messages + own.ignored_samples
     return Telemetry(
-        vehicle=vehicle.name,
-        boot_id=boot_id,
+        vehicle=identity.vehicle.name,
+        boot_id=identity.boot_id,
         sequence=sequence,
         stamp_ns=now_ns,
         state=flight.state,
         reason=flight.reason,
-        not_ready=not_ready,
+        not_ready=result.not_ready if flight.situation is Situation.GROUND else (),
         is_armed=snapshot.is_armed,
-        is_airborne=is_airborne,
+        is_airborne=result.is_airborne,
         mode=snapshot.mode,
         position_enu_m=view.position_enu_m,
         velocity_enu_m_s=view.velocity_enu_m_s,
@@ -169,18 +178,18 @@ def telemetry(
         goal_position_enu_m=flight.goal_position_enu_m if flight.is_under_law else view.position_enu_m,
         battery_frac=snapshot.battery_frac,
         battery_voltage_v=snapshot.battery_voltage_v,
-        law=law,
+        law=identity.law,
         law_status=law_status(tick),
-        intervention_m_s2=tick.law.intervention_m_s2,
+        intervention_m_s2=float(tick.law.intervention_m_s2),
         nearest_vehicle=nearest,
-        nearest_distance_m=distances_m.get(nearest, math.inf),
+        nearest_distance_m=result.distances_m.get(nearest, math.inf),
         order_id=order.order_id if order is not None else "",
         order_kind=order.kind if order is not None else "",
         order_phase=flight.step.text,
-        state_age_s=state_age_s,
-        mocap_delay_s=mocap_delay_s,
+        state_age_s=own.age_s,
+        mocap_delay_s=own.validator.delay_s,
         autopilot_age_s=(now_ns - snapshot.last_packet_ns) * 1e-9 if snapshot.last_packet_ns else math.inf,
-        neighbour_age_s=neighbour_age_s,
+        neighbour_age_s=sources.neighbours.oldest_age_s(now_ns),
         loop_period_p50_ms=loop.p50_ms,
         loop_period_p99_ms=loop.p99_ms,
         loop_period_max_ms=loop.max_ms,
@@ -189,12 +198,12 @@ def telemetry(
         missed_ticks=loop.missed_ticks,
         malformed_messages=malformed,
         hover_thrust_frac=tick.hover_thrust_frac,
-        config_hash=config_hash,
-        system_id=vehicle.system_id,
+        config_hash=identity.config_hash,
+        system_id=identity.vehicle.system_id,
         conditions=conditions,
         action=action,
-        operator=roles.operator,
-        roles=roles.others,
-        avoids=avoids,
-        doubles=doubles,
+        operator=sources.roles.operator,
+        roles=sources.roles.others,
+        avoids=active_neighbour(tick, sources.neighbours),
+        doubles=sources.duplicates.doubled(now_ns),
     )

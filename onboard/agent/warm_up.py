@@ -67,14 +67,14 @@ class _MadeUpVehicle:
             local_position_ns=now_ns,
             position_local_ned_m=ned_from_enu((x, y, z)),
         )
-        core.handle(ev.AutopilotHeard(self._snapshot), now_ns)
+        core.handle(ev.SnapshotReceived(self._snapshot), now_ns)
         if self._vehicle.body:
-            core.handle(ev.PoseArrived(self._pose((x, y, z), now_ns), now_ns), now_ns)
+            core.handle(ev.PoseReceived(self._pose((x, y, z), now_ns), now_ns), now_ns)
         if core.flight.state == "ready" and core.flight.order is None:
             order = Order(
                 order_id="warm-up", author="", kind="takeoff", stamp_ns=now_ns, deadline_ns=0, height_m=z + 1.0
             )
-            core.handle(ev.OrderArrived(order), now_ns)
+            core.handle(ev.OrderReceived(order), now_ns)
         for command in core.tick(now_ns):
             match command:
                 case ev.SetOffboard():

@@ -11,14 +11,16 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control.pipeline import Phase
 from onboard.events import Command, Publish
-from onboard.flight.types import FlightGoal, FlightView, Step
+from onboard.flight.types import FlightView, Step
 from onboard.safety.failsafe_table import Situation
+from onboard.types import Goal
+from onboard.vectors import ZERO_3
 
 _AVOIDS_ABOVE_M = 0.5  # some second before touching down: friction ends what was promised of going aside
 _CONTACT_LIMIT_S = 8.0
 _RISEN_M = 0.5  # of a landing: more than giving way, or the end of a climb, takes it up
 _NOT_YET_OFFBOARD = {Step.ARM_OFFBOARD, Step.TAKEOFF_OFFBOARD, Step.TAKEOVER}
-_NO_GOAL = FlightGoal((0.0, 0.0, 0.0), 0.0, 0)
+_NO_GOAL = Goal(ZERO_3, 0.0, 0)
 _IN_FREE_FLIGHT = {Step.LIFTOFF, Step.CLIMB, Step.LEG, Step.ARRIVED, Step.HOLDING}
 
 
@@ -31,7 +33,7 @@ class FlightContext:
     step: Step = Step.WAITING
     reason: str = ""  # shown to people beside the state
     order: Order | None = None  # in progress
-    goal: FlightGoal = _NO_GOAL
+    goal: Goal = _NO_GOAL
     is_slow: bool = False  # a failsafe has slowed the order down
     leg_count: int = 0  # orders to move that have begun
     ground_z_m: float = 0.0  # height of the ground where it took off

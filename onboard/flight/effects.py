@@ -8,7 +8,9 @@ from onboard.autopilot import Vec3
 from onboard.bus.schema import Order
 from onboard.flight.arrival import stop_point
 from onboard.flight.context import FlightContext
-from onboard.flight.types import FlightGoal, FlightView
+from onboard.flight.types import FlightView
+from onboard.types import Goal
+from onboard.vectors import Vec3 as Point
 
 DEFAULT_HEIGHT_M = 1.0
 _CLIMB_SPEED_M_S, _LEAST_CLIMB_S = 0.45, 1.5
@@ -28,7 +30,7 @@ def takeoff_height_m(order: Order | None) -> float:
 def stay_on_ground(flight: FlightContext, view: FlightView) -> None:
     """Take this position for the ground and the goal."""
     flight.ground_z_m = view.position_enu_m[2]
-    flight.goal = flight.goal._replace(position_enu_m=view.position_enu_m)
+    flight.goal = flight.goal._replace(position_enu_m=Point(*view.position_enu_m))
 
 
 def climb(flight: FlightContext, view: FlightView) -> None:
@@ -94,7 +96,7 @@ def expect_contact(flight: FlightContext, view: FlightView) -> None:
 
 
 def _set_goal(flight: FlightContext, position_enu_m: Vec3, duration_s: float) -> None:
-    flight.goal = FlightGoal(position_enu_m, duration_s, flight.goal.sequence + 1)
+    flight.goal = Goal(Point(*position_enu_m), duration_s, flight.goal.sequence + 1)
 
 
 def _limit(flight: FlightContext, view: FlightView, limit_s: float) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from enum import Enum
-from typing import NamedTuple
 
 from msgspec import Struct
 
@@ -75,14 +74,6 @@ class FlightEvent(Enum):
     PREFLIGHT_PASSED = "preflight check passed"
     PREFLIGHT_REFUSED = "preflight check refused"
     TICK = "tick"
-
-
-class FlightGoal(NamedTuple):
-    """Point to fly to, as the trajectory takes it."""
-
-    position_enu_m: Vec3
-    duration_s: float  # 0: as fast as the limits allow
-    sequence: int  # changes when the trajectory is to be planned anew
 
 
 class FlightView(Struct, frozen=True):

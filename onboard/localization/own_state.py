@@ -89,7 +89,7 @@ class OwnState:
             self.ignored_samples += 1
             return False
         self._newest = (pose.boot_id, pose.sequence, pose.stamp_ns)
-        fault = self.validator.hear(
+        fault = self.validator.judge(
             pose.position_enu_m,
             pose.quaternion_enu_flu_wxyz,
             pose.stamp_ns,

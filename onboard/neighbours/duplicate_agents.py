@@ -1,7 +1,8 @@
-"""Does one name speak with two voices? Every start of an agent has a boot id, and a restarted one never hears its last.
+"""Detects two agents that publish under one name.
 
-Two agents of one vehicle on different hosts are not connected to each other, but both to the rest of the fleet. So who
-hears two voices under one name says so in its telemetry, and the two learn of each other from that.
+Every start of an agent has a boot id, and a restarted agent never publishes with an earlier one. Two agents of one
+vehicle on different hosts are not connected to each other, but both to the rest of the fleet. Therefore an agent that
+hears two agents under one name says so in its telemetry, and the two learn of each other from that.
 """
 
 from __future__ import annotations
@@ -9,19 +10,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 _DOUBLED_FOR_NS = 2_000_000_000
-_MOST_LIVES = 16
+_MAX_BOOT_IDS = 16
 
 
 @dataclass(slots=True)
 class DuplicateAgents:
-    """Boot ids by name: the newest, those before it, and when one of those was heard again."""
+    """Boot ids of every name."""
 
     _newest: dict[str, int] = field(default_factory=dict)
     _before: dict[str, list[int]] = field(default_factory=dict)
-    _doubled_ns: dict[str, int] = field(default_factory=dict)
+    _doubled_ns: dict[str, int] = field(default_factory=dict)  # when an earlier boot id was heard again
 
     def hear(self, name: str, boot_id: int, received_ns: int) -> None:
-        """A message of a life of ``name``."""
+        """Take the boot id of a message."""
         newest = self._newest.get(name)
         if boot_id == newest:
             return
@@ -30,13 +31,13 @@ class DuplicateAgents:
             return
         before = self._before.setdefault(name, [])
         if boot_id in before:
-            self._doubled_ns[name] = received_ns  # who was succeeded speaks again: both live
+            self._doubled_ns[name] = received_ns  # the earlier agent publishes again: both run
         if newest not in before:
             before.append(newest)
-            del before[:-_MOST_LIVES]
+            del before[:-_MAX_BOOT_IDS]
 
     def doubled(self, now_ns: int) -> tuple[str, ...]:
-        """Names that two agents use at present."""
+        """Return the names that two agents use at present."""
         if not self._doubled_ns:
             return ()
         return tuple(sorted(name for name, at_ns in self._doubled_ns.items() if now_ns - at_ns < _DOUBLED_FOR_NS))

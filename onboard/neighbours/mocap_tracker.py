@@ -1,4 +1,4 @@
-"""A neighbour as the mocap sees it, for when it says nothing itself: position, and velocity by a simple filter."""
+"""Position and velocity of a silent neighbour from its mocap poses, by a simple filter."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import MocapPose, Vec3
 
-_POSITION_SHARE, _VELOCITY_SHARE = 0.5, 0.15  # of what is new, for samples at 50 Hz
+_POSITION_SHARE, _VELOCITY_SHARE = 0.5, 0.15  # of the innovation, for samples at 50 Hz
 _JUMP_M = 0.5
 _GAP_S = 0.3
 _LARGEST_M = 1e4
@@ -18,11 +18,11 @@ POSITION_STD_M, VELOCITY_STD_M_S = 0.01, 0.1
 
 @dataclass(slots=True)
 class BodyTracker:
-    """One body: where it was at ``stamp_ns`` and how it moved, in fleet ENU; stamp 0 before the first sample."""
+    """Motion of one body in fleet ENU."""
 
     position_enu_m: Vec3 = (0.0, 0.0, 0.0)
     velocity_enu_m_s: Vec3 = (0.0, 0.0, 0.0)
-    stamp_ns: int = 0
+    stamp_ns: int = 0  # of this motion; 0 before the first sample
     _last_enu_m: Vec3 | None = None
 
     def hear(self, pose: MocapPose, received_ns: int) -> bool:
@@ -31,7 +31,7 @@ class BodyTracker:
         if not (pose.is_tracked and is_finite(position) and max(map(abs, position)) < _LARGEST_M):
             return False
         if position == self._last_enu_m:
-            return False  # a tracked body always has noise: this one is not seen any more
+            return False  # a tracked body always has noise: this one is lost
         self._last_enu_m = position
         if not self.stamp_ns < stamp_ns <= received_ns + _FUTURE_NS:
             return False
@@ -46,5 +46,5 @@ class BodyTracker:
                 self.position_enu_m = (x + a * dx, y + a * dy, z + a * dz)
                 self.velocity_enu_m_s = (vx + b * dx, vy + b * dy, vz + b * dz)
                 return True
-        self.position_enu_m = position  # the first sample, or one after a gap or a jump: where it is counts
+        self.position_enu_m = position  # the first sample, or one after a gap or a jump: only the position counts
         return True

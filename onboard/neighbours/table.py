@@ -142,7 +142,7 @@ class NeighbourTable:
         is_placed = self._flags[0].tolist()
         placed = {name: far for name, far, known in zip(self.names, far_m, is_placed, strict=True) if known}
         unplaced = {name for name in self._telemetry if name not in placed}.union(self.silent(now_ns), self.invalid())
-        found = subscription.chosen(placed, frozenset(unplaced), self._followed, self._reach_m)
+        found = subscription.select(placed, frozenset(unplaced), self._followed, self._reach_m)
         if found == self._followed:
             return False
         self._follow(found)

@@ -13,7 +13,7 @@ MAX_WAITING = 200
 log = logging.getLogger("covey.agent")
 
 
-class Outbox:
+class BackgroundQueue:
     """One thread that calls what is submitted, one after the other.
 
     When too much waits already, what comes next is dropped and counted: whoever submits is never held up.

@@ -12,26 +12,27 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
+from string import Template
 
 from onboard.config.fleet import ConfigError, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK, EXIT_WRONG_INPUT
 
 VERBS = ("install", "status", "logs")
-WATCHDOG_S, RESTART_S, MEMORY_MIB = 2, 2, 400
 _MARK = "# Written by covey agent install"
 _SYSTEM_FOLDER = Path("/etc/systemd/system")
-_SYSTEMD_RUNS = Path("/run/systemd/system")  # there when systemd booted this computer: sd_booted(3)
+SYSTEMD_RUNS = Path("/run/systemd/system")  # there when systemd booted this computer: sd_booted(3)
 
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """One vehicle's agent as a service: what it is called, where its unit lies, and who manages it."""
+    """One vehicle's agent as a service of systemd."""
 
     fleet_path: str
     fleet_name: str
     vehicle: str
-    is_user: bool
+    is_user: bool  # managed by the user's systemd instead of the system's
 
     @property
     def unit(self) -> str:
@@ -40,68 +41,34 @@ class Service:
 
     @property
     def path(self) -> Path:
-        """Where the unit lies."""
+        """Path of the unit."""
         if not self.is_user:
             return _SYSTEM_FOLDER / self.unit
         home = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
         return Path(home) / "systemd" / "user" / self.unit
 
     def systemctl(self, *words: str) -> list[str]:
-        """A systemctl command line for this manager."""
+        """Return a systemctl command line for this manager."""
         return ["systemctl", *(["--user"] if self.is_user else []), *words]
 
 
 def unit_text(service: Service, arguments: Sequence[str] = ()) -> str:
-    """The unit: started at boot, watched, restarted after a failure, bounded, and talking to the journal.
-
-    Exit status 2 is wrong input, which no restart mends. It ends by SIGTERM: the agent lands first. /tmp stays shared,
-    because locks there keep two agents from one autopilot.
-    """
+    """Fill in the unit's template, with ``arguments`` for the agent."""
     command = [sys.executable, "-m", "onboard", "--fleet", service.fleet_path, "--vehicle", service.vehicle, *arguments]
-    system_only = [
-        f"User={getpass.getuser()}",
-        "Nice=-10",
-        "LimitRTPRIO=10",
-        "OOMScoreAdjust=-500",
-        "ProtectSystem=full",
-        "ProtectHome=read-only",
-        "NoNewPrivileges=yes",
-    ]
-    lines = [
-        f"{_MARK} for vehicle {service.vehicle} of fleet {service.fleet_name}; the next install replaces it.",
-        "[Unit]",
-        f"Description=Covey agent of {service.vehicle} (fleet {service.fleet_name})",
-        "Wants=network-online.target",
-        "After=network-online.target",
-        "StartLimitIntervalSec=60",
-        "StartLimitBurst=5",
-        "",
-        "[Service]",
-        "Type=notify",
-        "NotifyAccess=main",
-        f"ExecStart={' '.join(_quoted(word) for word in command)}",
-        f"WorkingDirectory={_escaped(str(Path(service.fleet_path).parent))}",
-        "Environment=PYTHONUNBUFFERED=1",
-        f"WatchdogSec={WATCHDOG_S}",
-        "Restart=on-failure",
-        f"RestartSec={RESTART_S}",
-        f"RestartPreventExitStatus={EXIT_WRONG_INPUT}",
-        "TimeoutStartSec=60",
-        "TimeoutAbortSec=2",
-        "TimeoutStopSec=90",
-        "KillMode=mixed",
-        f"MemoryMax={MEMORY_MIB}M",
-        "TasksMax=128",
-        "LimitCORE=0",
-        "StandardOutput=journal",
-        "StandardError=journal",
-        f"SyslogIdentifier={service.unit.removesuffix('.service')}",
-        *([] if service.is_user else system_only),
-        "",
-        "[Install]",
-        f"WantedBy={'default' if service.is_user else 'multi-user'}.target",
-    ]
-    return "\n".join(lines) + "\n"
+    system = _template("agent_system.conf").substitute(user=getpass.getuser())
+    return _template("agent.service").substitute(
+        vehicle=service.vehicle,
+        fleet=service.fleet_name,
+        command=" ".join(_quoted(word) for word in command),
+        folder=_escaped(str(Path(service.fleet_path).parent)),
+        name=service.unit.removesuffix(".service"),
+        system="" if service.is_user else system,
+        target="default" if service.is_user else "multi-user",
+    )
+
+
+def _template(name: str) -> Template:
+    return Template(resources.files(__package__).joinpath(name).read_text(encoding="utf-8"))
 
 
 def _escaped(text: str) -> str:
@@ -109,38 +76,38 @@ def _escaped(text: str) -> str:
 
 
 def _quoted(word: str) -> str:
-    """A word of ExecStart: systemd expands % and $, and splits at spaces."""
+    """Return a word of ExecStart: systemd expands % and $, and splits at spaces."""
     safe = _escaped(word).replace("$", "$$")
     return '"' + safe.replace("\\", "\\\\").replace('"', '\\"') + '"' if shlex.quote(word) != word else safe
 
 
 def install(service: Service, arguments: Sequence[str], *, prints: bool, starts: bool) -> int:
-    """Write the unit, checked by systemd itself where it is there; the exit status."""
+    """Write the unit, verified by systemd where it is installed; return the exit status."""
     text = unit_text(service, arguments)
     if prints:
         print(text, end="")
         return EXIT_OK
-    complaint = _verify(service, text)
-    if complaint:
-        return _fail(f"systemd does not accept the unit: {complaint} Nothing was written; please report this.")
+    problems = verify(service, text)
+    if problems:
+        return _fail(f"systemd does not accept the unit: {problems} Nothing was written; please report this.")
     path = service.path
     try:
         if path.is_symlink() or (path.exists() and not path.read_text(encoding="utf-8").startswith(_MARK)):
-            return _fail(f"{path} is not from covey agent install: move it away, or give the fleet another name.")
+            return _fail(f"{path} was not written by covey agent install: move it away, or rename the fleet.")
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else str(error)
-        return _fail(f"{path} cannot be written ({why}): use sudo, or --user for a service of your own.")
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        return _fail(f"{path} cannot be written ({reason}): use sudo, or --user for a service of your own.")
     print(f"{path} is written.")
     start = shlex.join(service.systemctl("enable", "--now", service.unit))
-    trouble = _run(service.systemctl("daemon-reload"))
-    if not trouble and starts:
-        trouble = _run(service.systemctl("enable", service.unit)) or _run(service.systemctl("restart", service.unit))
-        if not trouble:
+    failure = _run(service.systemctl("daemon-reload"))
+    if not failure and starts:
+        failure = _run(service.systemctl("enable", service.unit)) or _run(service.systemctl("restart", service.unit))
+        if not failure:
             print(f"{service.unit} runs, now and after every boot.")
-    if trouble:
-        return _fail(f"{trouble} The unit stays; when systemd runs, type: {start}")
+    if failure:
+        return _fail(f"{failure} The unit stays; when systemd runs, type: {start}")
     if not starts:
         print(f"Start it, now and at every boot, with: {start}")
     if service.is_user:
@@ -149,44 +116,45 @@ def install(service: Service, arguments: Sequence[str], *, prints: bool, starts:
 
 
 def status(service: Service) -> int:
-    """Say in a sentence what systemd knows of it; the exit status."""
+    """Print in a sentence what systemd knows of the service; return the exit status."""
     if shutil.which("systemctl") is None:
         return _fail("This computer has no systemd (systemctl is not found): start the agent with covey agent.")
     fields = ("LoadState", "ActiveState", "SubState", "StatusText", "NRestarts", "Result", "ExecMainStatus", "MainPID")
-    found = subprocess.run(
+    shown = subprocess.run(
         [*service.systemctl("show", service.unit), *(f"--property={name}" for name in fields)],
         capture_output=True,
         text=True,
         check=False,
     )
-    if found.returncode != 0:
-        return _fail(f"systemd does not answer ({_words(found.stderr) or found.returncode}).")
-    told = dict(line.partition("=")[::2] for line in found.stdout.splitlines())
-    if told.get("LoadState") == "not-found":
+    if shown.returncode != 0:
+        return _fail(f"systemd does not answer ({_words(shown.stderr) or shown.returncode}).")
+    values = dict(line.partition("=")[::2] for line in shown.stdout.splitlines())
+    if values.get("LoadState") == "not-found":
         return _fail(f"{service.unit} is not installed: type covey agent install with the same options.")
-    restarts = told.get("NRestarts", "0")
+    restarts = values.get("NRestarts", "0")
     again = f", restarted {restarts} times" if restarts not in ("", "0") else ""
-    if told.get("ActiveState") == "active":
-        print(f"{service.unit} runs (process {told.get('MainPID')}{again}): {told.get('StatusText') or 'no word yet'}.")
+    if values.get("ActiveState") == "active":
+        text = values.get("StatusText") or "no status yet"
+        print(f"{service.unit} runs (process {values.get('MainPID')}{again}): {text}.")
         return EXIT_OK
-    why = {"watchdog": "its control loop hung", "oom-kill": "it took too much memory", "success": "it was stopped"}
-    result = told.get("Result", "")
-    reason = why.get(result, f"{result}, exit status {told.get('ExecMainStatus')}")
-    print(f"{service.unit} does not run ({told.get('ActiveState')}{again}): {reason}. Look with covey agent logs.")
+    reasons = {"watchdog": "its control loop hung", "oom-kill": "it took too much memory", "success": "it was stopped"}
+    result = values.get("Result", "")
+    reason = reasons.get(result, f"{result}, exit status {values.get('ExecMainStatus')}")
+    print(f"{service.unit} does not run ({values.get('ActiveState')}{again}): {reason}. See covey agent logs.")
     return EXIT_FAILED
 
 
 def logs(service: Service, *, follows: bool, lines: int) -> int:
-    """Show what it wrote; the exit status of journalctl, which finds nothing wrong with an empty journal."""
+    """Print the service's journal; return the exit status."""
     if shutil.which("journalctl") is None:
-        return _fail("This computer has no journal (journalctl is not found): look where the agent's output goes.")
+        return _fail("This computer has no journal (journalctl is not found): see the output of covey agent.")
     manager = ["--user"] if service.is_user else []
     command = ["journalctl", *manager, "--unit", service.unit, "--no-pager", "--lines"]
     probe = subprocess.run([*command, "1", "--quiet", "--output=cat"], capture_output=True, text=True, check=False)
     if probe.returncode == 0 and not probe.stdout.strip():
-        if not _SYSTEMD_RUNS.is_dir():
+        if not SYSTEMD_RUNS.is_dir():
             return _fail(
-                f"systemd does not run on this computer, and the journal has nothing of {service.unit}: look where the "
+                f"systemd does not run on this computer, and the journal has nothing of {service.unit}: see where the "
                 "output of covey agent goes."
             )
         if not follows:
@@ -198,8 +166,8 @@ def logs(service: Service, *, follows: bool, lines: int) -> int:
     return subprocess.run([*command, *(["--follow"] if follows else [])], check=False).returncode
 
 
-def _verify(service: Service, text: str) -> str:
-    """What systemd says against the unit; empty when it accepts it, or is not there."""
+def verify(service: Service, text: str) -> str:
+    """Return systemd's objections to the unit; empty if it accepts it, or is not installed."""
     if shutil.which("systemd-analyze") is None:
         return ""
     with tempfile.TemporaryDirectory() as folder:
@@ -207,17 +175,17 @@ def _verify(service: Service, text: str) -> str:
         path.write_text(text, encoding="utf-8")
         # a user's units have the same syntax, and their manager need not run here
         command = ["systemd-analyze", "verify", "--man=no", "--recursive-errors=no", str(path)]
-        found = subprocess.run(command, capture_output=True, text=True, check=False)
-    # other units of this computer and a manager that does not run are not this unit's fault
-    own = [line for line in found.stderr.splitlines() if service.unit in line]
+        verified = subprocess.run(command, capture_output=True, text=True, check=False)
+    # messages about other units, or about a manager that does not run, are not about this unit
+    own = [line for line in verified.stderr.splitlines() if service.unit in line]
     return " ".join(own).replace(f"{folder}/", "") if own else ""
 
 
 def _run(command: Sequence[str]) -> str:
     if shutil.which(command[0]) is None:
         return f"This computer has no systemd ({command[0]} is not found)."
-    found = subprocess.run(command, capture_output=True, text=True, check=False)
-    return "" if found.returncode == 0 else f"{shlex.join(command)} failed: {_words(found.stderr) or found.returncode}."
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    return "" if ended.returncode == 0 else f"{shlex.join(command)} failed: {_words(ended.stderr) or ended.returncode}."
 
 
 def _words(text: str) -> str:
@@ -261,6 +229,6 @@ def main(argv: Sequence[str]) -> int:
     service = Service(str(Path(options.fleet).resolve()), fleet.fleet.name, names[0], options.user)
     if options.verb == "install":
         flags = {"--apply-params": options.apply_params, "--realtime": options.realtime}
-        given = [flag for flag, is_given in flags.items() if is_given]
-        return install(service, given, prints=options.print, starts=options.now)
+        set_flags = [flag for flag, is_set in flags.items() if is_set]
+        return install(service, set_flags, prints=options.print, starts=options.now)
     return status(service) if options.verb == "status" else logs(service, follows=options.follow, lines=options.lines)

@@ -11,11 +11,11 @@ from onboard.events import (
     ClocksCompared,
     EventIn,
     LoopTimed,
-    NeighbourHeard,
-    NodeSeen,
+    MocapProblemChanged,
+    NeighbourReceived,
+    NodeChanged,
     ParamsRead,
-    PoseArrived,
-    SourceTold,
+    PoseReceived,
 )
 from onboard.neighbours.duplicate_agents import DuplicateAgents
 
@@ -59,23 +59,23 @@ class PreflightInputs:
     def hear(self, event: EventIn) -> None:
         """Take an event; most kinds change nothing here."""
         match event:
-            case PoseArrived(pose, received_ns) if pose.body == self.body and pose.is_tracked:
+            case PoseReceived(pose, received_ns) if pose.body == self.body and pose.is_tracked:
                 delay_s = (received_ns - pose.stamp_ns) * 1e-9
                 self.sample = MocapSample(pose.quaternion_enu_flu_wxyz, received_ns, delay_s)
-            case NeighbourHeard(message, received_ns) if message.vehicle == self.vehicle:
+            case NeighbourReceived(message, received_ns) if message.vehicle == self.vehicle:
                 if message.boot_id != self.boot_id:
                     self._duplicate_ns = received_ns
-            case NeighbourHeard(Telemetry() as message, received_ns):
+            case NeighbourReceived(Telemetry() as message, received_ns):
                 self.duplicates.hear(message.vehicle, message.boot_id, received_ns)
                 if self.vehicle in message.doubles:
                     self._duplicate_ns = received_ns
             case ClocksCompared(bounds_s):
                 self.clock_bounds_s = {node: bound for node, bound in bounds_s.items() if not node.startswith("ground")}
-            case NodeSeen(node, is_alive) if node.partition("-")[0] == RECORDER:
+            case NodeChanged(node, is_alive) if node.partition("-")[0] == RECORDER:
                 (self._recorders.add if is_alive else self._recorders.discard)(node)
             case ParamsRead(problems):
                 self.param_problems = problems
             case LoopTimed():
                 self.loop_p99_ms = event.p99_ms
-            case SourceTold(sentence):
+            case MocapProblemChanged(sentence):
                 self.source_problem = sentence

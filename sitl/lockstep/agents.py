@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from onboard import events as ev
-from onboard.agent.core import AgentCore, Pass
+from onboard.agent.control_step import PipelineInputs
+from onboard.agent.core import AgentCore
 from onboard.arrays import BoolArray
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessage, Telemetry
@@ -149,7 +150,7 @@ class AgentShell:
 
     def ask_to_stop(self) -> None:
         """SIGTERM: land first if in the air."""
-        self._inbox.append(ev.ShutdownAsked())
+        self._inbox.append(ev.ShutdownRequested())
 
     @property
     def core_index(self) -> int:
@@ -175,11 +176,11 @@ class AgentShell:
             if topic is not Topic.SLOW_TELEMETRY and (topic is Topic.STATE) != (other in self._followed):
                 return  # the others are heard slowly
             if isinstance(message, (StateMessage, Telemetry)) and (other != name or message.boot_id != boot_id):
-                inbox.append(ev.NeighbourHeard(message, now_ns()))
+                inbox.append(ev.NeighbourReceived(message, now_ns()))
 
         def pose(_topic: Topic, _body: str, message: Message | Malformed) -> None:
             if isinstance(message, MocapPose):
-                inbox.append(ev.PoseArrived(message, now_ns()))
+                inbox.append(ev.PoseReceived(message, now_ns()))
 
         self._on_neighbour, self._on_pose = neighbour, pose
         if self._reads_in_bulk:
@@ -191,7 +192,7 @@ class AgentShell:
         if vehicle.mocap_required and vehicle.body:
             node.subscribe(Topic.MOCAP, vehicle.body, pose)
         node.serve_orders(name, self._ordered)
-        node.watch_alive(lambda other, is_alive: inbox.append(ev.NodeSeen(other, is_alive)))
+        node.watch_alive(lambda other, is_alive: inbox.append(ev.NodeChanged(other, is_alive)))
 
     def _ordered(self, message: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
         if self.is_hung:
@@ -199,8 +200,8 @@ class AgentShell:
         elif isinstance(message, Order):
             self._replies[message.order_id] = reply
             now_ns = self._bus.now_ns()
-            self.core.handle(ev.AutopilotHeard(self.link.snapshot()), now_ns)
-            self._execute(self.core.handle(ev.OrderArrived(message), now_ns))
+            self.core.handle(ev.SnapshotReceived(self.link.snapshot()), now_ns)
+            self._execute(self.core.handle(ev.OrderReceived(message), now_ns))
 
     def hear(self, news: Sequence[News]) -> None:
         """What has arrived in bulk, one by one: it waits for a loop that does not turn."""
@@ -215,7 +216,7 @@ class AgentShell:
 
     # -- a tick ------------------------------------------------------------------------------------------------------
 
-    def begin_tick(self, now_ns: int) -> Pass:
+    def begin_tick(self, now_ns: int) -> PipelineInputs:
         """Take what has arrived and the first half of the core's tick."""
         inbox, handle = self._inbox, self.core.handle
         self.has_backlog = False
@@ -223,7 +224,7 @@ class AgentShell:
             commands = handle(inbox.popleft(), now_ns)
             if commands:
                 self._execute(commands)
-        handle(ev.AutopilotHeard(self.link.snapshot()), now_ns)
+        handle(ev.SnapshotReceived(self.link.snapshot()), now_ns)
         return self.core.begin_tick(now_ns)
 
     def end_tick(self, memory: PipelineMemory, tick: Tick, now_ns: int) -> None:

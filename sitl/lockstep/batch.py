@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from onboard.agent.core import Pass
+from onboard.agent.control_step import PipelineInputs
 from onboard.control import pipeline
 from onboard.control.pipeline import PipelineMemory, PipelineParams
 from onboard.rollout import batch
@@ -62,7 +62,9 @@ class Batch:
         for agent, (memory, tick) in zip(agents, results, strict=True):
             agent.end_tick(memory, tick, now_ns)
 
-    def _together(self, hall: Hall, agents: Sequence[AgentShell], passes: list[Pass]) -> list[tuple[Any, Tick]]:
+    def _together(
+        self, hall: Hall, agents: Sequence[AgentShell], passes: list[PipelineInputs]
+    ) -> list[tuple[Any, Tick]]:
         memories = _rows_of([due.memory for due in passes])
         neighbours, is_present = hall.snapshots([due.table for due in passes], passes[0].now_ns)
         inputs = batch.PassRows(
@@ -72,7 +74,7 @@ class Batch:
             is_present,
             np.array([int(due.phase) for due in passes]),
         )
-        walls = batch.OBSTACLE.packed(agents[0].core.obstacles)
+        walls = batch.OBSTACLE.packed(agents[0].core.control.obstacles)
         ticks = batch.step(memories, inputs, walls, self._params_of(agents), passes[0].dt_s)
         values = batch.TICK.values(ticks)
         return [(_RowMemory(memories, index), tick) for index, tick in enumerate(values)]
@@ -97,13 +99,13 @@ def _rows_of(memories: list[Any]) -> Rows:
     return batch.MEMORY.packed([_value(memory) for memory in memories])
 
 
-def _alone(agent: AgentShell, due: Pass) -> tuple[PipelineMemory, Tick]:
+def _alone(agent: AgentShell, due: PipelineInputs) -> tuple[PipelineMemory, Tick]:
     return pipeline.step(
         _value(due.memory),
         due.state,
         due.goal,
         due.neighbours,
-        agent.core.obstacles,
+        agent.core.control.obstacles,
         due.phase,
         agent.core.params,
         due.dt_s,

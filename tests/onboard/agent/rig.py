@@ -82,7 +82,7 @@ class Rig:
     def __post_init__(self) -> None:
         self.core.preflight.is_warm = True
         self.core.handle(ev.ParamsRead(()), self.now_ns)
-        self.core.handle(ev.NodeSeen("ground-1", True), self.now_ns)
+        self.core.handle(ev.NodeChanged("ground-1", True), self.now_ns)
 
     # -- the world --
 
@@ -126,7 +126,7 @@ class Rig:
                 battery_frac=self.battery_frac,
                 battery_voltage_v=15.0,
             )
-        self.core.handle(ev.AutopilotHeard(self._snapshot), now)
+        self.core.handle(ev.SnapshotReceived(self._snapshot), now)
         heard_ns = self.core.neighbours.last_heard_ns
         if self.has_mocap:
             self.pose()
@@ -149,7 +149,7 @@ class Rig:
             quaternion_enu_flu_wxyz=self._true(self._snapshot.quaternion_enu_flu_wxyz),
         )
         sample = msgspec.structs.replace(sample, **changes)
-        self.take(self.core.handle(ev.PoseArrived(sample, self.now_ns), self.now_ns))
+        self.take(self.core.handle(ev.PoseReceived(sample, self.now_ns), self.now_ns))
 
     def take(self, commands: list[ev.Command]) -> None:
         """What PX4 and the listeners make of commands."""
@@ -209,7 +209,7 @@ class Rig:
             deadline_ns=int(fields.pop("deadline_ns", self.now_ns + 10**9)),  # type: ignore[call-overload]
             **fields,  # type: ignore[arg-type]
         )
-        commands = self.core.handle(ev.OrderArrived(order), self.now_ns)
+        commands = self.core.handle(ev.OrderReceived(order), self.now_ns)
         self.take(commands)
         (reply,) = [command.reply for command in commands if isinstance(command, ev.Reply)]
         return reply

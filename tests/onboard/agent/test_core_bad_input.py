@@ -109,7 +109,7 @@ def test_no_stream_of_messages_brings_the_core_down_or_a_wrong_setpoint_out_of_i
     for _ in range(data.draw(st.integers(1, 12))):
         kind = data.draw(st.sampled_from(kinds))
         if kind == "snapshot":
-            listener.check(core.handle(ev.AutopilotHeard(_snapshot(rig._snapshot, data.draw)), rig.now_ns))
+            listener.check(core.handle(ev.SnapshotReceived(_snapshot(rig._snapshot, data.draw)), rig.now_ns))
             listener.check(core.tick(rig.now_ns + 1_000_000))
         elif kind == "tick":
             rig.now_ns += data.draw(st.sampled_from([0, 1, 20_000_000, 400_000_000]))
@@ -119,12 +119,12 @@ def test_no_stream_of_messages_brings_the_core_down_or_a_wrong_setpoint_out_of_i
             message = _changed(message, data.draw) if data.draw(st.booleans()) else message
             event: ev.EventIn
             if isinstance(message, MocapPose):
-                event = ev.PoseArrived(message, rig.now_ns)
+                event = ev.PoseReceived(message, rig.now_ns)
             elif isinstance(message, Order):
-                event = ev.OrderArrived(message)
+                event = ev.OrderReceived(message)
             else:
                 assert isinstance(message, (StateMessage, Telemetry))
-                event = ev.NeighbourHeard(message, rig.now_ns)
+                event = ev.NeighbourReceived(message, rig.now_ns)
             listener.check(core.handle(event, rig.now_ns))
         rig.step()
         listener.check(core.tick(rig.now_ns + 2_000_000))
@@ -145,14 +145,14 @@ def test_no_stream_of_messages_brings_the_core_down_or_a_wrong_setpoint_out_of_i
 )
 def test_a_px4_that_tells_nonsense_counts_as_silent(changes: dict[str, Any]) -> None:
     rig = moving()
-    rig.core.handle(ev.AutopilotHeard(replace(rig._snapshot, **changes)), rig.now_ns)
+    rig.core.handle(ev.SnapshotReceived(replace(rig._snapshot, **changes)), rig.now_ns)
     rig.run(0.1)
     assert rig.core.flight.state == "flying"  # once is never
     handle = rig.core.handle
 
     def nonsense(event: ev.EventIn, now_ns: int) -> list[ev.Command]:
-        if isinstance(event, ev.AutopilotHeard):
-            event = ev.AutopilotHeard(replace(event.snapshot, **changes))
+        if isinstance(event, ev.SnapshotReceived):
+            event = ev.SnapshotReceived(replace(event.snapshot, **changes))
         return handle(event, now_ns)
 
     rig.core.handle = nonsense  # type: ignore[method-assign]
@@ -168,7 +168,7 @@ def test_a_neighbour_that_sends_nonsense_is_ignored_counted_and_then_silent(kind
     before = rig.core.neighbours.ignored_messages
     for bad in (math.nan, math.inf, 1e300):
         message = msgspec.structs.replace(good, position_enu_m=(bad, 0.0, 1.0))
-        rig.core.handle(ev.NeighbourHeard(message, rig.now_ns), rig.now_ns)
+        rig.core.handle(ev.NeighbourReceived(message, rig.now_ns), rig.now_ns)
         rig.step()
     assert rig.core.neighbours.ignored_messages == before + 3
     assert rig.core.flight.state == "flying"

@@ -82,7 +82,7 @@ def test_a_lost_bus_holds_and_then_lands_in_place() -> None:
     rig.fly()
     rig.order("move", position_enu_m=(-3.0, 0.0, 1.0))
     rig.run(1.5)
-    rig.core.handle(ev.NodeSeen("ground-1", False), rig.now_ns)
+    rig.core.handle(ev.NodeChanged("ground-1", False), rig.now_ns)
     rig.has_bus = False
     rig.run(BUS_LOST_S + 0.5)
     assert rig.core.flight.state == "holding"
@@ -96,7 +96,7 @@ def test_a_lost_ground_station_changes_nothing_in_flight() -> None:
     rig = Rig()
     rig.fly()
     reply = rig.order("move", position_enu_m=(1.0, 0.0, 1.0))
-    rig.core.handle(ev.NodeSeen("ground-1", False), rig.now_ns)
+    rig.core.handle(ev.NodeChanged("ground-1", False), rig.now_ns)
     rig.run(8.0)
     assert rig.outcomes()[reply.order_id] == "done"
     assert rig.core.flight.state == "flying"

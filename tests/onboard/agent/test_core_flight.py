@@ -134,7 +134,7 @@ def test_armed_on_the_ground_it_waits_and_says_when_px4_disarms_by_itself() -> N
 def test_asked_to_stop_in_the_air_it_lands_first_and_then_ends() -> None:
     rig = Rig()
     rig.fly()
-    rig.core.handle(ev.ShutdownAsked(), rig.now_ns)
+    rig.core.handle(ev.ShutdownRequested(), rig.now_ns)
     rig.run(1.0)
     assert rig.core.flight.state == "landing"
     assert rig.count(ev.Exit) == 0
@@ -146,7 +146,7 @@ def test_asked_to_stop_in_the_air_it_lands_first_and_then_ends() -> None:
 def test_asked_to_stop_on_the_ground_it_ends_at_once() -> None:
     rig = Rig()
     rig.run(0.5)
-    rig.core.handle(ev.ShutdownAsked(), rig.now_ns)
+    rig.core.handle(ev.ShutdownRequested(), rig.now_ns)
     rig.step()
     assert rig.count(ev.Exit) == 1
 
@@ -259,7 +259,7 @@ def test_a_failsafes_disarming_is_asked_for_until_px4_says_that_it_is_disarmed()
     rig.order("arm")
     rig.until("armed")
     since_ns = rig.now_ns
-    rig.core.handle(ev.ShutdownAsked(), rig.now_ns)
+    rig.core.handle(ev.ShutdownRequested(), rig.now_ns)
     take = rig.take
     rig.take = lambda commands: take(
         [c for c in commands if not isinstance(c, ev.Disarm) or rig.now_ns - since_ns > 3e9]

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import pytest
 
 from onboard import events as ev
-from onboard.agent.loop import Agent
-from onboard.agent.telemetry_decimation import Brief
+from onboard.agent.command_executor import CommandExecutor
+from onboard.agent.inbox import Inbox
+from onboard.agent.telemetry_decimation import TelemetryDecimation
 from onboard.bus.schema import Telemetry
 from onboard.bus.topics import Topic
 from sitl.lockstep.fleets import square_fleet
@@ -29,7 +30,7 @@ def telemetry() -> Telemetry:
 
 
 def _told(telemetry: Telemetry, tenths: Iterable[int], **changes: Any) -> list[int]:
-    brief = Brief()
+    brief = TelemetryDecimation()
     assert all(brief.is_due(msgspec.structs.replace(telemetry, stamp_ns=tenth * _TENTH_NS)) for tenth in range(-3, 1))
     return [
         tenth
@@ -71,16 +72,18 @@ def test_a_goal_that_trembles_is_no_news(telemetry: Telemetry) -> None:
 
 
 def test_an_agent_hears_whom_it_follows_often_and_only_the_others_slowly() -> None:
-    asked: list[tuple[Topic, set[str]]] = []
+    followed: list[tuple[Topic, set[str]]] = []
 
     class Bus:
-        def follow(self, topic: Topic, names: Iterable[str], _: Callable[..., None]) -> None:
-            asked.append((topic, set(names)))
+        node = "mav1"
 
-    agent = Agent(square_fleet(4), "mav1", apply_params=False, law=None)
-    agent._bus = Bus()  # type: ignore[assignment]
-    agent._on_state = print  # type: ignore[assignment]
-    agent._execute([ev.Follow(frozenset({"mav0", "mav2"}))])
-    agent._interest.stop()
+        def follow(self, topic: Topic, names: Iterable[str], _: Callable[..., None]) -> None:
+            followed.append((topic, set(names)))
+
+    fleet, bus = square_fleet(4), cast(Any, Bus())
+    inbox = Inbox(fleet.vehicles["mav1"], 1, bus, fleet.mocap)
+    executor = CommandExecutor("mav1", ["mav0", "mav2", "mav3"], cast(Any, None), bus, inbox, lambda: None)
+    executor.execute([ev.Follow(frozenset({"mav0", "mav2"}))])
+    executor.stop()
     # under its own name it would hear another agent for the same vehicle
-    assert asked == [(Topic.STATE, {"mav0", "mav2"}), (Topic.FAR, {"mav1", "mav3"})]
+    assert followed == [(Topic.STATE, {"mav0", "mav2"}), (Topic.FAR, {"mav1", "mav3"})]

@@ -65,13 +65,14 @@ def test_a_pose_without_a_source_is_of_our_own_clock() -> None:
     assert _node().pose(pose, 10 * _S) is pose
 
 
-@pytest.mark.parametrize("ahead_s", [-3600.0, 0.3, 100.0])
-def test_an_orders_deadline_comes_as_far_after_it_on_our_clock_as_on_the_senders(ahead_s: float) -> None:
-    sent_ns = 10 * _S + int(ahead_s * 1e9) - 5 * _MS
-    order = Order(order_id="1", author="x", kind="land", stamp_ns=sent_ns, deadline_ns=sent_ns + 2 * _S, node="other")
-    found = _node(ahead_s=ahead_s).order(order, 10 * _S)
-    assert found.deadline_ns - found.stamp_ns == 2 * _S
-    assert 10 * _S - 12 * _MS < found.stamp_ns <= 10 * _S
+def test_an_orders_deadline_comes_as_far_after_it_on_our_clock_as_on_the_senders() -> None:
+    for ahead_s in (-3600.0, 0.3, 100.0):
+        sent_ns = 10 * _S + int(ahead_s * 1e9) - 5 * _MS
+        deadline_ns = sent_ns + 2 * _S
+        order = Order(order_id="1", author="x", kind="land", stamp_ns=sent_ns, deadline_ns=deadline_ns, node="other")
+        received = _node(ahead_s=ahead_s).order(order, 10 * _S)
+        assert received.deadline_ns - received.stamp_ns == 2 * _S
+        assert 10 * _S - 12 * _MS < received.stamp_ns <= 10 * _S
 
 
 def test_an_order_without_a_deadline_keeps_none() -> None:

@@ -16,7 +16,7 @@ def _neighbour(rig: Rig, **changes: object) -> None:
     base = rig.telemetry
     assert base is not None
     message: Telemetry = msgspec.structs.replace(base, vehicle="mav1", **changes)
-    rig.core.handle(ev.NeighbourHeard(message, rig.now_ns), rig.now_ns)
+    rig.core.handle(ev.NeighbourReceived(message, rig.now_ns), rig.now_ns)
 
 
 @pytest.mark.parametrize(

@@ -111,7 +111,7 @@ def test_a_vehicle_on_the_ground_is_not_taken_over() -> None:
     assert not reply.is_accepted
 
 
-def twin(rig: Rig) -> ev.NeighbourHeard:
+def twin(rig: Rig) -> ev.NeighbourReceived:
     """A message of another process under our name."""
     vector = (0.0, 0.0, 0.0)
     message = StateMessage(
@@ -133,4 +133,4 @@ def twin(rig: Rig) -> ev.NeighbourHeard:
         velocity_std_m_s=0.02,
         crowd_count=0.0,
     )
-    return ev.NeighbourHeard(message, rig.now_ns)
+    return ev.NeighbourReceived(message, rig.now_ns)

@@ -133,9 +133,9 @@ def test_systemd_accepts_the_unit_and_a_fleet_file_with_odd_letters_in_its_path(
     folder.mkdir()
     found = service.Service(str(folder / "fleet.toml"), "paper", "mav1", is_user)
     text = service.unit_text(found, ["--realtime"])
-    assert service._verify(found, text) == ""
+    assert service.verify(found, text) == ""
     assert "50 %% of $$HOME" in text
-    assert service._verify(found, text.replace("Type=notify", "Type=nonsense")) != ""
+    assert service.verify(found, text.replace("Type=notify", "Type=nonsense")) != ""
 
 
 def test_installing_writes_the_unit_again_and_again_but_never_over_somebody_elses(
@@ -152,7 +152,7 @@ def test_installing_writes_the_unit_again_and_again_but_never_over_somebody_else
     assert (tmp_path / "called").read_text().splitlines()[-1] == "--user restart covey-agent-paper-mav1.service"
     path.write_text("[Service]\nExecStart=/bin/true\n", encoding="utf-8")
     assert main(["install", *OPTIONS]) == 2
-    assert "is not from covey agent install" in capsys.readouterr().err
+    assert "was not written by covey agent install" in capsys.readouterr().err
     assert path.read_text(encoding="utf-8") == "[Service]\nExecStart=/bin/true\n"
 
 
@@ -214,7 +214,7 @@ def test_an_empty_journal_is_said_in_words_and_never_a_success(
     capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runs: bool
 ) -> None:
     programs(tmp_path, monkeypatch, journalctl='echo "No journal files were found." >&2')
-    monkeypatch.setattr(service, "_SYSTEMD_RUNS", tmp_path if runs else tmp_path / "nothing")
+    monkeypatch.setattr(service, "SYSTEMD_RUNS", tmp_path if runs else tmp_path / "nothing")
     assert main(["logs", *OPTIONS]) == 2
     said = capfd.readouterr().err
     assert "has nothing of covey-agent-paper-mav1.service" in said

@@ -60,13 +60,13 @@ def swap_body(rig: Rig) -> None:
 def twin(rig: Rig) -> None:
     assert rig.state is not None
     other = msgspec.structs.replace(rig.state, boot_id=99)
-    rig.core.handle(ev.NeighbourHeard(other, rig.now_ns), rig.now_ns)
+    rig.core.handle(ev.NeighbourReceived(other, rig.now_ns), rig.now_ns)
 
 
 def neighbour(rig: Rig, **changes: object) -> None:
     assert rig.telemetry is not None
     message: Telemetry = msgspec.structs.replace(rig.telemetry, vehicle="mav1", **changes)
-    rig.core.handle(ev.NeighbourHeard(message, rig.now_ns), rig.now_ns)
+    rig.core.handle(ev.NeighbourReceived(message, rig.now_ns), rig.now_ns)
 
 
 def wrong_parameter(rig: Rig) -> None:
@@ -99,10 +99,10 @@ def drop_attitudes(rig: Rig) -> None:
     kept: list[int] = [0]
 
     def handle(event: ev.EventIn, now_ns: int) -> list[ev.Command]:
-        if isinstance(event, ev.AutopilotHeard):
+        if isinstance(event, ev.SnapshotReceived):
             if next(rates) % 5 == 0:
                 kept[0] = now_ns
-            event = ev.AutopilotHeard(replace(event.snapshot, attitude_ns=kept[0]))
+            event = ev.SnapshotReceived(replace(event.snapshot, attitude_ns=kept[0]))
         return original(event, now_ns)
 
     rig.core.handle = handle  # type: ignore[method-assign]
@@ -112,8 +112,8 @@ def px4_elsewhere(rig: Rig) -> None:
     original = rig.core.handle
 
     def handle(event: ev.EventIn, now_ns: int) -> list[ev.Command]:
-        if isinstance(event, ev.AutopilotHeard):
-            event = ev.AutopilotHeard(replace(event.snapshot, position_local_ned_m=(0.0, 2.0, 0.0)))
+        if isinstance(event, ev.SnapshotReceived):
+            event = ev.SnapshotReceived(replace(event.snapshot, position_local_ned_m=(0.0, 2.0, 0.0)))
         return original(event, now_ns)
 
     rig.core.handle = handle  # type: ignore[method-assign]
@@ -189,7 +189,7 @@ def test_own_messages_that_come_back_are_no_second_agent() -> None:
     rig = ready()
     assert rig.state is not None
     for _ in range(60):
-        rig.core.handle(ev.NeighbourHeard(rig.state, rig.now_ns), rig.now_ns)
+        rig.core.handle(ev.NeighbourReceived(rig.state, rig.now_ns), rig.now_ns)
         rig.run(0.02)
     assert refusals(rig) == {}
 
@@ -250,10 +250,10 @@ def test_a_px4_that_believes_to_be_elsewhere_refuses_only_where_it_is_told_the_m
 def test_a_recorder_on_the_bus_is_seen_and_none_is_only_advised_against() -> None:
     rig = ready()
     assert {name for name, is_ok, _, remedy in reports(rig)[-1].checks if is_ok and remedy} == ADVICE
-    rig.core.handle(ev.NodeSeen("recorder-17", True), rig.now_ns)
+    rig.core.handle(ev.NodeChanged("recorder-17", True), rig.now_ns)
     rig.run(1.5)
     assert {name for name, is_ok, _, remedy in reports(rig)[-1].checks if is_ok and remedy} == {"kill switch"}
-    rig.core.handle(ev.NodeSeen("recorder-17", False), rig.now_ns)
+    rig.core.handle(ev.NodeChanged("recorder-17", False), rig.now_ns)
     rig.run(1.5)
     assert rig.core.flight.state == "ready"
 

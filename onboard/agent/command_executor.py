@@ -1,0 +1,116 @@
+"""Execution of the core's commands: setpoints and requests to PX4, messages, replies and subscriptions to the bus.
+
+What may block (reliable messages, subscriptions) has threads of its own, so that nothing can stand between a tick and
+the setpoint.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from onboard import events as ev
+from onboard.agent.inbox import Inbox
+from onboard.autopilot import Autopilot
+from onboard.bus.protocol import Bus
+from onboard.bus.schema import OrderReply
+from onboard.bus.topics import TOPICS, Delivery, Topic
+from onboard.process.background_queue import BackgroundQueue
+
+# A setpoint that comes later than this after its tick began was held up on the way: PX4 is not to have it.
+_SETPOINT_NS = 60_000_000
+
+log = logging.getLogger("covey.agent")
+
+OnReply = Callable[[OrderReply], None]
+
+
+class CommandExecutor:
+    """Executes commands in their order.
+
+    Args:
+        name: of the vehicle.
+        others: names of the other vehicles of the fleet.
+        link: to PX4.
+        bus: of the fleet.
+        inbox: receives what is subscribed to.
+        on_exit: ends the process.
+    """
+
+    def __init__(
+        self, name: str, others: Iterable[str], link: Autopilot, bus: Bus, inbox: Inbox, on_exit: Callable[[], None]
+    ) -> None:
+        self.tick_ns = 0  # begin of the tick
+        self.reliable, self._subscriptions = BackgroundQueue("bus"), BackgroundQueue("interest")
+        self._name, self._names = name, {name, *others}
+        self._link, self._bus, self._inbox = link, bus, inbox
+        self._replies: dict[str, OnReply] = {}
+        self._actions: dict[type, Callable[[Any], object]] = {
+            ev.SendAttitude: self._send_attitude,
+            ev.Publish: self._publish,
+            ev.SendOdometry: self._send_odometry,
+            ev.Reply: self._reply,
+            ev.WatchBodies: self._watch_bodies,
+            ev.Follow: self._follow,
+            ev.SetOffboard: lambda _: self._link.set_offboard(),
+            ev.Arm: lambda _: self._link.arm(),
+            ev.Disarm: lambda _: self._link.disarm(),
+            ev.Px4Land: lambda _: self._link.land(),
+            ev.Kill: lambda _: self._link.kill(),
+            ev.PlayTune: lambda _: self._link.play_tune(),
+            ev.Exit: lambda _: on_exit(),
+        }
+
+    def start_threads(self) -> None:
+        """Start the threads now, so that they have their part in the precedence of the process."""
+        self.reliable.submit(int)
+        self._subscriptions.submit(int)
+
+    def stop(self) -> None:
+        """Do what waits and end."""
+        self._subscriptions.stop()
+        self.reliable.stop()
+
+    def expect_reply(self, order_id: str, reply: OnReply) -> None:
+        """Keep the way back to whoever sent an order."""
+        self._replies[order_id] = reply
+
+    def execute(self, commands: Iterable[ev.Command]) -> None:
+        """Execute commands in their order."""
+        for command in commands:
+            self._actions[type(command)](command)
+
+    def _send_attitude(self, command: ev.SendAttitude) -> None:
+        if time.monotonic_ns() - self.tick_ns < _SETPOINT_NS:
+            self._link.send_attitude(command.setpoint)
+
+    def _publish(self, command: ev.Publish) -> None:
+        topic, message = command.topic, command.message
+        if TOPICS[topic].delivery is Delivery.RELIABLE:
+            log.info("%s", getattr(message, "sentence", topic.value))
+            self.reliable.submit(self._bus.publish, topic, self._name, message)
+        else:
+            self._bus.publish(topic, self._name, message)
+
+    def _send_odometry(self, command: ev.SendOdometry) -> None:
+        self._link.send_odometry(
+            command.position_enu_m, command.quaternion_enu_flu_wxyz, command.std_m, command.reset_count
+        )
+
+    def _reply(self, command: ev.Reply) -> None:
+        reply = self._replies.pop(command.reply.order_id, None)
+        if reply is not None:
+            self.reliable.submit(reply, command.reply)
+
+    def _watch_bodies(self, command: ev.WatchBodies) -> None:
+        for source in self._inbox.further_sources(command.bodies):
+            self._subscriptions.submit(source.start)
+
+    def _follow(self, command: ev.Follow) -> None:
+        on_message = self._inbox.neighbour_received
+        self._subscriptions.submit(self._bus.follow, Topic.STATE, command.names, on_message)
+        # under its own name it would hear another agent for the same vehicle
+        slowly = self._names - command.names | {self._name}
+        self._subscriptions.submit(self._bus.follow, Topic.FAR, slowly, on_message)

@@ -1,0 +1,133 @@
+"""Upkeep of the link to PX4: discovery, rates, origin and parameters, again whenever PX4 restarts."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from onboard import events as ev
+from onboard.autopilot import LinkError
+from onboard.config.fleet import Vehicle
+from onboard.flight.context import FlightContext
+from onboard.process import realtime
+from onboard.px4.mavsdk_link import Px4Link
+from onboard.px4.required_params import differences, required_params
+from onboard.safety.failsafe_table import Situation
+
+_REPEAT_S, _LOOK_S = 5.0, 1.0
+_READ_AGAIN_NS = 15_000_000_000  # somebody may have set a parameter meanwhile
+_RESTARTED_MS = 1000
+
+log = logging.getLogger("covey.agent")
+
+
+class LinkUpkeep:
+    """Runs beside the control loop; blocking calls have a thread of their own.
+
+    Args:
+        vehicle: the agent's own.
+        link: to its PX4.
+        flight: parameters are read on the ground only.
+        notify: takes events for the core.
+        applies_params: whether required parameters are set, and not only checked.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        link: Px4Link,
+        flight: FlightContext,
+        notify: Callable[[ev.EventIn], None],
+        *,
+        applies_params: bool,
+    ) -> None:
+        self._vehicle, self._link, self._flight, self._notify = vehicle, link, flight, notify
+        self._applies_params, self._required = applies_params, required_params(vehicle)
+        self._blocking = ThreadPoolExecutor(1, thread_name_prefix="link")
+        self._task: asyncio.Task[None] | None = None
+
+    def start_threads(self) -> None:
+        """Start the thread now, so that it has its part in the precedence of the process."""
+        self._blocking.submit(int)
+
+    def start(self) -> None:
+        """Begin, in the running event loop."""
+        self._task = asyncio.create_task(self._run())
+        self._task.add_done_callback(_log_end)
+
+    def stop(self) -> None:
+        """End; a second call does nothing."""
+        if self._task is not None:
+            self._task.cancel()
+        self._blocking.shutdown(wait=True, cancel_futures=True)
+
+    async def _run(self) -> None:
+        await self._connect()
+        while True:
+            await self._prepare()
+            await self._watch_until_restart()
+            log.warning("PX4 has restarted")
+
+    async def _connect(self) -> None:
+        while True:
+            try:
+                if await self._in_thread(self._link.connect, 1.0):
+                    log.info("PX4 answers at %s", self._vehicle.autopilot)
+                    return
+            except LinkError as error:
+                log.error("%s", error)
+                self._notify(ev.ParamsRead((str(error),)))
+                await asyncio.sleep(_REPEAT_S)
+
+    async def _prepare(self) -> None:
+        """Request rates, and on the ground set origin and parameters."""
+        self._link.request_rates()
+        requested_ns = time.monotonic_ns()
+        while self._link.snapshot().heartbeat_ns < requested_ns:  # noqa: ASYNC110 - MAVSDK's threads set no Event
+            await asyncio.sleep(0.1)
+        if self._link.snapshot().is_armed:  # by an earlier run of this agent, or a pilot: nothing is changed under way
+            log.warning("PX4 is armed already: its origin and its parameters are left as they are")
+            return
+        if self._vehicle.mocap_required:
+            self._link.set_global_origin()
+        if self._applies_params:
+            await self._in_thread(self._link.apply_params, self._required)
+
+    async def _watch_until_restart(self) -> None:
+        """Check parameters, origin and disk from time to time, until PX4's clock begins anew."""
+        problems: tuple[str, ...] | None = None
+        read_ns, boot_ms = 0, self._link.snapshot().px4_boot_ms
+        while True:
+            is_on_ground = self._flight.situation is Situation.GROUND
+            is_due = problems or time.monotonic_ns() - read_ns > _READ_AGAIN_NS
+            if problems is None or (is_due and is_on_ground):
+                read_ns = time.monotonic_ns()
+                problems = await self._read_params()
+            if self._flight.situation is Situation.GROUND:
+                self._link.settle_global_origin(sets_ours=self._vehicle.mocap_required)
+            await asyncio.sleep(_REPEAT_S if problems else _LOOK_S)
+            self._notify(ev.DiskChecked(await self._in_thread(realtime.is_disk_full)))
+            before_ms, boot_ms = boot_ms, self._link.snapshot().px4_boot_ms
+            if boot_ms + _RESTARTED_MS < before_ms:
+                return
+
+    async def _read_params(self) -> tuple[str, ...]:
+        actual = await self._in_thread(self._link.read_params, self._required)
+        problems = differences(self._required, actual)
+        self._notify(ev.ParamsRead(problems))
+        for sentence in problems:
+            log.warning("%s", sentence)
+        return problems
+
+    async def _in_thread(self, function: Callable[..., Any], *args: Any) -> Any:
+        return await asyncio.get_running_loop().run_in_executor(self._blocking, function, *args)
+
+
+def _log_end(task: asyncio.Task[None]) -> None:
+    """Log a bug that ended the upkeep; the flight goes on without it."""
+    if not task.cancelled() and task.exception() is not None:
+        log.error("upkeep of the link ended", exc_info=task.exception())

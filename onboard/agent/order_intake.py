@@ -1,0 +1,79 @@
+"""Orders as they arrive: each is answered once, refused with a reason or begun, and compared with the others' goals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from onboard.bus.authority import Roles
+from onboard.bus.schema import LOCATE, Order, OrderReply, Telemetry
+from onboard.flight import order_checks, state_machine
+from onboard.flight.context import FlightContext
+from onboard.flight.order_checks import OrderFacts
+from onboard.flight.types import FlightView, Step
+from onboard.safety.failsafe_table import Action
+from onboard.supervision.failsafe_executor import FailsafeExecutor
+
+_MOST_REPLIES = 200
+_CONFLICT_CHECK_NS = 600_000_000  # until then all vehicles of the same order have announced their goals
+_ALLOWED_WHILE_STOPPING = ("kill", "land", "disarm")
+
+
+class OrderIntake:
+    """Takes the orders of one vehicle."""
+
+    def __init__(self, flight: FlightContext, failsafes: FailsafeExecutor, roles: Roles) -> None:
+        self._flight, self._failsafes, self._roles = flight, failsafes, roles
+        self._replies: dict[str, OrderReply] = {}
+        self._conflict_check_ns = 0
+
+    def take(self, order: Order, facts: OrderFacts, *, is_stopping: bool) -> OrderReply:
+        """Begin an order or refuse it; one that was sent twice gets the same reply and begins once."""
+        known = self._replies.get(order.order_id)
+        if known is not None:
+            return known
+        reason = self._refusal(order, facts, is_stopping=is_stopping)
+        reply = OrderReply(
+            order_id=order.order_id,
+            vehicle=self._flight.vehicle.name,
+            is_accepted=reason is None,
+            reason=reason or "",
+        )
+        self._replies[order.order_id] = reply
+        if len(self._replies) > _MOST_REPLIES:
+            self._replies.pop(next(iter(self._replies)))
+        if reason is None:
+            self._begin(order, facts.view)
+        return reply
+
+    def _refusal(self, order: Order, facts: OrderFacts, *, is_stopping: bool) -> str | None:
+        reason = self._roles.refusal(order) or order_checks.refusal(order, self._flight, facts)
+        if reason is None and order.kind == "move":
+            reason = self._failsafes.move_refusal()
+        if reason is None and is_stopping and order.kind not in _ALLOWED_WHILE_STOPPING:
+            return "This agent has been asked to stop: start it again."
+        return reason
+
+    def _begin(self, order: Order, view: FlightView) -> None:
+        if order.kind in LOCATE:
+            state_machine.locate(self._flight, view, order)
+            return
+        self._failsafes.begin_order()
+        state_machine.begin_order(self._flight, view, order)
+        if order.kind == "move":
+            self._conflict_check_ns = view.now_ns + _CONFLICT_CHECK_NS
+
+    def check_conflict(self, view: FlightView, telemetries: Callable[[], Mapping[str, Telemetry]]) -> None:
+        """Give up a move whose goal is too near to another's: once, some time after its begin.
+
+        At its begin two vehicles that swap would look like a conflict.
+        """
+        flight = self._flight
+        if not self._conflict_check_ns or view.now_ns < self._conflict_check_ns:
+            return
+        self._conflict_check_ns = 0
+        if flight.step is not Step.LEG or flight.order is None:
+            return
+        distance_m = flight.fleet.fleet.safety_distance_m
+        sentence = order_checks.goal_conflict(flight.goal_position_enu_m, telemetries(), distance_m)
+        if sentence is not None:
+            state_machine.begin_failsafe(flight, view, Action.HOLD, sentence, "refused")

@@ -1,0 +1,48 @@
+"""The other nodes of the bus: grounds and their roles, and the neighbours that are followed at full rate."""
+
+from __future__ import annotations
+
+from onboard.autopilot import Vec3
+from onboard.bus.authority import Roles
+from onboard.config.fleet import FleetConfig
+from onboard.events import Follow
+from onboard.neighbours.subscription import SELECT_TICKS
+from onboard.neighbours.table import NeighbourTable
+
+
+class BusNodes:
+    """Nodes that are on the bus now."""
+
+    def __init__(self, fleet: FleetConfig, vehicle_name: str) -> None:
+        self.roles = Roles()
+        self.has_ground = False
+        self._has_peers = len(fleet.enabled_names) > 1 or fleet.vehicles[vehicle_name].mocap_required
+        self._names: set[str] = set()
+
+    def update(self, node: str, is_alive: bool) -> None:
+        """Take a node's appearance or end."""
+        (self._names.add if is_alive else self._names.discard)(node)
+        self.has_ground = any(name.startswith("ground") for name in self._names)
+        self.roles.see(node, is_alive)
+
+    def silence_s(self, last_heard_ns: int, now_ns: int) -> float:
+        """Return the time [s] since anything was heard on the bus; 0 while that says nothing about it."""
+        is_meaningful = last_heard_ns and self._has_peers and not self.has_ground
+        return (now_ns - last_heard_ns) * 1e-9 if is_meaningful else 0.0
+
+
+class NeighbourFollower:
+    """Chooses from time to time the neighbours that are heard at full rate; all, until the own position is known."""
+
+    def __init__(self, table: NeighbourTable) -> None:
+        self._table = table
+        self._ticks_left = 0
+
+    def due(self, position_enu_m: Vec3 | None, now_ns: int) -> list[Follow]:
+        """Return the change at this tick, if there is one."""
+        self._ticks_left -= 1
+        if self._ticks_left > 0:
+            return []
+        is_first, self._ticks_left = self._ticks_left < 0, SELECT_TICKS
+        is_new = position_enu_m is not None and self._table.choose(position_enu_m, now_ns)
+        return [Follow(self._table.followed)] if is_new or is_first else []
