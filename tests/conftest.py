@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from onboard.rollout import batch
+
 _HERE = Path(__file__).parent
 _REAL_TIME = (
     "bench/silence",
@@ -25,6 +27,13 @@ _REAL_TIME = (
     "sitl/test_mavsdk_client.py",
     "sitl/test_server.py",
 )
+
+
+@pytest.hookimpl(tryfirst=True)  # before the workers start
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile the control of batches once for all workers: on a clean clone it takes half a minute."""
+    if getattr(session.config.option, "numprocesses", None) and not hasattr(session.config, "workerinput"):
+        batch.warm_up()
 
 
 @pytest.hookimpl(tryfirst=True)  # before the groups are read
