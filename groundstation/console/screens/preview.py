@@ -164,8 +164,8 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
     def _figures(self) -> list[str]:
         limit_m, forecast = self.fleet.fleet.safety_distance_m, self.forecast
         if self.intent.verb == "arm":
-            pair = self.client.state.closest(self.client.now_ns())
-            near = "" if pair is None else f"closest now: {pair.distance_m:.2f} m, {pair.first} and {pair.second}"
+            now = self.client.state.closest(self.client.now_ns())
+            near = "" if now is None else f"closest now: {now.distance_m:.2f} m, {now.first} and {now.second}"
             return ["The propellers turn. Keep clear.", near]
         if forecast is None:
             return []
