@@ -306,7 +306,7 @@ async def _serve(server: Server, bus: BusSession | None) -> None:
 
 
 def _take_precedence() -> None:
-    """What is emulated here waits for no computer in reality; where this is not allowed, a busy machine holds it up."""
+    """Run before other processes, as real vehicles wait for no computer; without permission do nothing."""
     with contextlib.suppress(OSError, AttributeError):  # for this thread, and those that it will start
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_REALTIME_PRIORITY))
 

@@ -43,7 +43,7 @@ class VehicleSpec:
 
 @dataclass(frozen=True, slots=True)
 class Environment:
-    """What surrounds all vehicles.
+    """Wind and errors that act on all vehicles.
 
     Attributes:
         wind, downwash: see :class:`World`.
@@ -115,7 +115,7 @@ class Emulator:
         return self.world.time_s
 
     def clock_s(self, index: int) -> float:
-        """What an autopilot's clock shows; simulated time, unless a fault disturbs it."""
+        """Return the time of an autopilot's clock: simulated time, unless a fault disturbs it."""
         return self.disturbances.clocks[index].at(self.time_s)
 
     def inject(self, fault: Fault) -> Fault:
@@ -153,7 +153,7 @@ class Emulator:
         return collisions
 
     def situation(self, index: int) -> Situation:
-        """What one autopilot knows of its vehicle."""
+        """Return the knowledge of one autopilot about its vehicle."""
         return self._situation(
             index,
             self.time_s,

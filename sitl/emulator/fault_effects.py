@@ -1,4 +1,4 @@
-"""What each fault of `faults.py` does to the emulator when it begins, and how that is undone when it ends."""
+"""Effects of each fault of the catalogue on the emulator: applied at its begin and undone at its end."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Clock:
     is_stopped: bool = False
 
     def at(self, time_s: float) -> float:
-        """What it shows at a simulated time."""
+        """Return the time that the clock shows at a simulated time."""
         if self.is_stopped:
             return self.shown_s
         return self.shown_s + self.rate * (time_s - self.since_s)
@@ -98,7 +98,7 @@ class Disturbances:
             self.news.append(f"fault: {fault.sentence}")
 
     def take_news(self) -> list[str]:
-        """What began and ended since the last call."""
+        """Return a sentence for each fault that began or ended since the last call."""
         news, self.news = self.news, []
         return news
 

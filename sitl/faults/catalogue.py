@@ -1,4 +1,4 @@
-"""What can go wrong in the emulator, as a table, and when: names, parameters, bounds, and what contradicts what. Pure.
+"""Faults of the emulator as a table: names, parameters, bounds and contradictions. Pure.
 
 A fault is one line, for instance ``mav1 motor_weak at=20 duration=5 motor=2 effectiveness=0.6``. What it does stands in
 `effects.py`.
@@ -134,14 +134,14 @@ class Fault:
 
     @property
     def end_s(self) -> float:
-        """When it is over; at its beginning for what happens once."""
+        """Time of its end; its beginning for a fault that happens once."""
         if KINDS[self.name].is_instant:
             return self.at_s
         return self.at_s + self.duration_s if self.duration_s > 0.0 else math.inf
 
     @property
     def sentence(self) -> str:
-        """What happens to whom."""
+        """A sentence that names the effect and the vehicle."""
         values = {key: f"{value:g}" if isinstance(value, float) else value for key, value in self.parameters.items()}
         return f"{self.vehicle}: {KINDS[self.name].sentence.format(**values)}"
 

@@ -18,7 +18,7 @@ _MOST_ON_THE_WAY = 10_000  # a link that is slower than what is sent loses the n
 
 @dataclass(frozen=True, slots=True)
 class WireFaults:
-    """What a direction of a link does to its traffic.
+    """Delay, loss and duplication of one direction of a link.
 
     Attributes:
         loss: share that never arrives.
@@ -77,7 +77,7 @@ class Wire(Generic[Load]):
             heapq.heappush(self._on_the_way, (arrival_s, self._count, load))
 
     def pop(self, now_s: float) -> list[Load]:
-        """What arrives up to now, in order of arrival; nothing while the wire is held."""
+        """Return the items that arrive up to now, in order of arrival; nothing while the channel is held."""
         out: list[Load] = []
         while not self.is_held and self._on_the_way and self._on_the_way[0][0] <= now_s + 1e-9:
             out.append(heapq.heappop(self._on_the_way)[2])

@@ -103,7 +103,7 @@ class LinkBank:
         self._up.append((self._steps + self._delay_steps, index, call))
 
     def _disturbed(self) -> None:
-        """What arrives from wires that hold something back."""
+        """Return the messages that arrive from channels that delay them."""
         now_s = self.emulator.time_s
         for link, up, down in self._wires:
             if up.is_clear and down.is_clear:
@@ -186,7 +186,7 @@ class EmulatedLink:
     # -- in ----------------------------------------------------------------------------------------------------------
 
     def receive(self, fields: Fields) -> None:
-        """What PX4 sent has arrived."""
+        """Take messages that PX4 sent."""
         now_ns = self._bank.now_ns()
         known = self._fields
         known.update(fields)
@@ -251,7 +251,7 @@ class EmulatedLink:
         )
 
     def connect(self) -> tuple[str, ...]:
-        """What the shell does when PX4 answers: origin and parameters; returns what is still wrong with these."""
+        """Do the shell's work when PX4 answers: origin and parameters; returns the parameters that are still wrong."""
         emulator, required = self._bank.emulator, required_params(self._vehicle)
         params = emulator.autopilots[self._index].params
         if self._vehicle.mocap_required:

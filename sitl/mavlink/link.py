@@ -76,7 +76,7 @@ class Link:
 
     @property
     def boot(self) -> int:
-        """How often the autopilot has started anew."""
+        """Number of restarts of the autopilot."""
         return self.emulator.disturbances.boots[self.index]
 
     @property

@@ -1,4 +1,4 @@
-"""What the streamed messages of a PX4 say: one builder each, from a view of the vehicle to values in wire order.
+"""Contents of the streamed messages of a PX4: one builder each, from a view of the vehicle to values in field order.
 
 A builder returns None while PX4 has nothing to say.
 """
@@ -274,7 +274,7 @@ def global_target(v: View) -> Values | None:
 
 
 def _thrust_asked(v: View) -> float:
-    """What is asked of the motors; what they give comes later."""
+    """Return the thrust that is commanded to the motors, before their lag."""
     actuation = v.autopilot.actuation
     return actuation.thrust_frac if actuation.motors_on else 0.0
 

@@ -1,4 +1,4 @@
-"""Which messages a link streams by itself, how often, and when each is due."""
+"""Messages that a link streams by itself, their rates, and the time at which each is due."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ _SPREAD_STEPS = 25
 
 @dataclass(slots=True)
 class Schedule:
-    """When each message of a link is due, in simulated time.
+    """Times at which each message of a link is due, in simulated time.
 
     Attributes:
         default_hz: rate of each message that the link can stream.

@@ -13,7 +13,7 @@ BOOT_S = 4.3
 
 @dataclass(frozen=True, slots=True)
 class Readiness:
-    """What the checks look at.
+    """Inputs of the checks.
 
     Attributes:
         since_boot_s: age of this autopilot.
@@ -54,5 +54,5 @@ CHECKS: tuple[Check, ...] = (
 
 
 def obstacles(readiness: Readiness) -> list[str]:
-    """Why arming would be denied now; empty when it would not."""
+    """Return the reasons against arming now; empty when there are none."""
     return [check.sentence for check in CHECKS if check.fails(readiness)] + list(readiness.faults)

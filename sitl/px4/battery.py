@@ -14,7 +14,7 @@ _REFILL_S = 4.0
 
 
 class BatteryStage(Enum):
-    """How empty the battery is; the numbers are those of BATTERY_STATUS.charge_state."""
+    """Stages of an emptying battery; the numbers are those of BATTERY_STATUS.charge_state."""
 
     OK = 1
     LOW = 2

@@ -81,12 +81,12 @@ class Autopilot:
 
     @property
     def actuation(self) -> Actuation:
-        """What the vehicle is to do now."""
+        """Actuation of the vehicle at this tick."""
         return self.flight.actuation
 
     @property
     def goal(self) -> Goal | None:
-        """Where PX4's own control flies to."""
+        """Goal of PX4's own position control."""
         return self.flight.goal
 
     @property
@@ -101,7 +101,7 @@ class Autopilot:
         return not self.setpoint.needs_position or (self._last is not None and self._last.has_local_position)
 
     def arming_obstacles(self, now_s: float) -> list[str]:
-        """Why this vehicle cannot be armed now; empty when it can."""
+        """Return the reasons against arming now; empty when there are none."""
         needs = MODES[self.intent].needs
         readiness = Readiness(
             since_boot_s=now_s - self.boot_time_s if self._last is not None else 0.0,

@@ -20,7 +20,7 @@ FLIGHT_TERMINATION_OFF = 121212
 
 
 class Action(IntEnum):
-    """What a failsafe does, in PX4's order of severity and with its numbers."""
+    """Actions of a failsafe in PX4's order of severity and with its numbers."""
 
     NONE = 0
     WARN = 1
@@ -49,7 +49,7 @@ ACTION_MODE: dict[Action, Mode] = {
 
 
 class Facts(Struct, frozen=True):
-    """What the failsafes look at.
+    """Inputs of the failsafes.
 
     Attributes:
         has_offboard_signal: False when OFFBOARD is wanted and its setpoints do not come.
@@ -67,7 +67,7 @@ class Facts(Struct, frozen=True):
 
 
 class Clears(Enum):
-    """When an action ends."""
+    """Conditions under which an action ends."""
 
     WITH_CONDITION = "when the condition is gone"
     BY_MODE_CHANGE = "when somebody asks for a mode, or on disarming"
@@ -95,7 +95,7 @@ class Condition:
     clears: Clears = Clears.WITH_CONDITION
 
     def action(self, params: Parameters) -> Action:
-        """What the parameters make of it."""
+        """Return the action that the parameters select."""
         return (
             self.otherwise
             if self.parameter is None

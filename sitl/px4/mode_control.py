@@ -1,4 +1,4 @@
-"""What a PX4 flies in each of its own modes, and in OFFBOARD: from a situation to an actuation."""
+"""Control of a PX4 in each of its own modes and in OFFBOARD: from a situation to an actuation."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class Result(IntEnum):
 
 
 class Need(Flag):
-    """What has to be there for a mode: to be armed in (all of it), to be changed to in the air (without ARMING)."""
+    """Conditions of a mode: all to be armed in it, all but ARMING to be changed to it in the air."""
 
     NOTHING = 0
     LOCAL_POSITION = auto()
@@ -64,7 +64,7 @@ class Need(Flag):
 
 @dataclass(frozen=True, slots=True)
 class ModeRow:
-    """How a mode looks on the wire, and what it needs.
+    """MAVLink numbers of a mode, and its conditions.
 
     Attributes:
         main, sub: of HEARTBEAT.custom_mode.

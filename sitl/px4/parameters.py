@@ -194,7 +194,7 @@ class Parameters:
         return list(_NAMES)
 
     def place(self, name: str) -> int:
-        """Where a known parameter stands in that order."""
+        """Index of a known parameter in that order."""
         return _PLACES[name]
 
     def kind(self, name: str) -> int:

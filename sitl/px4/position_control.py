@@ -28,7 +28,9 @@ def _nothing() -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """What to fly to, local NED. NaN leaves an axis to the next quantity: position, then velocity, then acceleration.
+    """Goal of the position control, local NED.
+
+    NaN leaves an axis to the next quantity: position, then velocity, then acceleration.
 
     Attributes:
         position_ned_m, velocity_ned_m_s, acceleration_ned_m_s2: (3,) setpoints; where several are given, the later
@@ -46,7 +48,7 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the parameters allow: speeds [m/s] horizontally, up and down, and the tilt [rad]."""
+    """Limits from the parameters: speeds [m/s] horizontally, up and down, and the tilt [rad]."""
 
     speed_m_s: float
     up_m_s: float

@@ -1,4 +1,4 @@
-"""Who flies: Covey's law, the same without one of its ideas, the paper's ring, or a peer in the law's place.
+"""Contestants: Covey's law, the same without one of its ideas, the paper's ring, or a peer in the law's place.
 
 The pipeline around the law, from the estimate to the attitude, is the product's own for all of them.
 """
@@ -32,7 +32,7 @@ def same(values: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Contestant:
-    """What flies a vehicle.
+    """Controller that flies a vehicle.
 
     law: the product's law whose parameters are taken. sets: values of the fleet file, as ``covey simulate --set`` takes
     them. change: of the parameters after that. step, values: a peer in the law's place. hear: of what neighbours say.

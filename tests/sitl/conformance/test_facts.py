@@ -142,9 +142,9 @@ class _Quick:
 def test_a_simulator_that_runs_faster_than_time_is_judged_in_its_own_time() -> None:
     facts = ["boot", "stream.attitude", "heartbeat", "rate.odometry", "arm", "loss.action-4", "hover", "clock.pace"]
     asked = FactReport(matching(FACTS, facts))
-    pilot = check(_Quick(Wires().companion()), None, asked, Terms(), lambda line: None)
+    client = check(_Quick(Wires().companion()), None, asked, Terms(), lambda line: None)
     differing = {name: f.measured for name, f in asked.results.items() if f.verdict is Verdict.DIFFERS}
-    assert pilot.clock.pace == pytest.approx(4.0, rel=0.02)
+    assert client.clock.pace == pytest.approx(4.0, rel=0.02)
     assert differing == {}
     assert asked.results["clock.pace"].verdict is Verdict.SKIPPED
 
