@@ -149,8 +149,8 @@ def identify_from_record(folder: Path, fleet_path: str | None, name: str | None,
     for one, why in refusals.items():
         print(f"{one} was not identified: {why}", file=sys.stderr)
     if is_json:
-        found = [{"vehicle": each.vehicle.name, **asdict(each.identified), "rows": rows(each)} for each in flown]
-        print(dumps(found, indent=2))
+        objects = [{"vehicle": each.vehicle.name, **asdict(each.identified), "rows": rows(each)} for each in flown]
+        print(dumps(objects, indent=2))
     elif flown:
         print(page(flown))
     return EXIT_OK if flown else EXIT_FAILED

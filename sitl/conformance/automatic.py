@@ -61,8 +61,8 @@ def run(client: VehicleClient, report: FactReport) -> None:
     client.spend(1.0)
     count = len(client.received.of("POSITION_TARGET_GLOBAL_INT", since_s))
     report.add("stream.position-target-global-int", count / (client.now_s - since_s))
-    place = client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)
-    report.add("takeoff.height", statistics.fmean(ground_z - packet.message.z for packet in place))
+    position = client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)
+    report.add("takeoff.height", statistics.fmean(ground_z - packet.message.z for packet in position))
     if report.wants("land.*"):
         _land(client, report, ground_z)
     client.interval("EXTENDED_SYS_STATE", 0.0)

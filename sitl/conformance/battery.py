@@ -94,23 +94,23 @@ def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
         report.add("battery.land-after", client.now_s - critical_s)
     text = client.text("Emergency battery", since_s)
     report.add("battery.emergency-text", text[2].rstrip("\t") if text else "none")
-    seen = sorted({packet.message.charge_state for packet in client.received.of("BATTERY_STATUS")})
-    report.add("battery.charge-states", " ".join(map(str, seen)))
+    states = sorted({packet.message.charge_state for packet in client.received.of("BATTERY_STATUS")})
+    report.add("battery.charge-states", " ".join(map(str, states)))
     down = client.spend(25.0, lambda: not client.is_armed)
     report.add("battery.disarms", "yes" if down else "no")
     client.stream(None)
 
 
-def _say(client: VehicleClient, report: FactReport, stage: str, start: str, since_s: float) -> float:
+def _say(client: VehicleClient, report: FactReport, charge_state: str, start: str, since_s: float) -> float:
     text = client.text(start, since_s)
     if text is None:
-        report.add(f"battery.{stage}-text", "none")
+        report.add(f"battery.{charge_state}-text", "none")
         return math.nan
     at_s, severity, words, _ = text
-    report.add(f"battery.{stage}-text", words.rstrip("\t"))
-    report.add(f"battery.{stage}-severity", str(severity))
+    report.add(f"battery.{charge_state}-text", words.rstrip("\t"))
+    report.add(f"battery.{charge_state}-severity", str(severity))
     near = min(client.received.of("BATTERY_STATUS", since_s), key=lambda packet: abs(packet.at_s - at_s))
-    report.add(f"battery.{stage}-at", float(near.message.battery_remaining))
+    report.add(f"battery.{charge_state}-at", float(near.message.battery_remaining))
     return at_s
 
 

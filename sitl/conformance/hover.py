@@ -24,9 +24,9 @@ class Hover:
 
     def __init__(self, client: VehicleClient) -> None:
         self._client = client
-        place = client.newest("LOCAL_POSITION_NED")
-        self.ground_z = float(place.z)
-        self.goal = [float(place.x), float(place.y), float(place.z)]
+        position = client.newest("LOCAL_POSITION_NED")
+        self.ground_z = float(position.z)
+        self.goal = [float(position.x), float(position.y), float(position.z)]
         self.yaw_rad = client.euler()[2]
         self.tilt: tuple[float, float] | None = None
         self.thrust = 0.49
@@ -44,8 +44,8 @@ class Hover:
 
     def here(self) -> None:
         """Hold the present place."""
-        place = self._client.newest("LOCAL_POSITION_NED")
-        self.goal[:2] = [float(place.x), float(place.y)]
+        position = self._client.newest("LOCAL_POSITION_NED")
+        self.goal[:2] = [float(position.x), float(position.y)]
         self.tilt = None
 
     def __call__(self) -> None:
@@ -55,19 +55,19 @@ class Hover:
         """Attitude and thrust now."""
         if self.is_resting:
             return quaternion(0.0, 0.0, self.yaw_rad), 0.0
-        place = self._client.newest("LOCAL_POSITION_NED")
-        down = _clip(self.goal[2] - place.z, _CLIMB_LIMIT, _SINK_LIMIT)
-        lift = _GRAVITY + 3.0 * (place.vz - down)
-        roll, pitch = self.tilt or self._tilt(place)
-        if abs(place.vz) < _LEARN_BELOW_M_S:
-            learnt = self.thrust + _LEARN_1_M * _PERIOD_S * (place.vz - down)
+        position = self._client.newest("LOCAL_POSITION_NED")
+        down = _clip(self.goal[2] - position.z, _CLIMB_LIMIT, _SINK_LIMIT)
+        lift = _GRAVITY + 3.0 * (position.vz - down)
+        roll, pitch = self.tilt or self._tilt(position)
+        if abs(position.vz) < _LEARN_BELOW_M_S:
+            learnt = self.thrust + _LEARN_1_M * _PERIOD_S * (position.vz - down)
             self.thrust = min(0.8, max(0.2, learnt))
         thrust = self.thrust * lift / _GRAVITY / (math.cos(roll) * math.cos(pitch))
         return quaternion(roll, pitch, self.yaw_rad), min(1.0, max(0.12, thrust))
 
-    def _tilt(self, place: object) -> tuple[float, float]:
-        north = self._acceleration(self.goal[0] - place.x, place.vx)  # type: ignore[attr-defined]
-        east = self._acceleration(self.goal[1] - place.y, place.vy)  # type: ignore[attr-defined]
+    def _tilt(self, position: object) -> tuple[float, float]:
+        north = self._acceleration(self.goal[0] - position.x, position.vx)  # type: ignore[attr-defined]
+        east = self._acceleration(self.goal[1] - position.y, position.vy)  # type: ignore[attr-defined]
         # In the heading that the vehicle has, not the one it is turning to.
         yaw = self._client.euler()[2]
         forward = math.cos(yaw) * north + math.sin(yaw) * east
@@ -115,12 +115,12 @@ def settle(client: VehicleClient, hover: Hover, timeout_s: float = 14.0) -> None
     """
 
     def calm() -> bool:
-        place = client.newest("LOCAL_POSITION_NED")
+        position = client.newest("LOCAL_POSITION_NED")
         roll, pitch, _ = client.euler()
-        speed = math.hypot(place.vx, place.vy)
+        speed = math.hypot(position.vx, position.vy)
         return bool(
-            abs(place.z - hover.goal[2]) < 0.3
-            and abs(place.vz) < 0.35
+            abs(position.z - hover.goal[2]) < 0.3
+            and abs(position.vz) < 0.35
             and speed < 0.6
             and math.hypot(roll, pitch) < 0.1
         )

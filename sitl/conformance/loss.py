@@ -11,7 +11,7 @@ from sitl.conformance.vehicle_client import ARM, VehicleClient, quaternion
 
 _HEIGHT_M = 3.0
 _TEXT = "Failsafe activated"
-_TOLD = ("loss.status", "loss.base-mode", "loss.text", "loss.severity", "loss.event")
+_TEXTS = ("loss.status", "loss.base-mode", "loss.text", "loss.severity", "loss.event")
 _ACTIONS = {1: "ALTCTL", 3: "AUTO.RTL", 4: "AUTO.LAND", 5: "AUTO.LOITER", 0: "POSCTL"}
 
 
@@ -70,7 +70,7 @@ def _in_the_air(client: VehicleClient, report: FactReport, hover: Hover) -> None
         quiet = client.text(_TEXT, since_s) is None and client.mode == "OFFBOARD"
         report.add("loss.short-gap", "nothing" if quiet else f"failsafe, {client.mode}")
     for action in _ACTIONS:
-        also = _TOLD if action == 0 else ()
+        also = _TEXTS if action == 0 else ()
         if report.wants(f"loss.action-{action}*", *also):
             _act(client, report, hover, action)
     if report.wants("loss.timeout-follows"):

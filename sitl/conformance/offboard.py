@@ -135,10 +135,10 @@ def _odometry(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     client.spend(1.8)
     yaw = client.euler()[2]
     turned, straight = [], []
-    places = client.received.of("LOCAL_POSITION_NED", since_s)
+    positions = client.received.of("LOCAL_POSITION_NED", since_s)
     for packet in client.received.of("ODOMETRY", since_s):
         o = packet.message
-        v = min(places, key=lambda place: abs(place.at_s - packet.at_s)).message
+        v = min(positions, key=lambda position: abs(position.at_s - packet.at_s)).message
         straight.append(math.hypot(o.vx - v.vx, o.vy - v.vy))
         forward = math.cos(yaw) * v.vx + math.sin(yaw) * v.vy
         right = -math.sin(yaw) * v.vx + math.cos(yaw) * v.vy

@@ -72,7 +72,7 @@ BOOT = (
     number("boot.armable", "11", "prearm bit at 4.3 s", 3.3, 5.5, "s"),
 )
 STREAMS = tuple(_rate_fact(message, hz) for message, hz in _RATES_HZ.items())
-WIRE = (
+MESSAGE_LAYOUT = (
     word("wire.version", "4", "everything is MAVLink 2", "MAVLink 2"),
     number("wire.messages-per-datagram", "4", "one message in a datagram", 1.0, 1.02),
     number("wire.datagrams", "4", "405 datagrams a second", 380.0, 425.0, "1/s"),
@@ -134,17 +134,17 @@ def run(client: VehicleClient, report: FactReport) -> None:
     elapsed_s = until_s - since_s
     report.add("wire.datagrams", (client.received.datagrams - before[0]) / elapsed_s)
     report.add("wire.bytes", (client.received.octets - before[1]) / elapsed_s / 1e3)
-    _wire(client, report, since_s)
+    _message_layout(client, report, since_s)
     _quirks(client, report)
     _noise(client, report, since_s)
 
 
 def _boot(client: VehicleClient, report: FactReport) -> None:
-    seen = client.received
+    received = client.received
     report.add("boot.unasked", "yes")  # whoever came here has heard it without a word
     rest = [fact for fact in BOOT if fact.name != "boot.unasked"]
-    client.listen(1.5, lambda: seen.newest("ATTITUDE") is not None)
-    attitudes = seen.of("ATTITUDE")
+    client.listen(1.5, lambda: received.newest("ATTITUDE") is not None)
+    attitudes = received.of("ATTITUDE")
     first_s = attitudes[0].message.time_boot_ms * 1e-3 if attitudes else math.inf
     if first_s > _FRESH_S:
         reason = f"it started {first_s:.0f} s before: start it while the check already waits"
@@ -155,15 +155,15 @@ def _boot(client: VehicleClient, report: FactReport) -> None:
         return
 
     def fixed() -> list[Packet]:
-        return [packet for packet in seen.of("GPS_RAW_INT") if packet.message.fix_type >= 3]
+        return [packet for packet in received.of("GPS_RAW_INT") if packet.message.fix_type >= 3]
 
     client.spend(1.0)
     is_armable = client.spend(_READY_S, client.shows_ready)
     armable_s = client.now_s
     if is_armable and armable_s < 1.3:
-        armable_s = seen.of("SYS_STATUS")[0].at_s
+        armable_s = received.of("SYS_STATUS")[0].at_s
     client.spend(1.0)
-    heartbeats, homes, fixes = seen.of("HEARTBEAT"), seen.of("HOME_POSITION"), fixed()
+    heartbeats, homes, fixes = received.of("HEARTBEAT"), received.of("HOME_POSITION"), fixed()
     report.add("boot.heartbeat", heartbeats[0].at_s if heartbeats else math.nan)
     report.add("boot.heartbeat-status", STATUS.get(heartbeats[0].message.system_status, "?") if heartbeats else "none")
     report.add("boot.gps", fixes[0].at_s if fixes else math.nan)
@@ -183,28 +183,28 @@ def _streams(client: VehicleClient, report: FactReport, since_s: float, until_s:
     report.add("wire.unasked-others", ", ".join(sorted(others)) or "nothing")
 
 
-def _wire(client: VehicleClient, report: FactReport, since_s: float) -> None:
-    seen = client.received
-    report.add("wire.version", "MAVLink 2" if not seen.v1_frames else f"{seen.v1_frames} frames of MAVLink 1")
-    report.add("wire.messages-per-datagram", seen.frames / max(1, seen.datagrams))
+def _message_layout(client: VehicleClient, report: FactReport, since_s: float) -> None:
+    received = client.received
+    report.add("wire.version", "MAVLink 2" if not received.v1_frames else f"{received.v1_frames} frames of MAVLink 1")
+    report.add("wire.messages-per-datagram", received.frames / max(1, received.datagrams))
     report.add("wire.checksums", _checksums(client))
-    report.add("wire.component", str(seen.of("HEARTBEAT")[-1].component_id))
-    rc = sum(bool(seen.of(name)) for name in ("RC_CHANNELS", "RC_CHANNELS_RAW"))
+    report.add("wire.component", str(received.of("HEARTBEAT")[-1].component_id))
+    rc = sum(bool(received.of(name)) for name in ("RC_CHANNELS", "RC_CHANNELS_RAW"))
     report.add("wire.no-rc", "none" if not rc else "streamed")
-    texts = len(seen.of("STATUSTEXT"))
+    texts = len(received.of("STATUSTEXT"))
     report.add("text.silent-alone", "none" if not texts else f"{texts} texts")
     if 0.9 < client.clock.pace < 1.1:
         report.add("clock.pace", client.clock.pace)
     else:
         pace = f"it runs at {client.clock.pace:.1f} times real time"
-        report.skip([fact for fact in WIRE if fact.name == "clock.pace"], pace)
-    stamps = [packet.message.time_boot_ms for packet in seen.of("ATTITUDE", since_s)]
+        report.skip([fact for fact in MESSAGE_LAYOUT if fact.name == "clock.pace"], pace)
+    stamps = [packet.message.time_boot_ms for packet in received.of("ATTITUDE", since_s)]
     gaps = [after - before for before, after in itertools.pairwise(stamps)]
     report.add("clock.gap-mean", statistics.fmean(gaps) if gaps else math.nan)
     # A stamp is rounded to a millisecond.
     whole = [gap for gap in gaps if min(gap % 4, 4 - gap % 4) <= 1 and gap >= 3]
     report.add("clock.gap-steps", len(whole) / len(gaps) if gaps else math.nan)
-    beats = [packet.at_s for packet in seen.of("HEARTBEAT", since_s)]
+    beats = [packet.at_s for packet in received.of("HEARTBEAT", since_s)]
     between = [after - before for before, after in itertools.pairwise(beats)]
     slack = 0.02 * max(0.0, client.clock.pace - 1.0)  # arrival is seen by the wall clock
     report.add("heartbeat.interval-min", min(1.0, min(between) + slack) if between else math.nan)
@@ -247,15 +247,15 @@ def _quirks(client: VehicleClient, report: FactReport) -> None:
     report.add("quirk.odometry-frames", f"{odometry.frame_id} and {odometry.child_frame_id}")
     # The upper triangle of a 6 x 6 matrix, row by row; its diagonal lies at 0, 6, 11, 15, 18, 20.
     off_diagonal = [
-        value for place, value in enumerate(odometry.pose_covariance) if place not in (0, 6, 11, 15, 18, 20)
+        value for position, value in enumerate(odometry.pose_covariance) if position not in (0, 6, 11, 15, 18, 20)
     ]
     report.add("quirk.odometry-covariance", "NaN" if all(map(math.isnan, off_diagonal)) else "numbers")
     report.add("quirk.odometry-resets", float(odometry.reset_counter))
     report.add("quirk.battery-voltage", float(battery.voltages[0]))
     report.add("quirk.battery-cells", ", ".join(sorted({str(value) for value in battery.voltages[1:]})))
-    place = client.newest("GLOBAL_POSITION_INT")
-    report.add("pad.latitude", place.lat * 1e-7)
-    report.add("pad.longitude", place.lon * 1e-7)
+    position = client.newest("GLOBAL_POSITION_INT")
+    report.add("pad.latitude", position.lat * 1e-7)
+    report.add("pad.longitude", position.lon * 1e-7)
 
 
 def _noise(client: VehicleClient, report: FactReport, since_s: float) -> None:
@@ -263,7 +263,7 @@ def _noise(client: VehicleClient, report: FactReport, since_s: float) -> None:
     angles = [packet.message for packet in client.received.of("ATTITUDE", since_s)]
     if len(places) < 10 or len(angles) < 10:
         return
-    report.add("pad.height", abs(statistics.fmean(place.z for place in places)))
+    report.add("pad.height", abs(statistics.fmean(position.z for position in places)))
     report.add("pad.position-noise", max(statistics.pstdev([getattr(p, axis) for p in places]) for axis in "xyz"))
     speeds = ("vx", "vy", "vz")
     report.add("pad.velocity-noise", max(statistics.pstdev([getattr(p, axis) for p in places]) for axis in speeds))
@@ -278,4 +278,4 @@ def _noise(client: VehicleClient, report: FactReport, since_s: float) -> None:
     report.add("pad.gyro-noise", statistics.fmean(gyros))
 
 
-PHASE = Phase("streams on the pad", (*BOOT, *STREAMS, *WIRE, *QUIRKS), run, turns_motors=False)
+PHASE = Phase("streams on the pad", (*BOOT, *STREAMS, *MESSAGE_LAYOUT, *QUIRKS), run, turns_motors=False)

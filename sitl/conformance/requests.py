@@ -67,9 +67,11 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 
 def _rates(client: VehicleClient, report: FactReport) -> None:
-    for wishes in _ROUNDS:
+    for requests in _ROUNDS:
         matching = [
-            wish for wish in wishes if report.wants(wish[0], "rate.acknowledged", "rate.default-again", "rate.get")
+            request
+            for request in requests
+            if report.wants(request[0], "rate.acknowledged", "rate.default-again", "rate.get")
         ]
         if not matching:
             continue

@@ -12,7 +12,7 @@ from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import ARM, VehicleClient
 
 _PARAMETERS = {"EKF2_EV_CTRL": 15.0, "EKF2_GPS_CTRL": 0.0, "EKF2_HGT_REF": 3.0, "EKF2_MAG_TYPE": 5.0}
-_PLACE = (1.0, -0.5, -0.2)
+_POSITION = (1.0, -0.5, -0.2)
 _JUMP_M = 0.8
 _SETTLE_S = 4.0
 _NO_GPS_S = 4.0
@@ -74,28 +74,28 @@ def _streams(client: VehicleClient) -> str:
 
 def _fused(client: VehicleClient, report: FactReport) -> None:
     since_s = client.now_s
-    place = list(_PLACE)
-    client.vision_duty.act = _vision(client, place)
+    position = list(_POSITION)
+    client.vision_duty.act = _vision(client, position)
     client.spend(_SETTLE_S)
-    report.add("vision.estimate", _apart(client, place))
+    report.add("vision.estimate", _apart(client, position))
     report.add("vision.flags", float(client.newest("ESTIMATOR_STATUS").flags))
     if report.wants("vision.jump"):
-        place[0] += _JUMP_M
+        position[0] += _JUMP_M
         client.spend(2.0)
-        report.add("vision.jump", _apart(client, place, axes=2))
+        report.add("vision.jump", _apart(client, position, axes=2))
     if report.wants("vision.height-jump"):
-        place[2] -= _JUMP_M
+        position[2] -= _JUMP_M
         client.spend(8.0)
-        report.add("vision.height-jump", _apart(client, place))
+        report.add("vision.height-jump", _apart(client, position))
     if report.wants("vision.odometry"):
-        place[1] += 0.3
-        client.vision_duty.act = _odometry(client, place)
+        position[1] += 0.3
+        client.vision_duty.act = _odometry(client, position)
         client.spend(_SETTLE_S)
-        report.add("vision.odometry", _apart(client, place))
+        report.add("vision.odometry", _apart(client, position))
     if report.wants("vision.origin-height"):
         _set_origin(client, _ORIGIN_M)
         client.spend(_SETTLE_S)
-        report.add("vision.origin-height", _apart(client, place))
+        report.add("vision.origin-height", _apart(client, position))
         _set_origin(client, 0.0)
         client.spend(_SETTLE_S)
     answers = client.received.of("COMMAND_ACK", since_s)
@@ -104,10 +104,10 @@ def _fused(client: VehicleClient, report: FactReport) -> None:
 
 def _lost(client: VehicleClient, report: FactReport) -> None:
     if client.vision_duty.act is None:
-        client.vision_duty.act = _vision(client, list(_PLACE))
+        client.vision_duty.act = _vision(client, list(_POSITION))
         client.spend(_SETTLE_S)
     # Poses that are not fused are as good as none.
-    client.vision_duty.act = _mocap(client, list(_PLACE)) if report.wants("vision.mocap-ignored") else None
+    client.vision_duty.act = _mocap(client, list(_POSITION)) if report.wants("vision.mocap-ignored") else None
     since_s = client.now_s
     client.spend(8.0)
     report.add("vision.lost-streams", _streams(client))
@@ -133,12 +133,12 @@ def _lost(client: VehicleClient, report: FactReport) -> None:
         client.stream(None)
 
 
-def _apart(client: VehicleClient, place: list[float], axes: int = 3) -> float:
+def _apart(client: VehicleClient, position: list[float], axes: int = 3) -> float:
     newest = [packet.message for packet in client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)]
     if not newest:
         return math.nan
     mean = [statistics.fmean(getattr(m, axis) for m in newest) for axis in "xyz"]
-    return math.dist(mean[:axes], place[:axes])
+    return math.dist(mean[:axes], position[:axes])
 
 
 def _set_origin(client: VehicleClient, altitude_m: float) -> None:
@@ -156,29 +156,36 @@ def _usec(client: VehicleClient) -> int:
     return round(client.now_s * 1e6)
 
 
-def _vision(client: VehicleClient, place: list[float]) -> Callable[[], None]:
+def _vision(client: VehicleClient, position: list[float]) -> Callable[[], None]:
     yaw = client.euler()[2]
     return lambda: client.send(
-        "VISION_POSITION_ESTIMATE", usec=_usec(client), x=place[0], y=place[1], z=place[2], roll=0.0, pitch=0.0, yaw=yaw
+        "VISION_POSITION_ESTIMATE",
+        usec=_usec(client),
+        x=position[0],
+        y=position[1],
+        z=position[2],
+        roll=0.0,
+        pitch=0.0,
+        yaw=yaw,
     )
 
 
-def _mocap(client: VehicleClient, place: list[float]) -> Callable[[], None]:
+def _mocap(client: VehicleClient, position: list[float]) -> Callable[[], None]:
     return lambda: client.send(
-        "ATT_POS_MOCAP", time_usec=_usec(client), q=[1.0, 0.0, 0.0, 0.0], x=place[0], y=place[1], z=place[2]
+        "ATT_POS_MOCAP", time_usec=_usec(client), q=[1.0, 0.0, 0.0, 0.0], x=position[0], y=position[1], z=position[2]
     )
 
 
-def _odometry(client: VehicleClient, place: list[float]) -> Callable[[], None]:
+def _odometry(client: VehicleClient, position: list[float]) -> Callable[[], None]:
     yaw = client.euler()[2]
     return lambda: client.send(
         "ODOMETRY",
         time_usec=_usec(client),
         frame_id=1,
         child_frame_id=12,
-        x=place[0],
-        y=place[1],
-        z=place[2],
+        x=position[0],
+        y=position[1],
+        z=position[2],
         q=[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)],
         vx=math.nan,
         vy=math.nan,

@@ -8,7 +8,7 @@ from sitl.emulator.emulator import Emulator
 from sitl.mavlink.link import Link
 
 
-class WiredLink:
+class LossyLink:
     """A link of one vehicle as its clients meet it.
 
     Args:

@@ -113,11 +113,11 @@ class PositionControl:
 def _velocity(goal: Goal, here: list[float], limits: Limits) -> list[float]:
     """Velocity that position and velocity ask for together, within the limits; NaN on axes without either."""
     out = [math.nan] * 3
-    for axis, (place, speed) in enumerate(
+    for axis, (position, speed) in enumerate(
         zip(goal.position_ned_m.tolist(), goal.velocity_ned_m_s.tolist(), strict=True)
     ):
-        if math.isfinite(place):
-            out[axis] = _POSITION_GAIN_1_S * (place - here[axis]) + (speed if math.isfinite(speed) else 0.0)
+        if math.isfinite(position):
+            out[axis] = _POSITION_GAIN_1_S * (position - here[axis]) + (speed if math.isfinite(speed) else 0.0)
         elif math.isfinite(speed):
             out[axis] = speed
     horizontal = math.hypot(*(c for c in out[:2] if math.isfinite(c)))
