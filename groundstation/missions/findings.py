@@ -59,9 +59,16 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
 
 
 def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
-    """ConfigError when the law says that a mission cannot be flown: places too near, a fleet beyond its means.
+    """Refuse a mission that the law cannot fly: vehicles too near to each other, a fleet that is too large.
 
-    Whether there is time enough is for the flight to show; other laws than Covey's may be flown in simulation.
+    Findings about time do not refuse it. Other laws than Covey's may be flown in simulation.
+
+    Args:
+        mission: loaded and checked.
+        is_simulated: whether the flight is simulated.
+
+    Raises:
+        ConfigError: the mission cannot be flown.
     """
     fleet = mission.fleet
     if not fleet.enabled_names or (is_simulated and fleet.law.name != "covey"):
