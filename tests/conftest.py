@@ -15,17 +15,31 @@ from onboard.rollout import batch
 _HERE = Path(__file__).parent
 _REAL_TIME = (
     "bench/silence",
+    "bench/test_bench_console.py",
     "clients",
     "flight",
     "groundstation/commands/test_px4.py",
     "groundstation/console/test_terminal.py",
     "groundstation/processes/test_supervisor.py",
+    "groundstation/web",
     "onboard/bus",
     "onboard/mocap/test_relay.py",
+    "onboard/mocap/test_sdk_source.py",
     "onboard/process",
     "onboard/px4",
+    "sitl/conformance/test_fuzz.py",
+    "sitl/conformance/test_sitl_check.py",
     "sitl/test_mavsdk_client.py",
     "sitl/test_server.py",
+)
+# files that take longest, which begin first, so that no worker has one of them left when all others are done
+_LONGEST = (
+    "sitl/lockstep/test_flight.py",
+    "sitl/lockstep/test_fault_suite.py",
+    "groundstation/identification/test_identify.py",
+    "groundstation/commands/test_identify.py",
+    "bench/peers/test_bench.py",
+    "sitl/monte_carlo/test_monte_carlo.py",
 )
 
 
@@ -45,3 +59,5 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if is_real_time:
             item.add_marker(pytest.mark.realtime)
         item.add_marker(pytest.mark.xdist_group("real time" if is_real_time else path))
+    begins = {name: index for index, name in enumerate(_LONGEST)}
+    items.sort(key=lambda item: begins.get(item.path.relative_to(_HERE).as_posix(), len(begins)))

@@ -1,4 +1,4 @@
-"""What a fact is, what was found, and the report that judges one against the other."""
+"""Facts, their measured results, and the report that compares both."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Measured = float | str
 
 
 class Verdict(Enum):
-    """How an endpoint stands to one fact."""
+    """Result of comparing an endpoint with one fact."""
 
     AGREES = "agrees"
     DIFFERS = "differs"
@@ -21,23 +21,16 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One thing that a real PX4 does, as it was measured on v1.16 with its built-in simulator.
+    """One thing that a real PX4 does, as it was measured on v1.16 with its built-in simulator."""
 
-    Attributes:
-        name: topic, dot, what.
-        section: of the list of measured facts.
-        says: the fact in words.
-        low, high, unit: what a number may be; wide enough for what a real PX4 itself scatters.
-        allowed: what a word may be, when it is not a number.
-    """
-
-    name: str
-    section: str
-    says: str
+    name: str  # topic, dot, detail
+    section: str  # of the list of measured facts
+    says: str  # the fact in words
+    # low, high, unit: bounds of a number; wide enough for the scatter of a real PX4
     low: float = math.nan
     high: float = math.nan
     unit: str = ""
-    allowed: tuple[str, ...] = ()
+    allowed: tuple[str, ...] = ()  # allowed words, when it is not a number
 
     def accepts(self, measured: Measured) -> bool:
         """Whether a measurement agrees."""
@@ -47,7 +40,7 @@ class Fact:
 
     @property
     def expected(self) -> str:
-        """What is accepted, in words."""
+        """The accepted values, in words."""
         if self.allowed:
             return " or ".join(self.allowed)
         unit = f" {self.unit}" if self.unit else ""
@@ -73,7 +66,7 @@ def number(name: str, section: str, says: str, low: float, high: float, unit: st
 
 @dataclass(frozen=True, slots=True)
 class FactResult:
-    """What came out for one fact; `reason` says why nothing could be measured."""
+    """Result of one fact; `reason` says why nothing could be measured."""
 
     fact: Fact
     verdict: Verdict
@@ -95,15 +88,10 @@ class FactResult:
 
 @dataclass(slots=True)
 class FactReport:
-    """Collects findings and tells each at once.
+    """Collects results and shows each at once."""
 
-    Attributes:
-        facts: those that were asked for, by name.
-        tell: hears every finding.
-    """
-
-    facts: dict[str, Fact]
-    tell: Callable[[FactResult], None] = lambda finding: None
+    facts: dict[str, Fact]  # those that were asked for, by name
+    show: Callable[[FactResult], None] = lambda result: None  # called with every result
     results: dict[str, FactResult] = field(default_factory=dict)
 
     def wants(self, *patterns: str) -> bool:
@@ -126,17 +114,17 @@ class FactReport:
         self._unmeasured(facts, Verdict.DIFFERS, reason)
 
     def count(self, verdict: Verdict) -> int:
-        """How many findings have a verdict."""
-        return sum(finding.verdict is verdict for finding in self.results.values())
+        """Return the number of results with this verdict."""
+        return sum(result.verdict is verdict for result in self.results.values())
 
     def _unmeasured(self, facts: Iterable[Fact], verdict: Verdict, reason: str) -> None:
         for fact in facts:
             if fact.name in self.facts and fact.name not in self.results:
                 self._file(FactResult(fact, verdict, "nothing", reason))
 
-    def _file(self, finding: FactResult) -> None:
-        self.results[finding.fact.name] = finding
-        self.tell(finding)
+    def _file(self, result: FactResult) -> None:
+        self.results[result.fact.name] = result
+        self.show(result)
 
 
 def matching(facts: Sequence[Fact], patterns: Sequence[str]) -> dict[str, Fact]:

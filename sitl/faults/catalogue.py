@@ -1,4 +1,4 @@
-"""What can go wrong in the emulator, as a table, and when: names, parameters, bounds, and what contradicts what. Pure.
+"""Faults of the emulator as a table: names, parameters, bounds and contradictions. Pure.
 
 A fault is one line, for instance ``mav1 motor_weak at=20 duration=5 motor=2 effectiveness=0.6``. What it does stands in
 `effects.py`.
@@ -31,23 +31,17 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of fault.
+    """One kind of fault."""
 
-    Attributes:
-        sentence: what it does, with {parameters}.
-        acts_on: two faults that act on the same at the same time contradict each other.
-        is_instant: it happens once and has no duration.
-    """
-
-    sentence: str
-    acts_on: str
+    sentence: str  # what it does, with {parameters}
+    acts_on: str  # two faults that act on the same at the same time contradict each other
     parameters: tuple[Parameter, ...] = ()
-    is_instant: bool = False
+    is_instant: bool = False  # it happens once and has no duration
 
 
 _MOTOR = Parameter("motor", None, 1, 4, is_whole=True)
 _LINK = Parameter("link", "companion", words=("companion", "ground", "both"))
-_WAY = Parameter("direction", "both", words=("in", "out", "both"))
+_DIRECTION = Parameter("direction", "both", words=("in", "out", "both"))
 _OTHER = Parameter("other", None, words=())
 _JUMP = tuple(
     Parameter(name, default, -50.0, 50.0) for name, default in (("east_m", 1.0), ("north_m", 0.0), ("up_m", 0.0))
@@ -88,22 +82,22 @@ KINDS: dict[str, Kind] = {
     "link_loss": Kind(
         "{share} of the {link} link's datagrams are lost ({direction})",
         "loss of the {link} link",
-        (_share(1.0), _LINK, _WAY),
+        (_share(1.0), _LINK, _DIRECTION),
     ),
     "link_delay": Kind(
         "the {link} link is {delay_s} s late, and up to {jitter_s} s more ({direction})",
         "delay of the {link} link",
-        (Parameter("delay_s", 0.1, 0.0, 10.0), Parameter("jitter_s", 0.0, 0.0, 10.0), _LINK, _WAY),
+        (Parameter("delay_s", 0.1, 0.0, 10.0), Parameter("jitter_s", 0.0, 0.0, 10.0), _LINK, _DIRECTION),
     ),
     "link_duplicate": Kind(
         "{share} of the {link} link's datagrams come twice ({direction})",
         "duplication of the {link} link",
-        (_share(0.2), _LINK, _WAY),
+        (_share(0.2), _LINK, _DIRECTION),
     ),
     "link_reorder": Kind(
         "{share} of the {link} link's datagrams come {by_s} s too late and out of order ({direction})",
         "order of the {link} link",
-        (_share(0.2), Parameter("by_s", 0.02, 0.001, 5.0), _LINK, _WAY),
+        (_share(0.2), Parameter("by_s", 0.02, 0.001, 5.0), _LINK, _DIRECTION),
     ),
     "autopilot_hang": Kind("PX4 hangs: silent, its clock stands still, the motors go on", "autopilot"),
     "autopilot_reboot": Kind("PX4 reboots: motors off, then it starts anew", "autopilot", is_instant=True),
@@ -118,30 +112,24 @@ _LONGEST_S = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault of one vehicle, in simulated time.
+    """One fault of one vehicle, in simulated time."""
 
-    Attributes:
-        name: of `KINDS`. vehicle: whom it happens to.
-        at_s: simulated time at which it begins. duration_s: 0 for ever.
-        parameters: by name; what is left out has its default.
-    """
-
-    name: str
+    name: str  # of `KINDS`. vehicle: whom it happens to.
     vehicle: str
-    at_s: float = 0.0
+    at_s: float = 0.0  # simulated time at which it begins. duration_s: 0 for ever.
     duration_s: float = 0.0
-    parameters: Mapping[str, Value] = field(default_factory=dict)
+    parameters: Mapping[str, Value] = field(default_factory=dict)  # by name; what is left out has its default
 
     @property
     def end_s(self) -> float:
-        """When it is over; at its beginning for what happens once."""
+        """Time of its end; its beginning for a fault that happens once."""
         if KINDS[self.name].is_instant:
             return self.at_s
         return self.at_s + self.duration_s if self.duration_s > 0.0 else math.inf
 
     @property
     def sentence(self) -> str:
-        """What happens to whom."""
+        """A sentence that names the effect and the vehicle."""
         values = {key: f"{value:g}" if isinstance(value, float) else value for key, value in self.parameters.items()}
         return f"{self.vehicle}: {KINDS[self.name].sentence.format(**values)}"
 
@@ -251,8 +239,8 @@ def _targets(fault: Fault) -> set[tuple[str, str]]:
     if "link" not in values:
         return {(vehicle, acts_on.format(**values)) for vehicle in vehicles}
     links = ("companion", "ground") if values["link"] == "both" else (str(values["link"]),)
-    ways = ("in", "out") if values["direction"] == "both" else (str(values["direction"]),)
-    return {(fault.vehicle, f"{acts_on.format(link=link)} ({way})") for link in links for way in ways}
+    directions = ("in", "out") if values["direction"] == "both" else (str(values["direction"]),)
+    return {(fault.vehicle, f"{acts_on.format(link=link)} ({direction})") for link in links for direction in directions}
 
 
 class FaultPlan:

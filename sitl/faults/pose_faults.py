@@ -11,15 +11,10 @@ from sitl.physics.frames import Array
 
 @dataclass(frozen=True, slots=True)
 class PoseFault:
-    """What is wrong with the poses of one body.
+    """Errors of the poses of one body."""
 
-    Attributes:
-        kind: frozen, swapped, jump, late or lost.
-        other: index of the body that it is taken for. shift_m: (3,) added. delay_s: later than it should be.
-    """
-
-    kind: str
-    other: int = 0
+    kind: str  # frozen, swapped, jump, late or lost
+    other: int = 0  # index of the body that it is taken for. shift_m: (3,) added. delay_s: later than it should be.
     shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     delay_s: float = 0.0
 
@@ -52,7 +47,7 @@ class PoseFaults:
         return fault is not None and fault.kind == "lost"
 
     def delay_s(self, index: int) -> float:
-        """How much later its pose comes."""
+        """Additional delay of its pose [s]."""
         fault = self._faults[index]
         return 0.0 if fault is None else fault.delay_s
 

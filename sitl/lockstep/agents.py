@@ -40,7 +40,7 @@ _LATE_MS = 5.0
 
 @dataclass(frozen=True, slots=True)
 class News:
-    """What vehicles said at one instant; ``round`` holds the states as arrays."""
+    """Messages of vehicles at one instant; ``round`` holds the states as arrays."""
 
     received_ns: int
     states: list[StateMessage]
@@ -70,7 +70,7 @@ class Hall:
         self._rows = {id(table): row for row, table in enumerate(tables)}
 
     def hear(self, agents: Sequence[AgentShell], news: Sequence[News], now_ns: int) -> None:
-        """What has arrived since the last tick, for all who are there; an agent started anew has a new table."""
+        """Hand over the messages since the last tick to all agents that run; an agent started anew has a new table."""
         tables = [agent.core.neighbours for agent in agents]
         if any(id(table) not in self._rows for table in tables):
             self._collect(tables)
@@ -204,7 +204,7 @@ class AgentShell:
             self._execute(self.core.handle(ev.OrderReceived(message), now_ns))
 
     def hear(self, news: Sequence[News]) -> None:
-        """What has arrived in bulk, one by one: it waits for a loop that does not turn."""
+        """Hand over messages that arrived in bulk, one by one: it waits for a loop that does not turn."""
         self.has_backlog = True
         for one in news:
             for state in one.states:

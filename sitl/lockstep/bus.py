@@ -189,7 +189,7 @@ class SimBus:
         self._readers.append((node, on_message))
 
     def take_news(self) -> list[tuple[int, Message]]:
-        """What has arrived since the last call, for all who read in bulk."""
+        """Return the messages since the last call, for all that read in bulk."""
         news, self._news = self._news, []
         return news
 

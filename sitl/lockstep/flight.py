@@ -195,7 +195,7 @@ class Lockstep:
 
     @property
     def events(self) -> list[Event]:
-        """What the ground has heard, oldest first."""
+        """Events that the ground received, oldest first."""
         return [logged.event for logged in self.client.state.events]
 
     @property

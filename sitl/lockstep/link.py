@@ -102,7 +102,7 @@ class LinkBank:
         self._up.append((self._steps + self._delay_steps, index, call))
 
     def _disturbed(self) -> None:
-        """What arrives from wires that hold something back."""
+        """Return the messages that arrive from channels that delay them."""
         now_s = self.emulator.time_s
         for link, up, down in self._wires:
             if up.is_clear and down.is_clear:
@@ -185,7 +185,7 @@ class EmulatedLink:
     # -- in ----------------------------------------------------------------------------------------------------------
 
     def receive(self, fields: Fields) -> None:
-        """What PX4 sent has arrived."""
+        """Take messages that PX4 sent."""
         now_ns = self._bank.now_ns()
         known = self._fields
         known.update(fields)
@@ -246,7 +246,7 @@ class EmulatedLink:
         self._bank.send(index, lambda: take(index, position_ned_m, yaw_rad=yaw_rad, reset_count=reset_count))
 
     def connect(self) -> tuple[str, ...]:
-        """What the shell does when PX4 answers: origin and parameters; returns what is still wrong with these."""
+        """Do the shell's work when PX4 answers: origin and parameters; returns the parameters that are still wrong."""
         emulator, required = self._bank.emulator, required_params(self._vehicle)
         params = emulator.autopilots[self._index].params
         if self._vehicle.mocap_required:

@@ -1,4 +1,4 @@
-"""Which messages a link streams by itself, how often, and when each is due."""
+"""Messages that a link streams by itself, their rates, and the time at which each is due."""
 
 from __future__ import annotations
 
@@ -16,19 +16,15 @@ FASTEST_HZ = 250.0  # the loop of PX4's simulator
 
 
 class Stream(NamedTuple):
-    """One message that PX4 can stream.
+    """One message that PX4 can stream."""
 
-    Attributes:
-        name, build: the message and what it says.
-        onboard_hz, ground_hz: default rates on the companion's and on the ground station's link; 0 = not by itself.
-        ceiling_hz: what PX4 reaches when asked for more.
-    """
-
+    # name, build: the message and what it says
     name: str
     build: Builder
+    # onboard_hz, ground_hz: default rates on the companion's and on the ground station's link; 0 = not by itself
     onboard_hz: float
     ground_hz: float
-    ceiling_hz: float = FASTEST_HZ
+    ceiling_hz: float = FASTEST_HZ  # what PX4 reaches when asked for more
 
 
 STREAMS: tuple[Stream, ...] = (
@@ -123,13 +119,9 @@ _SPREAD_STEPS = 25
 
 @dataclass(slots=True)
 class Schedule:
-    """When each message of a link is due, in simulated time.
+    """Times at which each message of a link is due, in simulated time."""
 
-    Attributes:
-        default_hz: rate of each message that the link can stream.
-    """
-
-    default_hz: Mapping[int, float]
+    default_hz: Mapping[int, float]  # rate of each message that the link can stream
     _interval_s: dict[int, float] = field(default_factory=dict)
     _due: list[tuple[float, int]] = field(default_factory=list)
 
@@ -140,10 +132,10 @@ class Schedule:
             now_s, boot_s: present time and when the autopilot started.
             phase: any number that differs between vehicles.
         """
-        for place, (message_id, rate_hz) in enumerate(self.default_hz.items()):
+        for index, (message_id, rate_hz) in enumerate(self.default_hz.items()):
             if rate_hz > 0.0:
                 earliest_s = boot_s + (_FIRST_HEARTBEAT_S if message_id == _HEARTBEAT else _FIRST_PACKET_S)
-                spread_s = ((place * 7 + phase * 3) % _SPREAD_STEPS) * _STEP_S
+                spread_s = ((index * 7 + phase * 3) % _SPREAD_STEPS) * _STEP_S
                 self._interval_s[message_id] = 1.0 / rate_hz
                 heapq.heappush(self._due, (max(now_s, earliest_s) + spread_s, message_id))
 

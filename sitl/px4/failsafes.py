@@ -12,7 +12,7 @@ from enum import Enum, IntEnum
 
 from msgspec import Struct
 
-from sitl.px4.battery import BatteryStage
+from sitl.px4.battery import ChargeState
 from sitl.px4.modes import Mode
 from sitl.px4.parameters import Parameters
 
@@ -20,7 +20,7 @@ FLIGHT_TERMINATION_OFF = 121212
 
 
 class Action(IntEnum):
-    """What a failsafe does, in PX4's order of severity and with its numbers."""
+    """Actions of a failsafe in PX4's order of severity and with its numbers."""
 
     NONE = 0
     WARN = 1
@@ -49,25 +49,17 @@ ACTION_MODE: dict[Action, Mode] = {
 
 
 class Facts(Struct, frozen=True):
-    """What the failsafes look at.
+    """Inputs of the failsafes."""
 
-    Attributes:
-        has_offboard_signal: False when OFFBOARD is wanted and its setpoints do not come.
-        battery: how empty it is.
-        attitude_failed: tilted beyond FD_FAIL_R or FD_FAIL_P.
-        from_home_m: horizontal and vertical distance from the place of arming.
-        ground_silent_s: time since the last heartbeat of a ground station.
-    """
-
-    has_offboard_signal: bool
-    battery: BatteryStage
-    attitude_failed: bool
-    from_home_m: tuple[float, float]
-    ground_silent_s: float
+    has_offboard_signal: bool  # False when OFFBOARD is wanted and its setpoints do not come
+    battery: ChargeState  # how empty it is
+    attitude_failed: bool  # tilted beyond FD_FAIL_R or FD_FAIL_P
+    from_home_m: tuple[float, float]  # horizontal and vertical distance from the place of arming
+    ground_silent_s: float  # time since the last heartbeat of a ground station
 
 
 class Clears(Enum):
-    """When an action ends."""
+    """Conditions under which an action ends."""
 
     WITH_CONDITION = "when the condition is gone"
     BY_MODE_CHANGE = "when somebody asks for a mode, or on disarming"
@@ -76,26 +68,18 @@ class Clears(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One row of the table.
-
-    Attributes:
-        holds: whether the condition is there.
-        parameter: what decides; None when the action is always `otherwise`.
-        actions: parameter value -> action; other values give `otherwise`.
-        waits: whether the action is preceded by COM_FAIL_ACT_T seconds of Hold.
-        clears: when it ends.
-    """
+    """One row of the table."""
 
     name: str
-    holds: Callable[[Facts, Parameters], bool]
-    parameter: str | None
-    actions: Mapping[int, Action]
+    holds: Callable[[Facts, Parameters], bool]  # whether the condition is there
+    parameter: str | None  # what decides; None when the action is always `otherwise`
+    actions: Mapping[int, Action]  # parameter value -> action; other values give `otherwise`
     otherwise: Action
-    waits: bool = False
-    clears: Clears = Clears.WITH_CONDITION
+    waits: bool = False  # whether the action is preceded by COM_FAIL_ACT_T seconds of Hold
+    clears: Clears = Clears.WITH_CONDITION  # when it ends
 
     def action(self, params: Parameters) -> Action:
-        """What the parameters make of it."""
+        """Return the action that the parameters select."""
         return (
             self.otherwise
             if self.parameter is None
@@ -125,10 +109,10 @@ CONDITIONS: tuple[Condition, ...] = (
         },
         Action.POSCTL,
     ),
-    Condition("battery low", lambda facts, _: facts.battery is BatteryStage.LOW, None, {}, Action.WARN),
+    Condition("battery low", lambda facts, _: facts.battery is ChargeState.LOW, None, {}, Action.WARN),
     Condition(
         "battery critical",
-        lambda facts, _: facts.battery is BatteryStage.CRITICAL,
+        lambda facts, _: facts.battery is ChargeState.CRITICAL,
         "COM_LOW_BAT_ACT",
         {0: Action.WARN, 1: Action.RETURN, 2: Action.LAND, 3: Action.RETURN},
         Action.WARN,
@@ -136,7 +120,7 @@ CONDITIONS: tuple[Condition, ...] = (
     ),
     Condition(
         "battery at emergency level",
-        lambda facts, _: facts.battery is BatteryStage.EMERGENCY,
+        lambda facts, _: facts.battery is ChargeState.EMERGENCY,
         "COM_LOW_BAT_ACT",
         {0: Action.WARN, 1: Action.RETURN, 2: Action.LAND, 3: Action.LAND},
         Action.WARN,
@@ -172,17 +156,11 @@ CONDITIONS: tuple[Condition, ...] = (
 
 @dataclass(slots=True)
 class Failsafe:
-    """The failsafes of one armed vehicle.
+    """The failsafes of one armed vehicle."""
 
-    Attributes:
-        action: what is done now.
-        delayed: what follows when the Hold before it is over.
-        present: names of the conditions that act.
-    """
-
-    action: Action = Action.NONE
-    delayed: Action = Action.NONE
-    present: frozenset[str] = frozenset()
+    action: Action = Action.NONE  # what is done now
+    delayed: Action = Action.NONE  # what follows when the Hold before it is over
+    present: frozenset[str] = frozenset()  # names of the conditions that act
     _latched: dict[str, Action] = field(default_factory=dict)
     _waiting_since_s: float = math.inf
 
@@ -198,7 +176,7 @@ class Failsafe:
         self._latched.clear()
         self._waiting_since_s = math.inf
 
-    def mode_asked(self) -> None:
+    def commanded_mode(self) -> None:
         """Somebody has asked for a mode."""
         for condition in CONDITIONS:
             if condition.clears is Clears.BY_MODE_CHANGE:
