@@ -59,7 +59,7 @@ def fleet_data(count: int, spacing_m: float, name: str = "stage") -> dict[str, A
     return with_free_ports(data, fleet_from_mapping(data))
 
 
-class Stage:
+class BenchFleet:
     """``async with Stage(...) as stage``: everything is up when the block begins, and ended when it is left.
 
     Args:
@@ -94,7 +94,7 @@ class Stage:
         self._record = RecordWriter(folder) if has_record else None
         self._command = command
 
-    async def __aenter__(self) -> Stage:
+    async def __aenter__(self) -> BenchFleet:
         """Start everything and wait until every vehicle is ready; ProcessError or NotReady when that fails."""
         try:
             self.processes.start(EMULATOR, ["sitl", "--fleet", str(self._emulator_path), "--no-gcs"])
