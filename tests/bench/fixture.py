@@ -60,7 +60,7 @@ def fleet_data(count: int, spacing_m: float, name: str = "stage") -> dict[str, A
 
 
 class BenchFleet:
-    """``async with Stage(...) as stage``: everything is up when the block begins, and ended when it is left.
+    """``async with BenchFleet(...) as fleet``: everything is up when the block begins, and ended when it is left.
 
     Args:
         data: of the fleet file that agents and client use.

@@ -32,7 +32,10 @@ _WARM_S = 1.0
 # Which part of the program a function's time counts for: the first that its path holds. The rest, libraries and
 # built-in functions, counts for whoever called it.
 _PARTS = (
-    ("the law and the controller", ("/onboard/avoidance/", "/onboard/control/", "/onboard/estimation/", "/onboard/rollout/")),
+    (
+        "the law and the controller",
+        ("/onboard/avoidance/", "/onboard/control/", "/onboard/estimation/", "/onboard/rollout/"),
+    ),
     ("the agents' cores around it", ("/onboard/",)),
     ("putting agents together in batches", ("/sitl/lockstep/batch.py",)),
     ("bus, links and shells", ("/sitl/lockstep/",)),
