@@ -17,8 +17,8 @@ from onboard.config.fleet import FleetConfig
 from sitl.emulator.emulator import Emulator, VehicleSpec
 from sitl.emulator.mocap import Mocap, MocapSettings
 from sitl.faults.catalogue import Fault
+from sitl.lockstep.agent_batch import Batch
 from sitl.lockstep.agents import AgentShell, Hall, sorted_news
-from sitl.lockstep.batch import Batch
 from sitl.lockstep.bus import BusSettings, SimBus
 from sitl.lockstep.link import LinkBank
 from sitl.physics.contacts import Collision

@@ -37,7 +37,7 @@ _PARTS = (
         ("/onboard/avoidance/", "/onboard/control/", "/onboard/estimation/", "/onboard/rollout/"),
     ),
     ("the agents' cores around it", ("/onboard/",)),
-    ("putting agents together in batches", ("/sitl/lockstep/batch.py",)),
+    ("putting agents together in batches", ("/sitl/lockstep/agent_batch.py",)),
     ("bus, links and shells", ("/sitl/lockstep/",)),
     ("emulated vehicles and PX4s", ("/sitl/",)),
     ("the record", ("/groundstation/recording/",)),
