@@ -87,7 +87,7 @@ def test_a_pose_that_jumps_for_good_is_never_believed_in_flight_and_the_others_h
     rig.has_mocap = False  # its own samples; these come instead
     for _ in range(300):
         x, y, z = rig.position.tolist()
-        rig.pose(position_enu_m=(x + 1.0, y - 0.8, z + 1e-6 * (rig._count % 2)))
+        rig.pose(position_enu_m=(x + 1.0, y - 0.8, z + 1e-6 * (rig.tick_count % 2)))
         rig.step()
     assert rig.mode == "LAND"
     assert rig.state is not None
@@ -105,7 +105,7 @@ def test_a_pose_that_comes_back_is_believed_again() -> None:
     rig.has_mocap = False
     for _ in range(6):
         x, y, z = rig.position.tolist()
-        rig.pose(position_enu_m=(x + 1.0, y, z + 1e-6 * (rig._count % 2)))
+        rig.pose(position_enu_m=(x + 1.0, y, z + 1e-6 * (rig.tick_count % 2)))
         rig.step()
     rig.has_mocap = True
     rig.run(1.0)
