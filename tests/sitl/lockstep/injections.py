@@ -78,7 +78,7 @@ def _hang(duration_s: float) -> Inject:
 
 
 def _stop_agent(flight: Lockstep, name: str) -> None:
-    flight.agents[name].ask_to_stop()
+    flight.agents[name].request_stop()
 
 
 def _cut(duration_s: float, *, keeps: tuple[str, ...] = (), all_agents: bool = False) -> Inject:

@@ -132,7 +132,7 @@ class Judge:
         if name == self.flight.config.enabled_names[-1]:
             self._measure()
             for shell in self.flight.agents.values():
-                if shell.ticks:
+                if shell.is_ticking:
                     self._check_action(shell.name)
 
     def _measure(self) -> None:
