@@ -21,11 +21,11 @@ lint:
 	.venv/bin/lint-imports --no-cache
 
 test: lint
-	.venv/bin/pytest -m "not long and not realtime" -n 2 --dist loadgroup
+	.venv/bin/pytest -m "not long and not realtime" -n 2 --dist loadgroup --no-loadscope-reorder
 
 test-realtime:
 	@.ci/setup dev
-	.venv/bin/pytest -m "realtime and not long" -n 2 --dist loadgroup
+	.venv/bin/pytest -m "realtime and not long" -n 2 --dist loadgroup --no-loadscope-reorder
 
 test-long:
 	@.ci/setup dev

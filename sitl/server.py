@@ -35,7 +35,7 @@ from sitl.mavlink.endpoints import (
     onboard_ports,
     read_all,
 )
-from sitl.mavlink.lossy_link import WiredLink
+from sitl.mavlink.lossy_link import LossyLink
 from sitl.mavlink.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ
 from sitl.physics.vehicle import STEP_S, VehicleProfile
 
@@ -154,7 +154,7 @@ class Server:
             raise
         lines: list[str] = []
         for sock, (index, ports, rates_hz, name, _) in zip(sockets, wanted, strict=True):
-            opened = Socket(sock, WiredLink(self.emulator, index, rates_hz, name), ports.peer)
+            opened = Socket(sock, LossyLink(self.emulator, index, rates_hz, name), ports.peer)
             opened.open(self._ready)
             self._sockets.append(opened)
             target = f" -> {ports.peer[1]}" if ports.peer else ""
@@ -195,8 +195,8 @@ class Server:
                 f"collision: {first} and {second} touched at {collision.time_s:.2f} s "
                 f"({collision.distance_m:.2f} m between centres); both fall"
             )
-        for news in self.emulator.disturbances.take_news():
-            say(f"{news} ({self.emulator.time_s:.2f} s)")
+        for notice in self.emulator.disturbances.take_notices():
+            say(f"{notice} ({self.emulator.time_s:.2f} s)")
         for each in self._sockets:
             each.endpoint.poll()
         if self._bus is not None and self.emulator.world.vehicles.steps % _TRUTH_EVERY_STEPS == 0:
@@ -306,7 +306,7 @@ async def _serve(server: Server, bus: BusSession | None) -> None:
 
 
 def _take_precedence() -> None:
-    """What is emulated here waits for no computer in reality; where this is not allowed, a busy machine holds it up."""
+    """Run before other processes, as real vehicles wait for no computer; without permission do nothing."""
     with contextlib.suppress(OSError, AttributeError):  # for this thread, and those that it will start
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_REALTIME_PRIORITY))
 

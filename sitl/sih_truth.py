@@ -38,11 +38,11 @@ _GROUND_M, _STILL_M_S = 0.10, 0.10
 Vec3 = tuple[float, float, float]
 
 
-def east_north_m(origin: tuple[float, float], place: tuple[float, float]) -> tuple[float, float]:
+def east_north_m(origin: tuple[float, float], position: tuple[float, float]) -> tuple[float, float]:
     """East and north from one place on Earth to another, latitude and longitude in degrees; for a few kilometres."""
-    north = math.radians(place[0] - origin[0])
-    middle = math.radians(0.5 * (place[0] + origin[0]))
-    return _EARTH_RADIUS_M * math.radians(place[1] - origin[1]) * math.cos(middle), _EARTH_RADIUS_M * north
+    north = math.radians(position[0] - origin[0])
+    middle = math.radians(0.5 * (position[0] + origin[0]))
+    return _EARTH_RADIUS_M * math.radians(position[1] - origin[1]) * math.cos(middle), _EARTH_RADIUS_M * north
 
 
 @dataclass(slots=True)
@@ -91,7 +91,7 @@ class Listener(asyncio.DatagramProtocol):
         self.heard = 0
         self._system_id, self._take = system_id, take
         self._decoder, self._encoder = Decoder(), Encoder(system_id=255, component_id=190)
-        self._asked_s = -math.inf
+        self._requested_s = -math.inf
         self._transport: asyncio.DatagramTransport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -107,9 +107,9 @@ class Listener(asyncio.DatagramProtocol):
             if message.name == _STATE:
                 self.heard += 1
                 self._take(message.fields, now_ns)
-            elif message.name == _ACTUATORS and now_ns * 1e-9 - self._asked_s > _ASK_AGAIN_S:
+            elif message.name == _ACTUATORS and now_ns * 1e-9 - self._requested_s > _ASK_AGAIN_S:
                 # what PX4 sends here unasked: it has just started, or has not heard us yet
-                self._asked_s = now_ns * 1e-9
+                self._requested_s = now_ns * 1e-9
                 self._ask(addr, ID_BY_NAME[_STATE], _PERIOD_US)
                 self._ask(addr, ID_BY_NAME[_ACTUATORS], -1.0)
 
@@ -187,8 +187,8 @@ async def _run(fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, wit
                 ) from None
             listeners[name] = listener
             transports.append(transport)
-        places = ", ".join(f"{name} at {_FIRST_PORT + fleet.vehicles[name].system_id - 1}" for name in names)
-        print(f"listening: {places}", flush=True)
+        ports = ", ".join(f"{name} at {_FIRST_PORT + fleet.vehicles[name].system_id - 1}" for name in names)
+        print(f"listening: {ports}", flush=True)
         before = dict.fromkeys(names, False)
         while not stopped.is_set():
             counts = {name: listener.heard for name, listener in listeners.items()}

@@ -22,8 +22,18 @@ _REAL_TIME = (
     "onboard/mocap/test_relay.py",
     "onboard/process",
     "onboard/px4",
+    "sitl/conformance/test_sitl_check.py",
     "sitl/test_mavsdk_client.py",
     "sitl/test_server.py",
+)
+# files that take longest, which begin first, so that no worker has one of them left when all others are done
+_LONGEST = (
+    "sitl/lockstep/test_flight.py",
+    "sitl/lockstep/test_fault_suite.py",
+    "groundstation/identification/test_identify.py",
+    "groundstation/commands/test_identify.py",
+    "bench/peers/test_bench.py",
+    "sitl/monte_carlo/test_monte_carlo.py",
 )
 
 
@@ -36,3 +46,5 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if is_real_time:
             item.add_marker(pytest.mark.realtime)
         item.add_marker(pytest.mark.xdist_group("real time" if is_real_time else path))
+    begins = {name: index for index, name in enumerate(_LONGEST)}
+    items.sort(key=lambda item: begins.get(item.path.relative_to(_HERE).as_posix(), len(begins)))

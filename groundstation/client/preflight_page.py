@@ -17,7 +17,7 @@ _WIDTH = 118
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class PageLine:
     """One check of one vehicle, as on the page."""
 
     name: str
@@ -33,11 +33,11 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class VehiclePage:
-    """All lines of one vehicle; ``answers``: whether its agent was heard."""
+    """All lines of one vehicle."""
 
     name: str
-    answers: bool
-    lines: tuple[Line, ...]
+    answers: bool  # whether its agent was heard
+    lines: tuple[PageLine, ...]
 
     @property
     def is_go(self) -> bool:
@@ -46,33 +46,47 @@ class VehiclePage:
 
 
 def page_of(view: VehicleView, fleet: FleetConfig, now_ns: int) -> VehiclePage:
-    """What is known of one vehicle now."""
-    vehicle, told = fleet.vehicles[view.name], view.telemetry
-    if told is None or not view.is_fresh(now_ns):
-        silent = Line("agent", False, f"{view.name}'s agent does not answer.", "Start it: covey agent.")
+    """Make the page of one vehicle.
+
+    Args:
+        view: the vehicle as known now.
+        fleet: the fleet file.
+        now_ns: the ground's monotonic clock [ns].
+
+    Returns:
+        Its lines.
+    """
+    vehicle, telemetry = fleet.vehicles[view.name], view.telemetry
+    if telemetry is None or not view.is_fresh(now_ns):
+        silent = PageLine("agent", False, f"{view.name}'s agent does not answer.", "Start it: covey agent.")
         return VehiclePage(view.name, False, (silent,))
-    lines: list[Line] = []
-    if told.config_hash != fleet.config_hash:
+    lines: list[PageLine] = []
+    if telemetry.config_hash != fleet.config_hash:
         lines.append(
-            Line(
+            PageLine(
                 "ground's file",
                 False,
-                f"{view.name} flies with another fleet file than {fleet.path} ({told.config_hash}, "
+                f"{view.name} flies with another fleet file than {fleet.path} ({telemetry.config_hash}, "
                 f"here {fleet.config_hash}).",
                 "Give the vehicle's computer this file and restart its agent, or give this command the vehicle's file.",
             )
         )
-    if view.preflight is not None and view.has_preflight(now_ns) and view.preflight.boot_id == told.boot_id:
-        lines += [Line(*check) for check in view.preflight.checks]
+    if view.preflight is not None and view.has_preflight(now_ns) and view.preflight.boot_id == telemetry.boot_id:
+        lines += [PageLine(*check) for check in view.preflight.checks]
     else:
         lines.append(
-            Line("report", False, f"It is {told.state}, where no preflight is made.", "Wait until it has landed.")
-            if told.is_airborne or told.is_armed
-            else Line("report", False, "Its agent sends no report.", "Restart it with this version of Covey.")
+            PageLine(
+                "report",
+                False,
+                f"It is {telemetry.state}, where no preflight check is made.",
+                "Wait until it has landed.",
+            )
+            if telemetry.is_airborne or telemetry.is_armed
+            else PageLine("report", False, "Its agent sends no report.", "Restart it with this version of Covey.")
         )
     if vehicle.direct is None:
         lines.append(
-            Line(
+            PageLine(
                 "second way",
                 True,
                 "The fleet file gives no direct endpoint: kill and land end with the agent.",
@@ -80,42 +94,50 @@ def page_of(view: VehicleView, fleet: FleetConfig, now_ns: int) -> VehiclePage:
             )
         )
     else:
-        lines.append(Line("second way", True, f"Kill and land can go straight to PX4 at {vehicle.direct}.", ""))
+        lines.append(PageLine("second way", True, f"Kill and land can go straight to PX4 at {vehicle.direct}.", ""))
     return VehiclePage(view.name, True, tuple(lines))
 
 
 def pages_of(state: FleetState, fleet: FleetConfig, names: Sequence[str], now_ns: int) -> tuple[VehiclePage, ...]:
-    """The pages of several vehicles."""
+    """Make the pages of several vehicles; see :func:`page_of`."""
     return tuple(page_of(state.vehicles[name], fleet, now_ns) for name in names)
 
 
 def has_reported(state: FleetState, names: Sequence[str], now_ns: int) -> bool:
-    """Whether each has said what it can say: a report, or that it flies."""
+    """Whether each vehicle has sent a report, or flies and sends none."""
     views = [state.vehicles[name] for name in names]
     return all(view.has_preflight(now_ns) or (view.is_fresh(now_ns) and view.is_airborne) for view in views)
 
 
 def advice_of(state: FleetState, names: Sequence[str]) -> dict[str, list[str]]:
-    """Each advice of the newest reports, and whom it concerns; nobody has to hold a switch for emulated vehicles."""
-    untold = {"kill switch"} if state.is_simulated else set()
-    found: dict[str, list[str]] = {}
+    """Collect the advice of the newest reports. Emulated vehicles need no kill switch.
+
+    Args:
+        state: the fleet as known now.
+        names: vehicles to look at.
+
+    Returns:
+        Advice -> vehicles.
+    """
+    skipped = {"kill switch"} if state.is_simulated else set()
+    advice: dict[str, list[str]] = {}
     for name in names:
         report = state.vehicles[name].preflight
         for check, is_ok, sentence, remedy in report.checks if report is not None else ():
-            if is_ok and remedy and check not in untold:
-                found.setdefault(f"{sentence} {remedy}", []).append(name)
-    return found
+            if is_ok and remedy and check not in skipped:
+                advice.setdefault(f"{sentence} {remedy}", []).append(name)
+    return advice
 
 
 def exit_status(pages: Sequence[VehiclePage]) -> int:
-    """0 all are go, 10 nobody answered, else 1."""
+    """Return the exit status: 0 when all are go, 10 when nobody answered, else 1."""
     if not any(page.answers for page in pages):
         return EXIT_NO_ANSWER
     return EXIT_OK if all(page.is_go for page in pages) else EXIT_FAILED
 
 
 def as_text(pages: Sequence[VehiclePage]) -> str:
-    """The page for people."""
+    """Return the pages for people."""
     width = max((len(line.name) for page in pages for line in page.lines), default=0)
     rows: list[str] = []
     for page in pages:
@@ -135,7 +157,7 @@ def as_text(pages: Sequence[VehiclePage]) -> str:
 
 
 def as_mapping(pages: Sequence[VehiclePage]) -> Mapping[str, Any]:
-    """The same for programs."""
+    """Return the pages for programs."""
     return {
         "is_go": bool(pages) and all(page.is_go for page in pages),
         "vehicles": {
@@ -159,6 +181,15 @@ def as_mapping(pages: Sequence[VehiclePage]) -> Mapping[str, Any]:
 
 
 async def ask(client: FleetClient, names: Sequence[str], timeout_s: float) -> tuple[VehiclePage, ...]:
-    """The pages, as soon as every vehicle has reported, or after the timeout."""
+    """Wait until every vehicle has reported.
+
+    Args:
+        client: started.
+        names: vehicles.
+        timeout_s: longest wait [s].
+
+    Returns:
+        Their pages.
+    """
     await client.wait_for(lambda state: has_reported(state, names, client.now_ns()), timeout_s)
     return pages_of(client.state, client.fleet, names, client.now_ns())

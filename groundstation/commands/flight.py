@@ -215,11 +215,11 @@ class MissionFlight:
             await asyncio.to_thread(self._record.stop)
         else:
             await asyncio.sleep(FLUSH_PERIOD_S + 0.3)
-        found: FlightReport | None = None
+        final_report: FlightReport | None = None
         with contextlib.suppress(ConfigError):
-            found = await asyncio.to_thread(report, self.settings.folder)
-        verdict = judge(self._run.flown(), self.settings.mission.expect, found, str(self.settings.folder))
-        if found is None:
+            final_report = await asyncio.to_thread(report, self.settings.folder)
+        verdict = judge(self._run.flown(), self.settings.mission.expect, final_report, str(self.settings.folder))
+        if final_report is None:
             verdict = live
         failure = await asyncio.to_thread(write_json, self.settings.folder / "verdict.json", verdict)
         if failure is not None:

@@ -23,7 +23,7 @@ from groundstation.identification.flight_log import TooLittleFlown
 from groundstation.identification.identify import identify as identify_log
 from groundstation.identification.manoeuvre import BOX_M, manoeuvre, mission_text
 from groundstation.identification.record import logs_of
-from groundstation.identification.report import Flown, page, rows
+from groundstation.identification.report import IdentifiedVehicle, page, rows
 from groundstation.processes.free_ports import toml_text
 from groundstation.recording.reader import record_path
 from groundstation.recording.writer import RECORD_NAME
@@ -136,21 +136,21 @@ def identify_from_record(folder: Path, fleet_path: str | None, name: str | None,
     if name is not None and name not in fleet.vehicles:
         raise ConfigError(f"'{name}' is no vehicle of fleet '{fleet.fleet.name}': {', '.join(fleet.vehicles)}.")
     logs, refusals = logs_of(path, fleet, names), dict[str, str]()
-    flown: list[Flown] = []
+    flown: list[IdentifiedVehicle] = []
     for one in names:
         if one not in logs:
             if name is not None or not logs:
                 refusals[one] = "it did not fly in this record."
             continue
         try:
-            flown.append(Flown(fleet.vehicles[one], identify_log(logs[one])))
+            flown.append(IdentifiedVehicle(fleet.vehicles[one], identify_log(logs[one])))
         except TooLittleFlown as error:
             refusals[one] = str(error)
     for one, why in refusals.items():
         print(f"{one} was not identified: {why}", file=sys.stderr)
     if is_json:
-        found = [{"vehicle": each.vehicle.name, **asdict(each.identified), "rows": rows(each)} for each in flown]
-        print(dumps(found, indent=2))
+        objects = [{"vehicle": each.vehicle.name, **asdict(each.identified), "rows": rows(each)} for each in flown]
+        print(dumps(objects, indent=2))
     elif flown:
         print(page(flown))
     return EXIT_OK if flown else EXIT_FAILED

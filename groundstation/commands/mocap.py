@@ -12,7 +12,7 @@ from groundstation.commands.parameters import FleetFile, Seconds
 from onboard.bus.protocol import BusError
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.config.mocap import SystemType, problems
-from onboard.mocap.relay.check import Check
+from onboard.mocap.relay.check import MocapCheck
 from onboard.mocap.relay.relay import Relay, with_source
 
 EPILOG = """\
@@ -46,7 +46,7 @@ def mocap(
     if not 0.1 <= every_s <= 3600.0 or not (seconds is None or seconds >= 0.5):
         raise ConfigError("--every-s must lie between 0.1 and 3600, --seconds be 0.5 or more.")
     config = load_fleet(fleet)
-    runner = Check(config, _print) if check else _relay(config, source, hostname)
+    runner = MocapCheck(config, _print) if check else _relay(config, source, hostname)
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):  # a clean end
         signal.signal(number, lambda *_: stopped.set())

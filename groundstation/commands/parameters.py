@@ -21,7 +21,7 @@ _BUS = Parameter(group=Group("The bus of a flight in lockstep", sort_key=9), met
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusOptions:
-    """How the simulated bus of a flight in lockstep treats messages.
+    """Delays and losses of the simulated bus of a flight in lockstep.
 
     Args:
         bus_delay_s: shortest time from sender to receiver (default 0.001)

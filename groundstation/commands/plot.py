@@ -69,7 +69,7 @@ def draw(folder: Path, out: Path | None = None) -> tuple[list[Path], bool]:
     target.mkdir(parents=True, exist_ok=True)
     drawn = {"fig2_attitude": attitude, "fig4_plan": plan, "fig5_tracking": tracking, "fig6_avoidance": avoidance}
     with styled():
-        paths = [found for name, module in drawn.items() for found in save(module.draw(flight), target, name)]
+        paths = [written for name, module in drawn.items() for written in save(module.draw(flight), target, name)]
     return paths, is_complete(path)
 
 

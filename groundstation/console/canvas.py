@@ -48,13 +48,13 @@ class Canvas:
         self.dots(start[0] + along * (end[0] - start[0]), start[1] + along * (end[1] - start[1]), colour)
 
     def lines(self, starts: FloatArray, ends: FloatArray, colour: str, gap: int = 1) -> None:
-        """Straight lines of dots between places (n, 2) and (n, 2), all in one go."""
-        way = ends - starts
-        reach = np.abs(way).max(axis=1, initial=0.0)
+        """Straight lines of dots between points (n, 2) and (n, 2), all in one go."""
+        along = ends - starts
+        reach = np.abs(along).max(axis=1, initial=0.0)
         fits = reach < _MAX_STEPS
         if fits.any():
             longest = int(reach[fits].max()) + 1
-            points = starts[fits, None] + way[fits, None] * (np.arange(0, longest + 1, gap) / longest)[:, None]
+            points = starts[fits, None] + along[fits, None] * (np.arange(0, longest + 1, gap) / longest)[:, None]
             self.dots(points[..., 0].ravel(), points[..., 1].ravel(), colour)
 
     def circles(self, centres: FloatArray, radius: float, colour: str, gap: int = 1) -> None:
@@ -64,7 +64,7 @@ class Canvas:
             self.dots((centres[:, :1] + radius * x).ravel(), (centres[:, 1:] + radius * y).ravel(), colour)
 
     def copy(self) -> Canvas:
-        """The same picture, to draw on."""
+        """Return a copy to draw on."""
         twin = Canvas(self.width, self.height)
         twin.cells, twin.colours, twin._chars = self.cells.copy(), self.colours.copy(), self._chars.copy()
         return twin
@@ -92,7 +92,7 @@ class Canvas:
         return is_inside and not self._chars[row, column : column + width].any()
 
     def strips(self) -> list[Strip]:
-        """The picture, line by line."""
+        """Return the picture, line by line."""
         chars = np.where(
             self._chars > 0, self._chars, np.where(self.cells > 0, np.uint32(_BRAILLE) + self.cells, np.uint32(_SPACE))
         )
@@ -104,7 +104,7 @@ class Canvas:
         edges, kinds = (breaks + 1).tolist(), colours[rows, breaks + 1].tolist()
         begins, first_kinds = np.searchsorted(rows, np.arange(self.height + 1)).tolist(), colours[:, 0].tolist()
         lines = chars.astype("<u4").tobytes().decode("utf-32-le")
-        found = []
+        strips = []
         for row, (begin, end) in enumerate(itertools.pairwise(begins)):
             line = lines[row * self.width : (row + 1) * self.width]
             ends = [*edges[begin:end], self.width]
@@ -116,8 +116,8 @@ class Canvas:
             if chr(_TAIL) in line:
                 whole = [Segment(part.text.replace(chr(_TAIL), ""), part.style) for part in segments]
                 strip = Strip(whole).adjust_cell_length(self.width)
-            found.append(strip)
-        return found
+            strips.append(strip)
+        return strips
 
 
 _KINDS: dict[tuple[str, bool], int] = {(TEXT, False): 0}  # also of cells in which nothing was drawn
@@ -125,7 +125,7 @@ _STYLES: list[Style] = [style(TEXT)]
 
 
 def _index(colour: str, bold: bool) -> int:
-    """A small number for a colour, the same in every picture."""
+    """Return a small number for a colour, the same in every picture."""
     kind = _KINDS.get((colour, bold))
     if kind is None:
         kind = _KINDS[(colour, bold)] = len(_STYLES)
@@ -135,6 +135,6 @@ def _index(colour: str, bold: bool) -> int:
 
 @lru_cache(256)
 def _round(count: int) -> tuple[FloatArray, FloatArray]:
-    """Points of the unit circle (count,)."""
+    """Return points x, y (count,) of the unit circle."""
     angle = np.linspace(0.0, 2.0 * np.pi, max(4, count), endpoint=False)
     return np.cos(angle), np.sin(angle)

@@ -1,4 +1,4 @@
-"""What the console remembers of a flight, bounded: trails, closest pairs, batteries, timing. Pure."""
+"""Memory of a flight, bounded: trails, closest pairs, batteries, timing. Pure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from groundstation.fleet.state import FleetState, VehicleView
 
-TRAIL_LENGTH, _LEAST_TRAIL, _ALL_TRAILS = 600, 80, 12_000  # places of one, and of all together
+TRAIL_LENGTH, _LEAST_TRAIL, _ALL_TRAILS = 600, 80, 12_000  # points of one, and of all together
 CHART_LENGTH = 3000
 PAIRS = 40
 FAR_M = 1e6
@@ -26,54 +26,53 @@ _REFILLED_FRAC = 0.03
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two vehicles, seen from above. ``approach_s``: until they are closest if both go on so; inf when they part."""
+    """Two vehicles and their horizontal distance."""
 
     first: str
     second: str
     distance_m: float
-    approach_s: float
-    approach_m: float
-    is_flying: bool
+    approach_s: float  # until they are closest at their present velocities; inf when they part
+    approach_m: float  # their distance then
+    is_flying: bool  # at least one of them
 
 
 @dataclass(frozen=True, slots=True)
 class Drain:
-    """How a battery empties: charge per minute (negative when it falls) and minutes until it has to land."""
+    """Trend of a battery."""
 
-    per_min_frac: float
-    left_min: float
+    per_min_frac: float  # of its charge; negative while it falls
+    left_min: float  # minutes until the vehicle has to land
 
 
 class History:
-    """Fed with the fleet eight times a second; distances are of every other time.
+    """Takes in the fleet eight times a second; distances every other time.
 
-    trails: name -> (n, 2), the last n places x, y in metres ENU, in no order, nan where there is none yet.
-    pairs: the closest ones now, those with a vehicle in the air first. distances: (time in s, metres) of the closest
-    pair while anybody flies. periods_ms, ages_ms: the slowest control loop, and the oldest news between agents.
+    Args:
+        land_frac: charge of a battery at which its vehicle has to land.
     """
 
     def __init__(self, land_frac: float = 0.2) -> None:
-        self.trails: dict[str, NDArray[np.float64]] = {}
-        self.pairs: list[Pair] = []
-        self.distances: deque[tuple[float, float]] = deque(maxlen=CHART_LENGTH)
-        self.periods_ms: deque[float] = deque(maxlen=600)
-        self.ages_ms: deque[float] = deque(maxlen=600)
-        self.slowest = self.oldest = ""
+        self.trails: dict[str, NDArray[np.float64]] = {}  # name -> (n, 2): last x, y [m] ENU, in no order, first nan
+        self.pairs: list[Pair] = []  # the closest now, those with a vehicle in the air first
+        self.distances: deque[tuple[float, float]] = deque(maxlen=CHART_LENGTH)  # [s], [m] of the closest flying pair
+        self.periods_ms: deque[float] = deque(maxlen=600)  # of the slowest control loop
+        self.ages_ms: deque[float] = deque(maxlen=600)  # of the oldest message between agents
+        self.slowest = self.oldest = ""  # vehicles that these last values are of
         self.drains: dict[str, Drain] = {}
         self.first_flight_s: float | None = None
         self._land_frac = land_frac
-        self._ends: dict[str, tuple[int, float, float]] = {}
-        self._charges: dict[str, tuple[int, deque[tuple[float, float]]]] = {}
+        self._ends: dict[str, tuple[int, float, float]] = {}  # points of a trail so far, and the last one
+        self._charges: dict[str, tuple[int, deque[tuple[float, float]]]] = {}  # boot, and charges with their times
         self._sampled_s = -math.inf
         self._added_ns, self._compared_ns = -1, -_PACE_NS
 
     @property
     def now(self) -> Pair | None:
-        """The closest pair now."""
+        """Return the closest pair now."""
         return self.pairs[0] if self.pairs else None
 
     def clear(self) -> None:
-        """Forget all: a replay was turned back."""
+        """Forget everything: a replay was turned back."""
         vars(self).update(vars(History(self._land_frac)))
 
     def add(self, state: FleetState, now_ns: int) -> None:
@@ -82,16 +81,17 @@ class History:
             return
         self._added_ns = now_ns
         now_s = now_ns * 1e-9
-        spots = {name: view.position_enu_m(now_ns) for name, view in state.vehicles.items()}
-        known = {name: spot for name, spot in spots.items() if spot and all(abs(axis) < FAR_M for axis in spot)}
+        positions = {name: view.position_enu_m(now_ns) for name, view in state.vehicles.items()}
+        known = {name: xyz for name, xyz in positions.items() if xyz and all(abs(axis) < FAR_M for axis in xyz)}
         for gone in self.trails.keys() - state.vehicles.keys():
             del self.trails[gone], self._ends[gone]
-        for name, spot in known.items():
-            self._lengthen(name, spot[0], spot[1], max(_LEAST_TRAIL, min(TRAIL_LENGTH, _ALL_TRAILS // len(spots))))
+        length = max(_LEAST_TRAIL, min(TRAIL_LENGTH, _ALL_TRAILS // max(1, len(positions))))
+        for name, position in known.items():
+            self._lengthen(name, position[0], position[1], length)
         if abs(now_ns - self._compared_ns) < _PACE_NS:
             return
         self._compared_ns = now_ns
-        self.pairs = closest_pairs([(state.vehicles[name], spot) for name, spot in known.items()])
+        self.pairs = closest_pairs([(state.vehicles[name], position) for name, position in known.items()])
         if state.airborne_names:
             self.first_flight_s = now_s if self.first_flight_s is None else self.first_flight_s
             if self.pairs and self.pairs[0].is_flying:
@@ -112,22 +112,22 @@ class History:
     def _sample(self, state: FleetState, now_ns: int) -> None:
         period_ms, age_ms = math.nan, math.nan
         for name, view in state.vehicles.items():
-            told = view.telemetry
-            if told is None or not view.is_fresh(now_ns):
+            last = view.telemetry
+            if last is None or not view.is_fresh(now_ns):
                 continue
-            if math.isfinite(told.loop_period_p99_ms) and not told.loop_period_p99_ms <= period_ms:
-                period_ms, self.slowest = told.loop_period_p99_ms, name
-            if math.isfinite(told.neighbour_age_s) and not told.neighbour_age_s * 1e3 <= age_ms:
-                age_ms, self.oldest = told.neighbour_age_s * 1e3, name
-            if math.isfinite(told.battery_frac) and told.battery_frac >= 0.0:
-                self._weigh(name, told.boot_id, now_ns * 1e-9, told.battery_frac)
+            if math.isfinite(last.loop_period_p99_ms) and not last.loop_period_p99_ms <= period_ms:
+                period_ms, self.slowest = last.loop_period_p99_ms, name
+            if math.isfinite(last.neighbour_age_s) and not last.neighbour_age_s * 1e3 <= age_ms:
+                age_ms, self.oldest = last.neighbour_age_s * 1e3, name
+            if math.isfinite(last.battery_frac) and last.battery_frac >= 0.0:
+                self._add_charge(name, last.boot_id, now_ns * 1e-9, last.battery_frac)
         self.periods_ms.append(period_ms)
         self.ages_ms.append(age_ms)
 
-    def _weigh(self, name: str, boot_id: int, now_s: float, charge_frac: float) -> None:
+    def _add_charge(self, name: str, boot_id: int, now_s: float, charge_frac: float) -> None:
         boot, samples = self._charges.get(name, (boot_id, deque(maxlen=_BATTERY_SAMPLES)))
         if boot != boot_id or (samples and charge_frac > samples[-1][1] + _REFILLED_FRAC):
-            samples = deque(maxlen=_BATTERY_SAMPLES)  # another life or another battery
+            samples = deque(maxlen=_BATTERY_SAMPLES)  # the agent or the battery was changed
         samples.append((now_s, charge_frac))
         self._charges[name] = boot_id, samples
         self.drains.pop(name, None)
@@ -141,21 +141,25 @@ class History:
 
 
 def closest_pairs(known: list[tuple[VehicleView, tuple[float, float, float]]], most: int = PAIRS) -> list[Pair]:
-    """The closest pairs of vehicles with their places (metres ENU), pairs with one in the air before all others."""
+    """Return the closest pairs of vehicles, pairs with one in the air before all others.
+
+    Args:
+        known: views and positions [m], ENU.
+        most: number of pairs.
+    """
     if len(known) < 2:
         return []
-    places = np.array([spot[:2] for _, spot in known])
-    told = [view.telemetry for view, _ in known]
-    speeds = np.array([each.velocity_enu_m_s[:2] if each is not None else (0.0, 0.0) for each in told])
+    points = np.array([position[:2] for _, position in known])
+    speeds = np.array([view.telemetry.velocity_enu_m_s[:2] if view.telemetry else (0.0, 0.0) for view, _ in known])
     flies = np.array([view.is_airborne for view, _ in known])
     one, two = _pairs_of(len(known))
-    gap = places[two] - places[one]
+    gap = points[two] - points[one]
     distance = np.hypot(gap[:, 0], gap[:, 1])
     any_flies = flies[one] | flies[two]
     rank = np.where(any_flies, distance, distance + FAR_M * 4)
-    chosen = np.argpartition(rank, most)[:most] if len(rank) > most else np.arange(len(rank))
+    least = np.argpartition(rank, most)[:most] if len(rank) > most else np.arange(len(rank))
     pairs = []
-    for index in chosen[np.argsort(rank[chosen], kind="stable")].tolist():
+    for index in least[np.argsort(rank[least], kind="stable")].tolist():
         drift = speeds[two[index]] - speeds[one[index]]
         speed_2 = float(drift @ drift)
         approach_s = -float(gap[index] @ drift) / speed_2 if 1e-4 < speed_2 < FAR_M else -1.0
@@ -175,5 +179,5 @@ def closest_pairs(known: list[tuple[VehicleView, tuple[float, float, float]]], m
 
 @lru_cache(4)
 def _pairs_of(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Both places of every pair of ``count``."""
+    """Return the first and the second index of every pair of ``count`` vehicles."""
     return np.triu_indices(count, 1)

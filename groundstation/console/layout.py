@@ -1,4 +1,4 @@
-"""How much room each panel gets. Pure."""
+"""Share of the terminal that each panel gets. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Room = int | str
 
 
 def rooms(width: int, height: int, vehicles: int, fence: Geofence, alone: str = "") -> tuple[Room, Room]:
-    """Height of the fleet table and width of the plan, in cells, or all there is (``1fr``) for an ``alone`` panel.
+    """Return the height of the fleet table and the width of the plan, in cells, or ``1fr`` for an ``alone`` panel.
 
     The table is as high as its rows while that leaves the plan more than half; the plan as wide as the fence is at its
     height, since a cell is two dots wide and four high, and not less than what numbers and heights need. A low terminal

@@ -46,7 +46,7 @@ class MissionRun:
         return self._mission is not None
 
     @property
-    def is_under_way(self) -> bool:
+    def is_running(self) -> bool:
         """Whether the mission flies now."""
         return self._mission_worker is not None and self._mission_worker.is_running
 
@@ -65,7 +65,7 @@ class MissionRun:
 
     def text(self, clock: str) -> str:
         """Return the mission's line for the title; ``clock`` is the time since take-off."""
-        if self.is_under_way and self._progress is not None:
+        if self.is_running and self._progress is not None:
             return self._progress() or self._line
         return f"{self._line}{clock if self._line == 'mission flies' else ''}"
 

@@ -181,18 +181,18 @@ class OrderEntry:
         except (OrderError, RuntimeError) as error:  # RuntimeError: the bus is not open yet, or not any more
             self._refuse(str(order), str(error))
 
-    def _follow(self, handle: OrderResult) -> None:
+    def _follow(self, sent: OrderResult) -> None:
         """Show an order that has left, and its results as they come."""
-        self.newest = handle
-        events, words = self._panels.events, self.short(str(handle.intent))
-        if handle.intent.verb == "kill" and handle.planned.orders:  # it has left, whatever becomes of it
-            events.add(f"KILL {','.join(handle.planned.orders)}", ("✖", KILL))
-            self._latch.add(handle.planned.orders)
+        self.newest = sent
+        events, words = self._panels.events, self.short(str(sent.intent))
+        if sent.intent.verb == "kill" and sent.planned.orders:  # it has left, whatever becomes of it
+            events.add(f"KILL {','.join(sent.planned.orders)}", ("✖", KILL))
+            self._latch.add(sent.planned.orders)
             self.update()
         events.add(words, ("→", CALM))
-        self._panels.results.show_order(handle, words)
-        handle.add_listener(lambda result: self._show_result(handle, result))
-        for result in handle.results.values():
+        self._panels.results.show_order(sent, words)
+        sent.add_listener(lambda result: self._show_result(sent, result))
+        for result in sent.results.values():
             if result.phase == "refused":
                 self._log_result(result)
 
@@ -205,9 +205,9 @@ class OrderEntry:
     def _warn(self, sentence: str) -> None:
         self._panels.events.add(sentence, SEVERITY_SIGNS["warning"])
 
-    def _show_result(self, handle: OrderResult, result: VehicleResult) -> None:
-        if handle is self.newest and self._app.is_running:
-            self._panels.results.show_order(handle, self.short(str(handle.intent)))
+    def _show_result(self, sent: OrderResult, result: VehicleResult) -> None:
+        if sent is self.newest and self._app.is_running:
+            self._panels.results.show_order(sent, self.short(str(sent.intent)))
         if result.phase in ("refused", "no answer", "direct"):  # the other ends come as the vehicle's own events
             self._log_result(result)
 

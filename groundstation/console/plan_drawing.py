@@ -1,9 +1,9 @@
-"""What the plan shows, layer by layer, in braille. Every kind of thing has its own shape: colour only helps."""
+"""Drawing of the plan, layer by layer, in braille. Every kind of thing has its own shape: colour only helps."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 Spot = tuple[float, float, float]
 _STEPS_M = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 _ARROWS = "→↗↑↖←↙↓↘"
-_NEAR_M = 0.12  # what is nearer to its vehicle is hidden by it
+_NEAR_M = 0.12  # nearer goals are hidden by their vehicle
 _NAMES_WIDTH = 90  # cells from which on names stand beside few vehicles
 _FEW = 12
 _DENSE = 40  # cells a vehicle, below which only numbers are written
@@ -30,27 +30,27 @@ _DENSE = 40  # cells a vehicle, below which only numbers are written
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """The part of the world that is seen: its middle in metres ENU, dots per metre, size in cells."""
+    """The visible part of the world."""
 
-    x_m: float
+    x_m: float  # its middle, ENU
     y_m: float
-    scale: float
-    width: int
+    scale: float  # dots per metre
+    width: int  # in cells
     height: int
 
     def dots(self, points_enu_m: FloatArray) -> FloatArray:
-        """Places (n, 2) in dots."""
+        """Return points (n, 2) [m] ENU in dots."""
         middle = np.array([self.x_m, self.y_m])
         shift = np.array([self.width, 2 * self.height], float)
         dots: FloatArray = (points_enu_m - middle) * np.array([self.scale, -self.scale]) + shift
         return dots
 
     def dot(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """One place in dots."""
+        """Return one point in dots."""
         return self.width + (x_m - self.x_m) * self.scale, 2 * self.height - (y_m - self.y_m) * self.scale
 
     def cell(self, x_m: float, y_m: float) -> tuple[int, int]:
-        """One place in cells (column, row); far outside where there is none."""
+        """Return one point in cells (column, row); far outside where it is not finite."""
         x, y = self.dot(x_m, y_m)
         if not (abs(x) < FAR_M and abs(y) < FAR_M):
             return -1000, -1000
@@ -58,25 +58,25 @@ class Window:
 
     @property
     def step_m(self) -> float:
-        """Metres between two lines of the grid."""
+        """Distance between two lines of the grid."""
         return next((s for s in _STEPS_M if s * self.scale >= max(12.0, 2 * self.width / 9)), _STEPS_M[-1])
 
 
 def spot_of(view: VehicleView, now_ns: int) -> Spot | None:
-    """Where to draw a vehicle: carried on to now while fresh, else where it was last heard."""
+    """Return the point to draw a vehicle at: predicted to now while fresh, else its last position."""
     spot = view.position_enu_m(now_ns)
     if spot is None and view.telemetry is not None and view.telemetry.is_position_valid:
         spot = view.telemetry.position_enu_m
     return spot if spot is not None and all(abs(axis) < FAR_M for axis in spot) else None
 
 
-def ground(window: Window, fleet: FleetConfig) -> Canvas:
-    """What stands still: grid with metres, fence, obstacles."""
+def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
+    """Draw grid with metres, fence and obstacles."""
     canvas = Canvas(window.width, window.height)
     fence, step_m = fleet.fleet.geofence_m, window.step_m
     half_x, half_y = window.width / window.scale, 2 * window.height / window.scale
-    xs = _ticks(max(fence.x[0], window.x_m - half_x), min(fence.x[1], window.x_m + half_x), step_m)
-    ys = _ticks(max(fence.y[0], window.y_m - half_y), min(fence.y[1], window.y_m + half_y), step_m)
+    xs = _grid_lines(max(fence.x[0], window.x_m - half_x), min(fence.x[1], window.x_m + half_x), step_m)
+    ys = _grid_lines(max(fence.y[0], window.y_m - half_y), min(fence.y[1], window.y_m + half_y), step_m)
     for x_m in xs:
         canvas.line(window.dot(x_m, fence.y[0]), window.dot(x_m, fence.y[1]), RULE, gap=4)
     for y_m in ys:
@@ -101,55 +101,67 @@ def ground(window: Window, fleet: FleetConfig) -> Canvas:
     return canvas
 
 
-def draw_fleet(
-    canvas: Canvas,
-    window: Window,
-    fleet: FleetConfig,
-    history: History,
-    views: Sequence[VehicleView],
-    spots: Mapping[str, Spot],
-    now_ns: int,
-    selected: str | None = None,
-    marked: Iterable[str] = (),
-) -> None:
-    """What moves: trails, goals and setpoints, who avoids whom, safety circles, numbers and heights.
+@dataclass(frozen=True, slots=True)
+class PlanScene:
+    """Everything that the moving part of the plan is drawn from."""
 
-    ``spots``: where each vehicle is drawn, of :func:`spot_of`; who has none is not drawn.
-    """
-    limit_m = fleet.fleet.safety_distance_m
-    too_close = {
-        name
-        for pair in history.pairs
-        if pair.is_flying and pair.distance_m < limit_m
-        for name in (pair.first, pair.second)
-    }
-    chosen = {selected, *marked}
-    is_dense = window.width * window.height < _DENSE * len(views)
-    _draw_trails(canvas, window, history, views)
-    for index, view in enumerate(views):
-        if not is_dense or view.name in chosen:
-            _draw_aims(canvas, window, view, spots.get(view.name), theme.vehicle_colour(index))
-    _draw_circles(canvas, window, limit_m / 2.0, views, spots, too_close, now_ns)
-    _draw_avoidance(canvas, window, views, spots, now_ns, chosen if is_dense else None)
-    _write(canvas, window, fleet, views, spots, too_close, now_ns, selected, set(marked), is_dense)
+    window: Window
+    fleet: FleetConfig
+    history: History
+    views: Sequence[VehicleView]
+    spots: Mapping[str, Spot]  # of :func:`spot_of`; a vehicle without one is not drawn
+    now_ns: int
+    selected: str | None
+    marked: frozenset[str]
+
+    @property
+    def is_dense(self) -> bool:
+        """Whether there is room for numbers only."""
+        return self.window.width * self.window.height < _DENSE * len(self.views)
+
+    def is_stale(self, view: VehicleView) -> bool:
+        """Whether a vehicle is silent."""
+        return not view.is_fresh(self.now_ns)
+
+    def is_emphasised(self, name: str) -> bool:
+        """Whether a vehicle is drawn in full even in a dense crowd."""
+        return not self.is_dense or name == self.selected or name in self.marked
+
+    def too_close(self) -> set[str]:
+        """Return the vehicles below the safety distance."""
+        limit_m = self.fleet.fleet.safety_distance_m
+        pairs = [pair for pair in self.history.pairs if pair.is_flying and pair.distance_m < limit_m]
+        return {name for pair in pairs for name in (pair.first, pair.second)}
 
 
-def _draw_trails(canvas: Canvas, window: Window, history: History, views: Sequence[VehicleView]) -> None:
-    """Vehicles that share a colour are drawn together."""
-    colours = len(theme.VEHICLE_COLOURS)
-    for first in range(min(colours, len(views))):
-        trails = [history.trails[view.name] for view in views[first::colours] if view.name in history.trails]
-        if trails:
-            dots = window.dots(np.concatenate(trails))
+def draw_fleet(canvas: Canvas, scene: PlanScene) -> None:
+    """Draw trails, goals and setpoints, avoidance, safety circles, numbers and heights."""
+    too_close = scene.too_close()
+    _draw_trails(canvas, scene)
+    for index, view in enumerate(scene.views):
+        if scene.is_emphasised(view.name):
+            _draw_goal(canvas, scene.window, view, scene.spots.get(view.name), theme.vehicle_colour(index))
+    _draw_circles(canvas, scene, too_close)
+    _draw_avoidance(canvas, scene)
+    _draw_labels(canvas, scene, too_close)
+
+
+def _draw_trails(canvas: Canvas, scene: PlanScene) -> None:
+    """Draw the trails; those of one colour together."""
+    trails, colours = scene.history.trails, len(theme.VEHICLE_COLOURS)
+    for first in range(min(colours, len(scene.views))):
+        points = [trails[view.name] for view in scene.views[first::colours] if view.name in trails]
+        if points:
+            dots = scene.window.dots(np.concatenate(points))
             canvas.dots(dots[:, 0], dots[:, 1], theme.faded(theme.vehicle_colour(first)))
 
 
-def _draw_aims(canvas: Canvas, window: Window, view: VehicleView, spot: Spot | None, colour: str) -> None:
-    """✛ where it goes, × where its trajectory is now, a dashed line between."""
-    told = view.telemetry
-    if told is None or not view.is_airborne or not all(abs(axis) < FAR_M for axis in told.goal_position_enu_m):
+def _draw_goal(canvas: Canvas, window: Window, view: VehicleView, spot: Spot | None, colour: str) -> None:
+    """Draw ✛ at the goal, × at the trajectory's setpoint, and a dashed line to the goal."""
+    last = view.telemetry
+    if last is None or not view.is_airborne or not all(abs(axis) < FAR_M for axis in last.goal_position_enu_m):
         return
-    goal, setpoint = told.goal_position_enu_m, told.setpoint_position_enu_m
+    goal, setpoint = last.goal_position_enu_m, last.setpoint_position_enu_m
     if spot is not None and math.dist(goal[:2], spot[:2]) > _NEAR_M:
         canvas.line(window.dot(*spot[:2]), window.dot(*goal[:2]), colour, gap=5)
     if spot is not None and all(map(math.isfinite, setpoint)) and math.dist(setpoint[:2], spot[:2]) > _NEAR_M:
@@ -157,107 +169,81 @@ def _draw_aims(canvas: Canvas, window: Window, view: VehicleView, spot: Spot | N
     canvas.text(*window.cell(*goal[:2]), "✛", colour)
 
 
-def _draw_circles(
-    canvas: Canvas,
-    window: Window,
-    radius_m: float,
-    views: Sequence[VehicleView],
-    spots: Mapping[str, Spot],
-    too_close: set[str],
-    now_ns: int,
-) -> None:
-    """Half the safety distance about each; dotted about a silent one."""
+def _draw_circles(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None:
+    """Draw half the safety distance about each vehicle; dotted about a silent one."""
     groups: dict[tuple[str, int], list[tuple[float, float]]] = {}
-    for index, view in enumerate(views):
-        spot = spots.get(view.name)
-        if spot is None:
-            continue
-        is_stale = not view.is_fresh(now_ns)
-        colour = FAINT if is_stale else BAD if view.name in too_close else theme.vehicle_colour(index)
-        groups.setdefault((colour, 3 if is_stale else 1), []).append(window.dot(*spot[:2]))
+    for index, view in enumerate(scene.views):
+        spot = scene.spots.get(view.name)
+        if spot is not None:
+            is_stale = scene.is_stale(view)
+            colour = FAINT if is_stale else BAD if view.name in too_close else theme.vehicle_colour(index)
+            groups.setdefault((colour, 3 if is_stale else 1), []).append(scene.window.dot(*spot[:2]))
+    radius = scene.fleet.fleet.safety_distance_m / 2.0 * scene.window.scale
     for (colour, gap), centres in groups.items():
-        canvas.circles(np.array(centres), radius_m * window.scale, colour, gap)
+        canvas.circles(np.array(centres), radius, colour, gap)
 
 
-def _draw_avoidance(
-    canvas: Canvas,
-    window: Window,
-    views: Sequence[VehicleView],
-    spots: Mapping[str, Spot],
-    now_ns: int,
-    chosen: set[str | None] | None,
-) -> None:
-    """Lines with an arrow from who avoids to whom it avoids; in a dense crowd faint ones but for the ``chosen``."""
+def _draw_avoidance(canvas: Canvas, scene: PlanScene) -> None:
+    """Draw a line with an arrow from each vehicle that the law holds back to the one that it avoids."""
     bright: list[tuple[Spot, Spot]] = []
     faint: list[tuple[Spot, Spot]] = []
-    for view in views:
-        told, spot = view.telemetry, spots.get(view.name)
-        if told is None or spot is None or not told.is_airborne or not view.is_fresh(now_ns):
+    window = scene.window
+    for view in scene.views:
+        last, spot = view.telemetry, scene.spots.get(view.name)
+        if last is None or spot is None or not last.is_airborne or scene.is_stale(view):
             continue
-        other = spots.get(told.avoids or told.nearest_vehicle)
-        if other is not None and told.law_status.lower() not in ("", "inactive"):
-            (bright if chosen is None or view.name in chosen else faint).append((spot, other))
+        other = scene.spots.get(last.avoids or last.nearest_vehicle)
+        if other is not None and last.law_status.lower() not in ("", "inactive"):
+            (bright if scene.is_emphasised(view.name) else faint).append((spot, other))
     for pairs, colour in ((faint, FAINT), (bright, TEXT)):
         if pairs:
             ends = np.array(pairs)[:, :, :2]
             canvas.lines(window.dots(ends[:, 0]), window.dots(ends[:, 1]), colour, gap=2)
     for spot, other in bright:
-        angle = math.atan2(other[1] - spot[1], other[0] - spot[0])
-        # At a third of the way: of two that avoid each other both arrows are seen.
-        column, row = window.cell(spot[0] + (other[0] - spot[0]) * 0.36, spot[1] + (other[1] - spot[1]) * 0.36)
-        canvas.text(column, row, _ARROWS[round(angle / (math.pi / 4.0)) % 8], TEXT, bold=True)
+        east_m, north_m = other[0] - spot[0], other[1] - spot[1]
+        arrow = _ARROWS[round(math.atan2(north_m, east_m) / (math.pi / 4.0)) % 8]
+        # At a third of the line: of two that avoid each other both arrows are visible.
+        canvas.text(*window.cell(spot[0] + 0.36 * east_m, spot[1] + 0.36 * north_m), arrow, TEXT, bold=True)
 
 
-def _write(
-    canvas: Canvas,
-    window: Window,
-    fleet: FleetConfig,
-    views: Sequence[VehicleView],
-    spots: Mapping[str, Spot],
-    too_close: set[str],
-    now_ns: int,
-    selected: str | None,
-    marked: set[str],
-    is_dense: bool,
-) -> None:
-    """Numbers first, so that no height covers one; ``[1]`` under the cursor, ``1!`` too close, ``1?`` silent.
+def _draw_labels(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None:
+    """Write numbers, then heights, so that no height covers a number.
 
-    In a dense crowd there is room for numbers only: they take the colour of the height.
+    ``[1]`` is under the cursor, ``1!`` too close, ``1?`` silent. In a crowd numbers have the colour of the height.
     """
-    heights_m = fleet.fleet.geofence_m.z
-    written: list[tuple[int, int, int, VehicleView]] = []
-    for index, view in enumerate(views):
-        if view.name not in spots or view.telemetry is None:
+    heights_m = scene.fleet.fleet.geofence_m.z
+    written: list[tuple[int, int, int, VehicleView]] = []  # column, row, length
+    for index, view in enumerate(scene.views):
+        spot, is_stale = scene.spots.get(view.name), scene.is_stale(view)
+        if spot is None or view.telemetry is None:
             continue
-        is_stale = not view.is_fresh(now_ns)
+        is_selected, is_marked = view.name == scene.selected, view.name in scene.marked
         sign = "?" if is_stale else "!" if view.name in too_close else ""
-        text = f"[{index}]{sign}" if view.name == selected else f"{'✓' if view.name in marked else ''}{index}{sign}"
-        column, row = window.cell(*spots[view.name][:2])
-        column -= view.name == selected or view.name in marked
-        own = theme.height_colour(spots[view.name][2], heights_m) if is_dense else theme.vehicle_colour(index)
-        colour = FAINT if is_stale else BAD if sign else own
-        canvas.text(column, row, text, colour, bold=True)
-        written.append((column, row, len(text), view))
-    has_names = window.width >= _NAMES_WIDTH and len(views) <= _FEW
+        text = f"[{index}]{sign}" if is_selected else f"{'✓' if is_marked else ''}{index}{sign}"
+        column, row = scene.window.cell(*spot[:2])
+        column -= is_selected or is_marked
+        own = theme.height_colour(spot[2], heights_m) if scene.is_dense else theme.vehicle_colour(index)
+        canvas.text(column, row, text, FAINT if is_stale else BAD if sign else own, bold=True)
+        if scene.is_emphasised(view.name):
+            written.append((column, row, len(text), view))
+    has_names = scene.window.width >= _NAMES_WIDTH and len(scene.views) <= _FEW
     for column, row, length, view in written:
-        told, spot = view.telemetry, spots[view.name]
-        if told is None or (is_dense and view.name != selected and view.name not in marked):
-            continue
+        spot, is_stale = scene.spots[view.name], scene.is_stale(view)
         name = f"{theme.fit_name(theme.clean(view.name), 12).rstrip()} " if has_names else ""
-        is_stale = not view.is_fresh(now_ns)
-        height = f"{theme.number(spot[2], 1)}m" if told.is_airborne and not is_stale else ""
-        label = f"{name}{height}".rstrip()
-        width = cell_len(label)
-        places = ((column + length + 1, row), (column - width - 1, row), (column, row - 1), (column, row + 1))
-        place = next((place for place in places if label and canvas.is_free(place[0], place[1], width)), None)
-        if place is not None:
+        height = (
+            f"{theme.number(spot[2], 1)}m" if view.telemetry and view.telemetry.is_airborne and not is_stale else ""
+        )
+        width = cell_len(f"{name}{height}".rstrip())
+        beside = ((column + length + 1, row), (column - width - 1, row), (column, row - 1), (column, row + 1))
+        free = next((cell for cell in beside if width and canvas.is_free(cell[0], cell[1], width)), None)
+        if free is not None:
+            canvas.text(*free, name, FAINT if is_stale else TEXT)
             tint = FAINT if is_stale else theme.height_colour(spot[2], heights_m)
-            canvas.text(*place, name, TEXT if not is_stale else FAINT)
-            canvas.text(place[0] + cell_len(name), place[1], height, tint)
+            canvas.text(free[0] + cell_len(name), free[1], height, tint)
 
 
 def _draw_obstacle(canvas: Canvas, window: Window, obstacle: Obstacle) -> None:
-    """Outline and hatching; its name where there is room."""
+    """Draw outline and hatching, and the name where there is room."""
     for x1, y1, x2, y2, radius in obstacle.capsules_enu_m:
         if radius > 0.0:
             canvas.circles(np.array([window.dot(x1, y1)]), radius * window.scale, WARN)
@@ -290,23 +276,23 @@ def _draw_obstacle(canvas: Canvas, window: Window, obstacle: Obstacle) -> None:
 
 
 def _clipped(canvas: Canvas, start: tuple[float, float], end: tuple[float, float], colour: str) -> None:
-    """A long line, of which only the part in the picture is drawn: zoomed in far it has millions of dots."""
+    """Draw the part of a long line that lies in the picture: zoomed in far it has millions of dots."""
     size = np.array([2.0 * canvas.width, 4.0 * canvas.height])
-    begin, way = np.array(start), np.array(end) - np.array(start)
+    begin, along = np.array(start), np.array(end) - np.array(start)
     low, high = 0.0, 1.0
     for axis in (0, 1):
-        if abs(way[axis]) < 1e-9:
+        if abs(along[axis]) < 1e-9:
             if not 0.0 <= begin[axis] <= size[axis]:
                 return
             continue
-        bounds = sorted((-begin[axis] / way[axis], (size[axis] - begin[axis]) / way[axis]))
+        bounds = sorted((-begin[axis] / along[axis], (size[axis] - begin[axis]) / along[axis]))
         low, high = max(low, bounds[0]), min(high, bounds[1])
     if low <= high:
-        one, two = begin + low * way, begin + high * way
+        one, two = begin + low * along, begin + high * along
         canvas.line((float(one[0]), float(one[1])), (float(two[0]), float(two[1])), colour)
 
 
-def _ticks(low_m: float, high_m: float, step_m: float) -> list[float]:
+def _grid_lines(low_m: float, high_m: float, step_m: float) -> list[float]:
     count = math.floor(high_m / step_m) - math.ceil(low_m / step_m) + 1
     first = math.ceil(low_m / step_m)
     return [round(step * step_m, 6) for step in range(first, first + min(200, count))]

@@ -13,7 +13,7 @@ from textual.message import Message
 
 @dataclass(slots=True)
 class TerminalHooks:
-    """What the console adds to Textual's driver."""
+    """Hooks of the console in Textual's driver."""
 
     on_key: Callable[[str], None]  # called with each key, on the thread that reads the terminal
     is_closed: bool = False  # the terminal is gone: what is written is dropped, so that nobody waits for it

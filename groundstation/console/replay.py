@@ -25,7 +25,7 @@ _MARKS = {"warning": ("┃", WARN), "critical": ("┃", BAD)}
 
 
 class ReplayBar(Bar):
-    """Where in the flight this is; a mark where something happened."""
+    """The position in the flight, with a mark at each event."""
 
     def __init__(self, replay: Replay) -> None:
         super().__init__("replay")

@@ -1,4 +1,4 @@
-"""How the console ends: quitting, ctrl+c, signals, and a terminal that closes."""
+"""The end of the console: quitting, ctrl+c, signals, and a terminal that closes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Shutdown:
 
     Args:
         warn: writes a sentence into the event log.
-        terminal: told that the terminal is gone.
+        terminal: closed here when the terminal is gone.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Shutdown:
 
     @property
     def text(self) -> str:
-        """What is waited for before leaving; empty when nothing is."""
+        """The landing that is waited for before leaving; empty when none is."""
         up = len(self._airborne)
         return "" if self._status is None else f"landing, then leaving: {up} still up" if up else "leaving"
 
@@ -61,11 +61,11 @@ class Shutdown:
     @property
     def _may_leave(self) -> bool:
         """Whether nothing flies, or what flies is another ground's."""
-        return not self._airborne or not (self._orders.is_operator or self._mission.is_under_way)
+        return not self._airborne or not (self._orders.is_operator or self._mission.is_running)
 
     @property
     def _quit_status(self) -> int:
-        return INTERRUPTED if self._mission.is_under_way else self._mission.status
+        return INTERRUPTED if self._mission.is_running else self._mission.status
 
     def update(self) -> None:
         """Leave as soon as all are down, or do not come down in time; called at each refresh."""

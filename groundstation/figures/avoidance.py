@@ -13,7 +13,7 @@ MAX_PAIRS = 10
 
 
 def draw(flight: FlightData) -> Any:
-    """Thrust on top, where the law's change is shaded; distances below over the full width."""
+    """Draw thrust on top, with the law's change shaded, and distances below over the full width."""
     columns = len(flight.tracks)
     figure = new_figure(max(6.0, 3.7 * columns), 9.2, f"Thrust before and after OIST, and distances: {flight.title}")
     grid = figure.add_gridspec(3, columns, height_ratios=(1.0, 1.0, 1.5))
@@ -52,18 +52,18 @@ def _limit_thrust(ax: Any, flight: FlightData) -> None:
 
 
 def _draw_distances(ax: Any, flight: FlightData) -> None:
-    places = {track.name: index for index, track in enumerate(flight.tracks)}
+    indices = {track.name: index for index, track in enumerate(flight.tracks)}
     if len(flight.pairs) <= MAX_PAIRS:
         for pair in flight.pairs:
-            # One line in both vehicles' colours: solid in the first's, dashed over it in the second's.
-            ax.plot(flight.grid_s, pair.distance_m, color=colour(places[pair.first]), linewidth=2.2)
+            # one line in both vehicles' colours: solid in the first's, dashed over it in the second's
+            ax.plot(flight.grid_s, pair.distance_m, color=colour(indices[pair.first]), linewidth=2.2)
             ax.plot(
-                flight.grid_s, pair.distance_m, color=colour(places[pair.second]), linewidth=2.2, linestyle=(0, (3, 3))
+                flight.grid_s, pair.distance_m, color=colour(indices[pair.second]), linewidth=2.2, linestyle=(0, (3, 3))
             )
         if flight.pairs:
             _name_lines(ax, flight.grid_s, flight.pairs)
     else:
-        for name, index in places.items():
+        for name, index in indices.items():
             own = [pair.distance_m for pair in flight.pairs if name in (pair.first, pair.second)]
             ax.plot(flight.grid_s, np.fmin.reduce(own), color=colour(index), linewidth=1.2, label=name)
         ax.legend(loc="upper right", ncols=5, fontsize=8, title="distance to the nearest")
@@ -93,7 +93,7 @@ def _draw_distances(ax: Any, flight: FlightData) -> None:
 
 
 def _name_lines(ax: Any, grid_s: Array, pairs: tuple[Pair, ...]) -> None:
-    """Each name stands where its line is furthest from the others."""
+    """Write each name where its line is furthest from the others."""
     lines = np.stack([pair.distance_m for pair in pairs])
     margin = len(grid_s) // 20
     for index, pair in enumerate(pairs):

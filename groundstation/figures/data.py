@@ -22,59 +22,54 @@ _SLOT_STEP_M = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """One vehicle's flight.
-
-    time_s (n,), and at those times position and setpoint (n, 3) [m ENU], thrust before and after the law (n, 3)
-    [m/s^2 ENU, per mass], roll and pitch asked and flown (n, 2) [deg, FLU in ENU]. place_time_s (m,) and place_enu_m
-    (m, 3): the flown path, ground truth where ``is_truth``. slots (k, 3): goals in the order they were given.
-    """
+    """One vehicle's flight."""
 
     name: str
-    time_s: Array
-    position_enu_m: Array
-    setpoint_position_enu_m: Array
-    thrust_baseline_enu_m_s2: Array
-    thrust_safe_enu_m_s2: Array
-    asked_deg: Array
-    flown_deg: Array
-    place_time_s: Array
-    place_enu_m: Array
+    time_s: Array  # (n,)
+    position_enu_m: Array  # (n, 3)
+    setpoint_position_enu_m: Array  # (n, 3)
+    thrust_baseline_enu_m_s2: Array  # (n, 3), before the law
+    thrust_safe_enu_m_s2: Array  # (n, 3), after the law
+    commanded_deg: Array  # (n, 2): roll and pitch, FLU in ENU
+    flown_deg: Array  # (n, 2)
+    path_time_s: Array  # (m,)
+    path_enu_m: Array  # (m, 3): ground truth where is_truth, else the vehicle's estimate
     is_truth: bool
-    slots_enu_m: Array
+    slots_enu_m: Array  # (k, 3): goals in the order they were ordered
 
-    def place_at(self, time_s: Array) -> Array:
-        """Position (n, 3) at these times, nan outside the record."""
+    def path_at(self, time_s: Array) -> Array:
+        """Return positions (n, 3) at these times, NaN outside the record."""
         return np.stack(
-            [np.interp(time_s, self.place_time_s, self.place_enu_m[:, axis], np.nan, np.nan) for axis in range(3)], -1
+            [np.interp(time_s, self.path_time_s, self.path_enu_m[:, axis], np.nan, np.nan) for axis in range(3)], -1
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Horizontal distance between two vehicles on the flight's grid, nan while neither flies."""
+    """Two vehicles of a flight."""
 
     first: str
     second: str
-    distance_m: Array
+    distance_m: Array  # horizontal, on the flight's grid; NaN while neither flies
 
 
 @dataclass(frozen=True, slots=True)
 class FlightData:
-    """All tracks, the grid (n,) in seconds and the distances of all pairs on it."""
+    """One flight."""
 
     title: str
     tracks: tuple[Track, ...]
     safety_distance_m: float
-    grid_s: Array
+    grid_s: Array  # (n,): common time axis
     pairs: tuple[Pair, ...]
 
     @property
     def source(self) -> str:
-        """Where the paths come from."""
+        """Source of the paths, in words."""
         return "ground truth" if all(track.is_truth for track in self.tracks) else "the vehicles' estimates"
 
     def closest(self) -> tuple[Pair, int] | None:
-        """The pair and the place on the grid of the smallest distance; None with nobody in the air."""
+        """Return the pair with the smallest distance and its index on the grid; None when no vehicle flew."""
         known = [pair for pair in self.pairs if np.isfinite(pair.distance_m).any()]
         if not known:
             return None
@@ -83,9 +78,15 @@ class FlightData:
 
 
 def from_samples(samples: Iterable[Sample], *, title: str, safety_distance_m: float) -> FlightData | None:
-    """Arrays of a record's samples; None when no vehicle has two ticks.
+    """Convert the samples of a record.
 
-    Samples of a vehicle whose fields are not what a tick has are left out.
+    Args:
+        samples: of the topics in TOPICS.
+        title: of the flight.
+        safety_distance_m: limit between two vehicles [m].
+
+    Returns:
+        The flight; None when no vehicle has two ticks.
     """
     rows: dict[str, dict[str, list[Sample]]] = {topic: {} for topic in TOPICS}
     for sample in samples:
@@ -95,35 +96,35 @@ def from_samples(samples: Iterable[Sample], *, title: str, safety_distance_m: fl
     if not names:
         return None
     for kinds in rows.values():
-        for found in kinds.values():
-            found.sort(key=lambda sample: sample.stamp_ns)
+        for own in kinds.values():
+            own.sort(key=lambda sample: sample.stamp_ns)
     start_ns = _start_ns({name: rows["truth"].get(name, []) for name in names}, {n: rows["tick"][n] for n in names})
     tracks = tuple(
         _track(name, rows["tick"][name], rows["truth"].get(name, []), rows["telemetry"].get(name, []), start_ns)
         for name in names
     )
-    end_s = max(float(track.place_time_s[-1]) for track in tracks)
-    begin_s = max(-_LEAD_S, min(float(track.place_time_s[0]) for track in tracks))
+    end_s = max(float(track.path_time_s[-1]) for track in tracks)
+    begin_s = max(-_LEAD_S, min(float(track.path_time_s[0]) for track in tracks))
     grid_s = np.arange(begin_s, end_s, GRID_S) if end_s > begin_s else np.array([begin_s])
     return FlightData(title, tracks, safety_distance_m, grid_s, _pairs(tracks, grid_s))
 
 
 def _start_ns(truth: dict[str, list[Sample]], ticks: dict[str, list[Sample]]) -> int:
-    """When the first vehicle leaves the ground; "taking off" begins seconds before, while the motors are started."""
+    """The stamp at which the first vehicle leaves the ground; "taking off" begins earlier, when the motors start."""
     lifted = []
     for name, flown in ticks.items():
-        place = truth[name] if len(truth[name]) > 1 else flown
-        height_m = _vectors(place, "position_enu_m", 3)[:, 2]
+        path = truth[name] if len(truth[name]) > 1 else flown
+        height_m = _vectors(path, "position_enu_m", 3)[:, 2]
         known = height_m[np.isfinite(height_m)]
         up = np.flatnonzero(height_m > known[0] + _LIFTED_M) if known.size else known
         if up.size:
-            lifted.append(place[int(up[0])].stamp_ns)
+            lifted.append(path[int(up[0])].stamp_ns)
     return min(lifted, default=min(flown[0].stamp_ns for flown in ticks.values()))
 
 
-def _track(name: str, ticks: list[Sample], truth: list[Sample], told: list[Sample], start_ns: int) -> Track:
+def _track(name: str, ticks: list[Sample], truth: list[Sample], telemetry: list[Sample], start_ns: int) -> Track:
     time_s = _times(ticks, start_ns)
-    place = truth if len(truth) > 1 else ticks
+    path = truth if len(truth) > 1 else ticks
     return Track(
         name=name,
         time_s=time_s,
@@ -131,12 +132,12 @@ def _track(name: str, ticks: list[Sample], truth: list[Sample], told: list[Sampl
         setpoint_position_enu_m=_vectors(ticks, "setpoint_position_enu_m", 3),
         thrust_baseline_enu_m_s2=_vectors(ticks, "thrust_baseline_enu_m_s2", 3),
         thrust_safe_enu_m_s2=_vectors(ticks, "thrust_safe_enu_m_s2", 3),
-        asked_deg=_roll_pitch_deg(_vectors(ticks, "setpoint_quaternion_enu_flu_wxyz", 4)),
+        commanded_deg=_roll_pitch_deg(_vectors(ticks, "setpoint_quaternion_enu_flu_wxyz", 4)),
         flown_deg=_roll_pitch_deg(_vectors(ticks, "attitude_quaternion_enu_flu_wxyz", 4)),
-        place_time_s=_times(place, start_ns),
-        place_enu_m=_vectors(place, "position_enu_m", 3),
-        is_truth=place is truth,
-        slots_enu_m=_slots(told),
+        path_time_s=_times(path, start_ns),
+        path_enu_m=_vectors(path, "position_enu_m", 3),
+        is_truth=path is truth,
+        slots_enu_m=_slots(telemetry),
     )
 
 
@@ -145,13 +146,13 @@ def _times(samples: list[Sample], start_ns: int) -> Array:
 
 
 def _vectors(samples: list[Sample], field: str, size: int) -> Array:
-    """(n, size); what is missing, of another shape or no number (JSON null) is nan."""
-    found = np.full((len(samples), size), np.nan)
+    """The field (n, size); NaN where it is missing, of another shape, or null."""
+    vectors = np.full((len(samples), size), np.nan)
     for index, sample in enumerate(samples):
         value = sample.values.get(field)
         if isinstance(value, list) and len(value) == size:
-            found[index] = [entry if isinstance(entry, (int, float)) else np.nan for entry in value]
-    return found
+            vectors[index] = [entry if isinstance(entry, (int, float)) else np.nan for entry in value]
+    return vectors
 
 
 def _roll_pitch_deg(quaternion_wxyz: Array) -> Array:
@@ -162,9 +163,9 @@ def _roll_pitch_deg(quaternion_wxyz: Array) -> Array:
     return angles
 
 
-def _slots(told: list[Sample]) -> Array:
+def _slots(telemetry: list[Sample]) -> Array:
     slots: list[list[float]] = []
-    for sample in told:
+    for sample in telemetry:
         goal = sample.values.get("goal_position_enu_m")
         if sample.values.get("state") not in ("flying", "holding") or sample.values.get("order_kind") != "move":
             continue
@@ -176,11 +177,11 @@ def _slots(told: list[Sample]) -> Array:
 
 
 def _pairs(tracks: tuple[Track, ...], grid_s: Array) -> tuple[Pair, ...]:
-    places = {track.name: track.place_at(grid_s) for track in tracks}
-    found = []
-    for first, second in itertools.combinations(places, 2):
-        one, two = places[first], places[second]
+    paths = {track.name: track.path_at(grid_s) for track in tracks}
+    pairs = []
+    for first, second in itertools.combinations(paths, 2):
+        one, two = paths[first], paths[second]
         distance_m = np.hypot(one[:, 0] - two[:, 0], one[:, 1] - two[:, 1])
         in_air = (one[:, 2] > _AIRBORNE_Z_M) | (two[:, 2] > _AIRBORNE_Z_M)
-        found.append(Pair(first, second, np.where(in_air, distance_m, np.nan)))
-    return tuple(found)
+        pairs.append(Pair(first, second, np.where(in_air, distance_m, np.nan)))
+    return tuple(pairs)

@@ -16,7 +16,7 @@ _STEPS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0)
 
 
 def draw(flight: FlightData) -> Any:
-    """East to the right, north up, one scale for both."""
+    """Draw east to the right and north up, on one scale."""
     figure = new_figure(9.0, 8.6, f"Trajectories from above: {flight.title}")
     ax = figure.subplots()
     length_s = float(flight.grid_s[-1] - flight.grid_s[0])
@@ -25,12 +25,12 @@ def draw(flight: FlightData) -> Any:
     taken: list[Array] = []
     labels: list[tuple[Array, str, str]] = []
     for index, track in enumerate(flight.tracks):
-        tint, place = colour(index), track.place_enu_m
-        flying = track.place_time_s >= flight.grid_s[0]
+        tint, path = colour(index), track.path_enu_m
+        flying = track.path_time_s >= flight.grid_s[0]
         setpoint = track.setpoint_position_enu_m[track.time_s >= 0.0]
         ax.plot(setpoint[:, 0], setpoint[:, 1], color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)))
-        ax.plot(place[flying, 0], place[flying, 1], color=tint, linewidth=2.0, label=track.name)
-        marks = track.place_at(marks_s)
+        ax.plot(path[flying, 0], path[flying, 1], color=tint, linewidth=2.0, label=track.name)
+        marks = track.path_at(marks_s)
         ax.plot(marks[:, 0], marks[:, 1], "o", color="white", markeredgecolor=tint, markersize=5.5)
         taken.append(marks[np.isfinite(marks).all(-1)][:, :2])
         written: list[Array] = []
@@ -38,7 +38,7 @@ def draw(flight: FlightData) -> Any:
             if all(np.hypot(*(mark[:2] - other)) > _SAME_M * 3 for other in written):
                 ax.annotate(f"{time_s:g}", mark[:2], (4, 4), textcoords="offset points", fontsize=8, color=tint)
                 written.append(mark[:2])
-        known = place[np.isfinite(place).all(-1)]
+        known = path[np.isfinite(path).all(-1)]
         if len(known):
             ax.plot(*known[0, :2], "s", color=tint, markersize=9, markeredgecolor="white")
         for slot, orders in _slots(track.slots_enu_m):
@@ -47,10 +47,10 @@ def draw(flight: FlightData) -> Any:
     closest = flight.closest()
     if closest is not None:
         pair, at = closest
-        spots = {track.name: track.place_at(flight.grid_s[at : at + 1])[0, :2] for track in flight.tracks}
+        positions = {track.name: track.path_at(flight.grid_s[at : at + 1])[0, :2] for track in flight.tracks}
         for index, track in enumerate(flight.tracks):
             if track.name in (pair.first, pair.second):
-                x_m, y_m = spots[track.name]
+                x_m, y_m = positions[track.name]
                 ring = Circle(
                     (float(x_m), float(y_m)),
                     flight.safety_distance_m,
@@ -60,8 +60,8 @@ def draw(flight: FlightData) -> Any:
                     alpha=0.75,
                 )
                 ax.add_patch(ring)
-                ax.plot(*spots[track.name], "o", color=colour(index), markersize=7)
-        ends = np.array([spots[pair.first], spots[pair.second]])
+                ax.plot(*positions[track.name], "o", color=colour(index), markersize=7)
+        ends = np.array([positions[pair.first], positions[pair.second]])
         ax.plot(ends[:, 0], ends[:, 1], color=LIMIT, linewidth=1.2)
         ax.set_title(
             f"closest: {pair.first} and {pair.second}, {pair.distance_m[at]:.2f} m at {flight.grid_s[at]:.1f} s; "
@@ -87,18 +87,21 @@ def _write(figure: Any, ax: Any, labels: list[tuple[Array, str, str]], taken: Ar
     """Write the slots' numbers beside them, each where most room is between marks, slots and other numbers.
 
     Args:
-        labels: place (2,) in metres, text and colour. taken: marks (n, 2) in metres.
+        figure: of the axes.
+        ax: axes in metres.
+        labels: position (2,) [m], text and colour.
+        taken: marks (n, 2) [m].
     """
-    figure.canvas.draw()  # only then is known where things are
+    figure.canvas.draw()  # fixes the positions of everything
     per_point = figure.dpi / 72.0
-    slots = [place for place, _, _ in labels]
+    slots = [position for position, _, _ in labels]
     marks = ax.transData.transform(np.concatenate([taken, np.reshape(slots, (-1, 2))])) / per_point
     # the times stand at the upper right of their marks
     busy = [*marks, *np.add(marks[: len(taken)], (9.0, 8.0))]
-    for place, text, tint in labels:
-        here = ax.transData.transform(place) / per_point
+    for position, text, tint in labels:
+        here = ax.transData.transform(position) / per_point
         size = np.array([5.0 * len(text) + 2.0, 9.0])
-        others = np.array([spot for spot in busy if np.hypot(*(spot - here)) > 0.5]).reshape(-1, 2)
+        others = np.array([other for other in busy if np.hypot(*(other - here)) > 0.5]).reshape(-1, 2)
 
         def room(shift: Array, here: Array = here, others: Array = others, size: Array = size) -> float:
             gap = np.maximum(np.abs(others - (here + shift)) - size / 2.0, 0.0)
@@ -108,7 +111,7 @@ def _write(figure: Any, ax: Any, labels: list[tuple[Array, str, str]], taken: Ar
         best = max(shifts, key=room)
         ax.annotate(
             text,
-            place,
+            position,
             tuple(best),
             textcoords="offset points",
             fontsize=8.5,
@@ -121,13 +124,13 @@ def _write(figure: Any, ax: Any, labels: list[tuple[Array, str, str]], taken: Ar
 
 
 def _slots(slots_enu_m: Array) -> list[tuple[Array, str]]:
-    """Places and the numbers of the orders that went there, those to one place together."""
-    found: list[tuple[Array, str]] = []
+    """Slots and the numbers of the orders that went there, those to one slot together."""
+    slots: list[tuple[Array, str]] = []
     for number, slot in enumerate(slots_enu_m, start=1):
-        for index, (place, orders) in enumerate(found):
-            if np.hypot(*(place[:2] - slot[:2])) < _SAME_M:
-                found[index] = (place, f"{orders}, {number}")
+        for index, (other, orders) in enumerate(slots):
+            if np.hypot(*(other[:2] - slot[:2])) < _SAME_M:
+                slots[index] = (other, f"{orders}, {number}")
                 break
         else:
-            found.append((slot, str(number)))
-    return found
+            slots.append((slot, str(number)))
+    return slots

@@ -1,4 +1,4 @@
-"""One look for all figures: a colour per vehicle that the common kinds of colour blindness tell apart."""
+"""Style of all figures: a colour per vehicle, also for people with a common colour blindness."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ RC: dict[Any, Any] = {
 
 
 def colour(index: int) -> str:
-    """Colour of the vehicle at this place in the record."""
+    """Return the colour of the vehicle with this index in the record."""
     return COLOURS[index % len(COLOURS)]
 
 
 def styled() -> AbstractContextManager[None]:
-    """Draw and save within this context to get the look; matplotlib's settings stay as they were outside."""
+    """Return a context with the style's settings; outside of it matplotlib's own stay as they were."""
     return matplotlib.rc_context(RC)
 
 
 def new_figure(width_in: float, height_in: float, title: str) -> Any:
-    """An empty figure with its title; drawn without any window system."""
+    """Return an empty figure with its title, drawn without any window system."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     figure.suptitle(title, fontsize=13, fontweight="bold", x=0.01, ha="left")
     return figure
 
 
 def save(figure: Any, folder: Path, name: str) -> list[Path]:
-    """Write PNG and SVG; returns their paths."""
+    """Write PNG and SVG, and return their paths."""
     paths = [folder / f"{name}.png", folder / f"{name}.svg"]
     figure.savefig(paths[0])
     figure.savefig(paths[1], metadata={"Date": None})

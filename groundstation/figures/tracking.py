@@ -1,4 +1,4 @@
-"""Fig. 5: positions against the desired trajectories, x, y and z over time, a column per vehicle."""
+"""Fig. 5: positions and trajectory setpoints, x, y and z over time, a column per vehicle."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from groundstation.figures.style import SOFT, colour, new_figure
 
 
 def draw(flight: FlightData) -> Any:
-    """A row per axis; where a vehicle leaves its line, the law held it off or it could not follow."""
+    """Draw a row per axis. Where a vehicle leaves its setpoint, the law held it off or it could not follow."""
     columns = len(flight.tracks)
-    figure = new_figure(max(5.0, 3.7 * columns), 7.4, f"Position and desired trajectory: {flight.title}")
+    figure = new_figure(max(5.0, 3.7 * columns), 7.4, f"Position and trajectory setpoint: {flight.title}")
     axes = figure.subplots(3, columns, sharex=True, sharey="row", squeeze=False)
     for index, track in enumerate(flight.tracks):
         for row, axis in enumerate("xyz"):
             ax = axes[row, index]
-            wanted = track.setpoint_position_enu_m[:, row]
-            ax.plot(track.time_s, wanted, color=SOFT, linestyle=(0, (4, 2)), label="desired (setpoint)")
-            ax.plot(track.place_time_s, track.place_enu_m[:, row], color=colour(index), label="flown")
+            setpoint = track.setpoint_position_enu_m[:, row]
+            ax.plot(track.time_s, setpoint, color=SOFT, linestyle=(0, (4, 2)), label="setpoint")
+            ax.plot(track.path_time_s, track.path_enu_m[:, row], color=colour(index), label="flown")
             ax.set_xlim(flight.grid_s[0], max(flight.grid_s[-1], flight.grid_s[0] + 0.1))
             if row == 0:
                 ax.set_title(track.name, loc="left", color=colour(index))

@@ -18,16 +18,25 @@ _STEPS = np.array([1e-3, 1e-2, 1e-3])
 
 
 def fit_attitude(log: Log, begin_s: float, end_s: float) -> Fit:
-    """theta: delay, wn, zeta, gain, error x, error y [rad]."""
+    """Fit the attitude's response to the commanded tilt: Gauss-Newton from the best of a grid.
+
+    Args:
+        log: one stretch in the air.
+        begin_s: first time used [s].
+        end_s: last time used [s].
+
+    Returns:
+        theta: delay [s], wn [rad/s], zeta, gain, error x, error y [rad].
+    """
     used = (log.attitude_time_s >= begin_s) & (log.attitude_time_s <= end_s)
     time_s = log.attitude_time_s[used]
     measured = tilt_vector_rad(log.attitude_quaternion_wxyz[used])
-    asked = asked_tilt(log, time_s)
-    rough = Asked(asked.ago_s[::4], asked.change[::4], asked.oldest[::4])
+    commands = commanded_tilt(log, time_s)
+    rough = CommandedTilt(commands.ago_s[::4], commands.change[::4], commands.oldest[::4])
     cluster = np.repeat((time_s / _CLUSTER_S).astype(np.int64), 2)
 
     def linear(theta: Array) -> tuple[Array, Array]:
-        """Gain and errors that fit best, and the model's tilt, on every fourth sample."""
+        """Fit gain and errors, and return them with the model's tilt, on every fourth sample."""
         shape = response(rough, theta)
         centred = shape - shape.mean(0)
         gain = float((centred * measured[::4]).sum() / max(float((centred * centred).sum()), 1e-12))
@@ -41,9 +50,9 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> Fit:
     theta = np.concatenate([best, linear(best)[0]])
 
     def shape_at(values: Array) -> Array:
-        return response(asked, values)
+        return response(commands, values)
 
-    def miss(values: Array, shape: Array) -> Array:
+    def residuals(values: Array, shape: Array) -> Array:
         return np.asarray((measured - values[3] * shape - values[4:6]).ravel())
 
     def slopes(values: Array, shape: Array) -> Array:
@@ -55,7 +64,7 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> Fit:
         return np.stack([*columns, shape.ravel(), errors[:, 0], errors[:, 1]], axis=1)
 
     damping, shape = 1e-3, shape_at(theta)
-    residual = miss(theta, shape)
+    residual = residuals(theta, shape)
     jacobian = slopes(theta, shape)
     for _ in range(25):
         normal = jacobian.T @ jacobian
@@ -63,7 +72,7 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> Fit:
         moved = theta + move
         moved[:3] = np.clip(moved[:3], [-0.02, 1.5, 0.15], [0.5, 60.0, 3.0])
         shape = shape_at(moved)
-        left = miss(moved, shape)
+        left = residuals(moved, shape)
         if left @ left >= residual @ residual:
             damping *= 10.0
             if damping > 1e6:
@@ -79,24 +88,35 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> Fit:
 
 
 def unexplained_times_s(log: Log, fit: Fit, begin_s: float, end_s: float) -> Array:
-    """When the attitude did something else than what the log says was asked: a failsafe's command, a push, a fall."""
+    """Find the times at which the attitude did not follow the log's commands: a failsafe, a push, a fall.
+
+    Args:
+        log: one stretch in the air.
+        fit: of its attitude.
+        begin_s: first time used [s].
+        end_s: last time used [s].
+
+    Returns:
+        Times (k,) [s].
+    """
     used = (log.attitude_time_s >= begin_s) & (log.attitude_time_s <= end_s)
     time_s = log.attitude_time_s[used]
-    modelled = fit.theta[3] * response(asked_tilt(log, time_s), fit.theta) + fit.theta[4:6]
+    modelled = fit.theta[3] * response(commanded_tilt(log, time_s), fit.theta) + fit.theta[4:6]
     off = np.abs(tilt_vector_rad(log.attitude_quaternion_wxyz[used]) - modelled).max(-1)
     return np.asarray(time_s[off > _OUTLIER * np.median(off)])
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """The commands that matter at m times: ago_s (m, w) since each, its change (m, w, 2), the oldest tilt (m, 2)."""
+class CommandedTilt:
+    """The last w commands before each of m times."""
 
-    ago_s: Array
-    change: Array
-    oldest: Array
+    ago_s: Array  # (m, w): time since each command
+    change: Array  # (m, w, 2): change of tilt by each command
+    oldest: Array  # (m, 2): tilt before the first of them
 
 
-def asked_tilt(log: Log, time_s: Array) -> Asked:
+def commanded_tilt(log: Log, time_s: Array) -> CommandedTilt:
+    """Collect the commands that the attitude still remembers at each time (m,)."""
     command = tilt_vector_rad(log.command_quaternion_wxyz)
     width = math.ceil(MEMORY_S / float(np.median(np.diff(log.command_time_s))))
     newest = np.searchsorted(log.command_time_s, time_s)
@@ -105,18 +125,18 @@ def asked_tilt(log: Log, time_s: Array) -> Asked:
     index = np.maximum(index, 1)
     change = np.diff(command, axis=0)[index - 1] * is_known[..., None]
     oldest = command[np.maximum(newest - width - 1, 0)]
-    return Asked(time_s[:, None] - log.command_time_s[index], change, oldest)
+    return CommandedTilt(time_s[:, None] - log.command_time_s[index], change, oldest)
 
 
-def response(asked: Asked, theta: Array) -> Array:
-    """Tilt (m, 2) in answer to the commands, for a gain of one; theta: delay, wn, zeta."""
+def response(commands: CommandedTilt, theta: Array) -> Array:
+    """Return the tilt (m, 2) that follows the commands with a gain of one; theta: delay, wn, zeta."""
     delay_s, wn, zeta = (float(value) for value in theta[:3])
-    share = step_response(asked.ago_s - delay_s, wn, zeta)
-    return np.asarray(asked.oldest + (share[:, None, :] @ asked.change)[:, 0])
+    share = step_response(commands.ago_s - delay_s, wn, zeta)
+    return np.asarray(commands.oldest + (share[:, None, :] @ commands.change)[:, 0])
 
 
 def step_response(time_s: Array, wn_rad_s: float, zeta: float) -> Array:
-    """Answer (...) of a second-order response to a step at time 0, for any damping, from a table in steps of 0.5 ms."""
+    """Return the response (...) of a second-order system to a step at time 0, from a table in steps of 0.5 ms."""
     root = np.sqrt(complex(zeta * zeta - 1.0)) + 1e-9
     fast, slow = wn_rad_s * (-zeta - root), wn_rad_s * (-zeta + root)
     late = np.arange(0.0, MEMORY_S + 0.3, 0.0005)

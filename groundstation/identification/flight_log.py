@@ -1,4 +1,4 @@
-"""What the identification works on: one logged stretch in the air; least squares that admit correlated residuals."""
+"""Input of the identification: one logged stretch in the air; and least squares for correlated residuals."""
 
 from __future__ import annotations
 
@@ -8,47 +8,40 @@ import numpy as np
 
 from onboard.arrays import Array, IntArray
 
-MEMORY_S = 2.0  # after which a command is forgotten by the attitude
+MEMORY_S = 2.0  # a command has no effect on the attitude any more
 
 
 class TooLittleFlown(ValueError):
-    """The log does not hold what is needed: a sentence with the remedy."""
+    """The log is not enough for an identification: a sentence with the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """One stretch in the air, all times on one clock [s], each increasing.
+    """One stretch in the air, all times on one clock [s], each increasing."""
 
-    Commands: command_time_s (n,), command_quaternion_wxyz (n, 4) FLU to ENU, thrust_frac (n,), held until the next.
-    Attitude flown: attitude_time_s (m,), attitude_quaternion_wxyz (m, 4). Position: position_time_s (k,),
-    position_enu_m (k, 3).
-    attitude_age_s, attitude_age_std_s: how old an attitude is at its time, and how well that is known: a mocap's own
-    stamps are exact, an attitude that came over a link was measured earlier.
-    """
-
-    command_time_s: Array
-    command_quaternion_wxyz: Array
-    thrust_frac: Array
-    attitude_time_s: Array
-    attitude_quaternion_wxyz: Array
-    position_time_s: Array
-    position_enu_m: Array
-    attitude_age_s: float = 0.0
-    attitude_age_std_s: float = 0.002
+    command_time_s: Array  # (n,)
+    command_quaternion_wxyz: Array  # (n, 4): FLU to ENU, held until the next command
+    thrust_frac: Array  # (n,)
+    attitude_time_s: Array  # (m,)
+    attitude_quaternion_wxyz: Array  # (m, 4): flown
+    position_time_s: Array  # (k,)
+    position_enu_m: Array  # (k, 3)
+    attitude_age_s: float = 0.0  # of an attitude at its time: an attitude over a link was measured earlier
+    attitude_age_std_s: float = 0.002  # standard deviation of the same
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """theta and its std (p,), rms of the residuals, number of clusters."""
+    """Result of a least-squares fit."""
 
-    theta: Array
-    std: Array
-    rms: float
-    clusters: int
+    theta: Array  # (p,)
+    std: Array  # (p,)
+    rms: float  # of the residuals
+    clusters: int  # number of them
 
 
 def tilt_vector_rad(quaternion_wxyz: Array) -> Array:
-    """Where the thrust leans (..., 2): angle from the vertical times its horizontal direction in ENU."""
+    """Return the tilt of the thrust (..., 2): angle from the vertical times its horizontal direction in ENU."""
     w, x, y, z = np.moveaxis(quaternion_wxyz, -1, 0)
     up = np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x)], axis=-1)  # horizontal part of the body's z axis
     horizontal = np.hypot(up[..., 0], up[..., 1])
@@ -57,10 +50,10 @@ def tilt_vector_rad(quaternion_wxyz: Array) -> Array:
 
 
 def jackknife(jacobian: Array, residual: Array, cluster: IntArray) -> tuple[Array, int]:
-    """Standard deviations (p,) by the jackknife over clusters (r,), and the number of clusters.
+    """Compute standard deviations (p,) by the jackknife over clusters (r,), and the number of clusters.
 
     Residuals may be correlated within a cluster, and between neighbours (numbers that differ by one), which enter with
-    half their product. Leaving out whole clusters is honest where few of them carry most of what is known.
+    half their product. Leaving out whole clusters stays correct where few of them carry most of the information.
     """
     names, index = np.unique(cluster, return_inverse=True)
     count, size = names.size, jacobian.shape[1]

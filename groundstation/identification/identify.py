@@ -1,9 +1,9 @@
-"""What a vehicle really is, from a short flight: hover throttle, tilt error, drag and lag, with uncertainties. Pure.
+"""Parameters of a vehicle from a short flight: hover thrust, tilt error, drag and lag, with uncertainties. Pure.
 
 Two fits. The attitude: commanded tilt through a dead time and a second-order response, times a static gain, plus a
-constant error, against the measured attitude (Gauss-Newton from the best of a grid). The motion: what that response and
-the throttle would do to a mass, integrated twice, against measured positions, in windows of two seconds whose initial
-position and velocity are free; it is linear in hover throttle, drag, lean and in the time by which the motion comes
+constant error, against the measured attitude (Gauss-Newton from the best of a grid). The motion: the acceleration by
+that response and the throttle, integrated twice, against measured positions, in windows of two seconds whose initial
+position and velocity are free; it is linear in hover thrust, drag, tilt error and in the time by which the motion comes
 before the attitude's own time stamps. That time, together with what is known of the attitude's age, takes out of the
 lag L, from a command to the acceleration it causes, how old the attitude was when it was written down.
 
@@ -42,28 +42,34 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """The vehicle as flown.
-
-    lag_s is L, the sum of delay_s and 2 zeta / wn: known better than its three parts. tilt_error_x_deg and _y_deg:
-    where the thrust leans, in ENU, when level is asked: static error of the attitude loop and lean together.
-    """
+    """The vehicle as flown."""
 
     hover_thrust_frac: Estimate
-    lag_s: Estimate
+    lag_s: Estimate  # L = delay_s + 2 zeta / wn, known better than its three parts
     delay_s: Estimate
     wn_rad_s: Estimate
     zeta: Estimate
     drag_1_s: Estimate
     static_gain: Estimate
-    tilt_error_x_deg: Estimate
-    tilt_error_y_deg: Estimate
+    tilt_error_x_deg: Estimate  # tilt of the thrust towards east when level is commanded
+    tilt_error_y_deg: Estimate  # the same towards north
     duration_s: float
     attitude_rms_deg: float
     position_rms_m: float
 
 
 def identify(log: Log) -> Identified:
-    """Parameters of the vehicle that flew ``log``. TooLittleFlown when it is too short or too still."""
+    """Identify the vehicle that flew a log.
+
+    Args:
+        log: one stretch in the air.
+
+    Returns:
+        Its parameters.
+
+    Raises:
+        TooLittleFlown: the log is too short, or hardly anything moves in it.
+    """
     begin_s, end_s = _span(log)
     attitude = fit_attitude(log, begin_s, end_s)
     bad_s = unexplained_times_s(log, attitude, begin_s, end_s)
@@ -109,14 +115,14 @@ def identify(log: Log) -> Identified:
 
 
 def _without(log: Log, bad_s: Array) -> Log:
-    """The log without the times at which it does not tell the whole story, unless that is most of it.
+    """The log without the times that its commands do not explain, unless those are most of it.
 
     A position counts until a whole window later, since the model of its window has integrated over the bad time.
     """
 
     def is_kept(time_s: Array, after_s: float) -> BoolArray:
-        place = np.searchsorted(bad_s, time_s + 0.1)
-        last = np.where(place > 0, bad_s[np.maximum(place - 1, 0)], -np.inf)
+        index = np.searchsorted(bad_s, time_s + 0.1)
+        last = np.where(index > 0, bad_s[np.maximum(index - 1, 0)], -np.inf)
         return np.asarray(time_s - last > after_s)
 
     attitude, position = is_kept(log.attitude_time_s, 0.4), is_kept(log.position_time_s, WINDOW_S)
@@ -153,6 +159,6 @@ def _span(log: Log) -> tuple[float, float]:
 
 
 def _student(clusters: int) -> float:
-    """0.975 quantile of Student's t for so many clusters, near enough from 5 on."""
+    """Approximate the 0.975 quantile of Student's t, for 5 clusters or more."""
     freedom = max(clusters - 5, 3)
     return 1.96 + 2.4 / freedom + 3.0 / freedom**2

@@ -1,4 +1,4 @@
-"""Motion of the identification: what attitude and throttle do to a mass, integrated twice, against positions."""
+"""Motion of the identification: acceleration by attitude and throttle, integrated twice, against positions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from groundstation.identification.attitude_fit import asked_tilt, response
+from groundstation.identification.attitude_fit import commanded_tilt, response
 from groundstation.identification.flight_log import Fit, Log, TooLittleFlown, jackknife
 from onboard.arrays import Array, IntArray
 from onboard.types import GRAVITY_M_S2
@@ -20,18 +20,18 @@ _GUST_M_S2, _GUST_TIME_S, POSITION_NOISE_M = 0.03, 1.0, 0.003  # only weights: t
 
 @dataclass(frozen=True, slots=True)
 class _Drive:
-    """On a fine grid (g,): time, throttle behind the motors times the thrust's direction (g, 3), position (g, 3)."""
+    """Input of the motion on a fine grid."""
 
-    time_s: Array
-    push: Array
-    position_enu_m: Array
+    time_s: Array  # (g,)
+    push: Array  # (g, 3): throttle behind the motors times the thrust's direction
+    position_enu_m: Array  # (g, 3)
 
 
 def _drive(log: Log, attitude: Fit, shift_s: float, begin_s: float, end_s: float) -> _Drive:
     time_s = np.arange(begin_s, end_s, _GRID_S)
     theta = attitude.theta
     coarse_s = np.arange(begin_s, end_s + 2.0 * _GRID_S, 2.0 * _GRID_S)
-    coarse = theta[3] * response(asked_tilt(log, coarse_s - shift_s), theta) + theta[4:6]
+    coarse = theta[3] * response(commanded_tilt(log, coarse_s - shift_s), theta) + theta[4:6]
     tilt = np.stack([np.interp(time_s, coarse_s, coarse[:, axis]) for axis in range(2)], axis=-1)
     angle = np.sqrt((tilt * tilt).sum(-1))
     direction = np.concatenate([tilt * np.sinc(angle / np.pi)[:, None], np.cos(angle)[:, None]], axis=-1)
@@ -50,7 +50,7 @@ def _windows(
 ) -> tuple[Array, Array, IntArray]:
     """Regression over windows with free initial position and velocity: columns (r, p), right side (r,), clusters (r,).
 
-    ``inputs``: per parameter what it adds on the grid (g, axes); ``target``: known motion to be taken off (g, axes).
+    ``inputs``: contribution of each parameter on the grid (g, axes); ``target``: known motion to subtract (g, axes).
     """
     rows: list[Array] = []
     right: list[Array] = []
@@ -67,9 +67,9 @@ def _windows(
         first = np.searchsorted(drive.time_s, begin_s)
         last = np.searchsorted(drive.time_s, begin_s + WINDOW_S) + 1
         grid_s = drive.time_s[first:last]
-        for place, axis in enumerate(axes):
-            columns = [np.interp(time_s, grid_s, one[first:last, place]) for one in inputs]
-            known = np.interp(time_s, grid_s, target[first:last, place])
+        for column, axis in enumerate(axes):
+            columns = [np.interp(time_s, grid_s, one[first:last, column]) for one in inputs]
+            known = np.interp(time_s, grid_s, target[first:last, column])
             all_columns = whiten @ np.stack([*columns, log.position_enu_m[used, axis] - known], axis=1)
             all_columns -= basis @ (basis.T @ all_columns)
             rows.append(all_columns[:, :-1])
@@ -81,7 +81,7 @@ def _windows(
 
 
 def _covariance_m2(time_s: Array, gust_m_s2: float) -> Array:
-    """Of positions at these times (n, n): measured with white noise, pushed by gusts that are correlated in time."""
+    """Covariance (n, n) of positions at these times: white measurement noise, and gusts that are correlated in time."""
     step_s = np.diff(time_s, prepend=time_s[0])
     once = np.tril(np.broadcast_to(step_s, (time_s.size, time_s.size)))
     twice = np.tril(once @ once)
@@ -97,13 +97,23 @@ def _solve(columns: Array, right: Array, cluster: IntArray) -> Fit:
 
 
 def _integral(values: Array) -> Array:
-    """Cumulative integral (g, c) from the start of the grid, by trapezes."""
+    """Cumulative integral (g, c) from the start of the grid, by trapezoids."""
     halves = 0.5 * _GRID_S * (values[1:] + values[:-1])
     return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(halves, axis=0)])
 
 
 def fit_vertical(log: Log, attitude: Fit, begin_s: float, end_s: float) -> tuple[float, float]:
-    """Acceleration per throttle and its standard deviation; vertical drag and the motors' own lag are free."""
+    """Fit the acceleration per throttle [m/s^2]; vertical drag and the motors' own lag are free.
+
+    Args:
+        log: one stretch in the air.
+        attitude: fit of its attitude.
+        begin_s: first time used [s].
+        end_s: last time used [s].
+
+    Returns:
+        The acceleration and its standard deviation.
+    """
     drive = _drive(log, attitude, -log.attitude_age_s, begin_s, end_s)
     push, height = drive.push[:, 2:], drive.position_enu_m[:, 2:]
     once = _integral(push)
@@ -113,19 +123,34 @@ def fit_vertical(log: Log, attitude: Fit, begin_s: float, end_s: float) -> tuple
 
 
 def fit_horizontal(log: Log, attitude: Fit, scale: float, begin_s: float, end_s: float) -> Fit:
-    """theta: drag, time shift of the motion against the attitude's stamps, lean x, lean y [m/s^2].
+    """Fit drag, lag and tilt error of the horizontal motion.
 
-    What is known of the attitude's age enters as one more measurement of the shift. Twice, since the shift is
+    The known age of the attitude enters as one more measurement of the shift. The fit runs twice, since the shift is
     linearised: the second time about the first result.
+
+    Args:
+        log: one stretch in the air.
+        attitude: fit of its attitude.
+        scale: acceleration per throttle [m/s^2].
+        begin_s: first time used [s].
+        end_s: last time used [s].
+
+    Returns:
+        theta: drag [1/s], time shift of the motion against the attitude's stamps [s], error x and y [m/s^2].
     """
     known_s, weight = -log.attitude_age_s, 1.0 / log.attitude_age_std_s
     shift_s = known_s
     for _ in range(2):
         drive = _drive(log, attitude, shift_s, begin_s, end_s)
-        push, place = scale * drive.push[:, :2], drive.position_enu_m[:, :2]
+        push, position = scale * drive.push[:, :2], drive.position_enu_m[:, :2]
         once = _integral(push)
         square = 0.5 * (drive.time_s - drive.time_s[0])[:, None] ** 2
-        inputs = [-_integral(place - place[0]), -once, square * np.array([1.0, 0.0]), square * np.array([0.0, 1.0])]
+        inputs = [
+            -_integral(position - position[0]),
+            -once,
+            square * np.array([1.0, 0.0]),
+            square * np.array([0.0, 1.0]),
+        ]
         columns, right, cluster = _windows(log, drive, (0, 1), inputs, _integral(once), _GUST_M_S2)
         # residuals are whitened to about one, and so is this row
         columns = np.concatenate([columns, [[0.0, weight, 0.0, 0.0]]])

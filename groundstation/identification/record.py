@@ -1,4 +1,4 @@
-"""A recorded flight as the identification takes it: commands, attitudes and positions of each vehicle in the air."""
+"""A record as input of the identification: commands, attitudes and positions of each vehicle in the air."""
 
 from __future__ import annotations
 
@@ -15,14 +15,25 @@ from onboard.config.fleet import FleetConfig
 
 _LOW_M = 0.3  # below, the ground bears part of the weight
 _GAP_S = 0.1
-# PX4's attitude comes at 50-100 Hz over a link: half a period and the way
+# PX4's attitude comes at 50-100 Hz over a link: half a period and the transmission
 _LINK_AGE_S, _LINK_AGE_STD_S = 0.012, 0.008
 
 
 def logs_of(path: Path, fleet: FleetConfig, names: Sequence[str]) -> dict[str, Log]:
-    """The longest stretch in the air of each vehicle of a record that has one.
+    """Read the longest stretch in the air of each vehicle.
 
     Positions and attitudes come from the mocap's own samples with their own stamps; without a mocap from the agent's.
+
+    Args:
+        path: flight folder or MCAP file.
+        fleet: the fleet file.
+        names: vehicles.
+
+    Returns:
+        A log of each vehicle that flew.
+
+    Raises:
+        ConfigError: there is no record.
     """
     bodies = {fleet.vehicles[name].body: name for name in names}
     ticks: dict[str, list[Sample]] = {name: [] for name in names}
@@ -32,8 +43,8 @@ def logs_of(path: Path, fleet: FleetConfig, names: Sequence[str]) -> dict[str, L
             ticks[sample.name].append(sample)
         elif sample.topic == "mocap" and sample.name in bodies and _is_tracked(sample):
             poses[bodies[sample.name]].append(sample)
-    found = {name: _log(ticks[name], poses[name]) for name in names}
-    return {name: log for name, log in found.items() if log is not None}
+    logs = {name: _log(ticks[name], poses[name]) for name in names}
+    return {name: log for name, log in logs.items() if log is not None}
 
 
 def _log(ticks: list[Sample], poses: list[Sample]) -> Log | None:
@@ -42,13 +53,13 @@ def _log(ticks: list[Sample], poses: list[Sample]) -> Log | None:
         return None
     origin_ns, last_ns = air[0].stamp_ns, air[-1].stamp_ns
     fields = ("setpoint_quaternion_enu_flu_wxyz", "attitude_quaternion_enu_flu_wxyz", "position_enu_m")
-    time_s, (asked, attitude, position) = _series(air, origin_ns, fields)
+    time_s, (command, attitude, position) = _series(air, origin_ns, fields)
     thrust = np.array([tick.values["setpoint_thrust_frac"] for tick in air], np.float64)
-    seen = [pose for pose in poses if origin_ns <= pose.stamp_ns <= last_ns]
-    if len(seen) < 0.5 * len(air):
-        return Log(time_s, asked, thrust, time_s, attitude, time_s, position, _LINK_AGE_S, _LINK_AGE_STD_S)
-    pose_s, (turned, place) = _series(seen, origin_ns, ("quaternion_enu_flu_wxyz", "position_enu_m"))
-    return Log(time_s, asked, thrust, pose_s, turned, pose_s, place)
+    tracked = [pose for pose in poses if origin_ns <= pose.stamp_ns <= last_ns]
+    if len(tracked) < 0.5 * len(air):
+        return Log(time_s, command, thrust, time_s, attitude, time_s, position, _LINK_AGE_S, _LINK_AGE_STD_S)
+    pose_s, (rotation, path) = _series(tracked, origin_ns, ("quaternion_enu_flu_wxyz", "position_enu_m"))
+    return Log(time_s, command, thrust, pose_s, rotation, pose_s, path)
 
 
 def _is_flying(tick: Sample) -> bool:
@@ -64,7 +75,7 @@ def _is_tracked(pose: Sample) -> bool:
 
 
 def _are_numbers(values: Mapping[str, Any], *fields: str, count: int) -> bool:
-    """Whether the fields hold so many numbers together; what is not finite is null in a record."""
+    """Whether the fields hold so many numbers together; a number that is not finite is null in a record."""
     numbers: list[Any] = []
     for field in fields:
         value = values.get(field)
@@ -85,7 +96,7 @@ def _longest_stretch(ticks: list[Sample]) -> list[Sample]:
 
 
 def _series(samples: list[Sample], origin_ns: int, fields: Sequence[str]) -> tuple[Array, list[Array]]:
-    """Times (n,) from the origin on, increasing, and the fields (n, ...)."""
+    """Times (n,) since the origin, increasing, and the fields (n, ...)."""
     stamps, first = np.unique([sample.stamp_ns for sample in samples], return_index=True)
     columns = [np.array([samples[index].values[field] for index in first], np.float64) for field in fields]
     return np.asarray((stamps - origin_ns) * 1e-9, dtype=np.float64), columns

@@ -1,4 +1,4 @@
-"""What ``covey identify`` says: a table against the fleet file, which differences matter, and the TOML to put in."""
+"""Report of ``covey identify``: a table beside the fleet file, differences that matter, and TOML for the fleet file."""
 
 from __future__ import annotations
 
@@ -11,81 +11,102 @@ from groundstation.identification.identify import Estimate, Identified
 from onboard.config.fleet import Vehicle
 from onboard.feasibility.bounds import LAG_ERROR_S
 
-_HOVER_SHARE = 0.05  # of the hover throttle: what the observer makes good without being noticed
+_HOVER_SHARE = 0.05  # of the hover thrust: the observer compensates so much
 _DRAG_M_S2 = 0.15
 _TILT_DEG, _GAIN = 2.0, 0.15
 
 
 @dataclass(frozen=True, slots=True)
-class Flown:
+class IdentifiedVehicle:
     """A vehicle as configured, and as it flew."""
 
     vehicle: Vehicle
     identified: Identified
 
 
-def rows(flown: Flown) -> list[dict[str, Any]]:
-    """One row for each parameter: what the file says, what was flown, and in words whether it matters."""
-    vehicle, found = flown.vehicle, flown.identified
-    tilt = math.hypot(found.tilt_error_x_deg.value, found.tilt_error_y_deg.value)
-    judged = (
+def rows(flown: IdentifiedVehicle) -> list[dict[str, Any]]:
+    """Compare each parameter of the fleet file with the flown one.
+
+    Args:
+        flown: the vehicle.
+
+    Returns:
+        A row for each parameter, with a verdict in words.
+    """
+    vehicle, identified = flown.vehicle, flown.identified
+    tilt = math.hypot(identified.tilt_error_x_deg.value, identified.tilt_error_y_deg.value)
+    parameters = (
         (
             "hover_thrust_frac",
             vehicle.hover_thrust_frac,
-            found.hover_thrust_frac,
+            identified.hover_thrust_frac,
             _HOVER_SHARE * vehicle.hover_thrust_frac,
             "take-off and height start off wrong until it is learned",
         ),
         (
             "lag L [s]",
             vehicle.lag_s,
-            found.lag_s,
+            identified.lag_s,
             LAG_ERROR_S,
             f"the law predicts over L and needs it to {1e3 * LAG_ERROR_S:.0f} ms to keep its distance",
         ),
         (
             "drag_1_s",
             vehicle.drag_1_s,
-            found.drag_1_s,
+            identified.drag_1_s,
             _DRAG_M_S2 / vehicle.max_speed_m_s,
             "the vehicle brakes later or earlier than the law believes",
         ),
-        ("tilt error, east [deg]", 0.0, found.tilt_error_x_deg, _TILT_DEG, "trim the vehicle or level its autopilot"),
-        ("tilt error, north [deg]", 0.0, found.tilt_error_y_deg, _TILT_DEG, "trim the vehicle or level its autopilot"),
-        ("static gain", 1.0, found.static_gain, _GAIN, "the attitude loop is too weak: tune it"),
+        (
+            "tilt error, east [deg]",
+            0.0,
+            identified.tilt_error_x_deg,
+            _TILT_DEG,
+            "trim the vehicle or level its autopilot",
+        ),
+        (
+            "tilt error, north [deg]",
+            0.0,
+            identified.tilt_error_y_deg,
+            _TILT_DEG,
+            "trim the vehicle or level its autopilot",
+        ),
+        ("static gain", 1.0, identified.static_gain, _GAIN, "the attitude loop is too weak: tune it"),
     )
-    return [_row(*one, tilt) for one in judged]
+    return [_row(*one, tilt) for one in parameters]
 
 
-def _row(name: str, said: float, found: Estimate, harmless: float, why: str, tilt_deg: float) -> dict[str, Any]:
-    off = abs(found.value - said)
-    if found.low <= said <= found.high:
+def _row(
+    name: str, configured: float, flown: Estimate, harmless: float, reason: str, tilt_deg: float
+) -> dict[str, Any]:
+    off = abs(flown.value - configured)
+    if flown.low <= configured <= flown.high:
         word = "agrees"
     elif off <= harmless:
         word = "differs, harmless"
     else:
-        word = f"matters: {why}"
+        word = f"matters: {reason}"
     if name.startswith("tilt") and word.startswith("differs"):
-        word = f"lean of {tilt_deg:.1f} deg in all; the observer makes it good"
+        word = f"tilted by {tilt_deg:.1f} deg in all; the observer compensates it"
     return {
         "name": name,
-        "fleet_file": round(said, 4),
-        "value": round(found.value, 4),
-        "std": round(found.std, 4),
-        "low": round(found.low, 4),
-        "high": round(found.high, 4),
+        "fleet_file": round(configured, 4),
+        "value": round(flown.value, 4),
+        "std": round(flown.std, 4),
+        "low": round(flown.low, 4),
+        "high": round(flown.high, 4),
         "verdict": word,
     }
 
 
-def page(flown: Sequence[Flown]) -> str:
-    """Tables of all vehicles, and one proposal for each type."""
+def page(flown: Sequence[IdentifiedVehicle]) -> str:
+    """Return tables of all vehicles, and TOML for each type."""
     lines: list[str] = []
     for one in flown:
-        found = one.identified
+        vehicle, flown_as = one.vehicle, one.identified
         lines.append(
-            f"{one.vehicle.name} (type {one.vehicle.type or 'none'}), {found.duration_s:.0f} s in the air; attitude "
-            f"explained to {found.attitude_rms_deg:.2f} deg, position to {1e3 * found.position_rms_m:.1f} mm rms"
+            f"{vehicle.name} (type {vehicle.type or 'none'}), {flown_as.duration_s:.0f} s in the air; attitude "
+            f"explained to {flown_as.attitude_rms_deg:.2f} deg, position to {1e3 * flown_as.position_rms_m:.1f} mm rms"
         )
         lines.append(f"  {'':<24} {'fleet file':>10} {'flown':>9} {'1 sigma':>8}   95 % interval")
         for row in rows(one):
@@ -95,30 +116,30 @@ def page(flown: Sequence[Flown]) -> str:
                 f"{interval:<18} {row['verdict']}"
             )
         lines.append("")
-    types: dict[str, list[Flown]] = {}
+    types: dict[str, list[IdentifiedVehicle]] = {}
     for one in flown:
         types.setdefault(one.vehicle.type, []).append(one)
     for kind, members in types.items():
-        lines += [proposal(kind, members), ""]
+        lines += [type_toml(kind, members), ""]
     return "\n".join(lines).rstrip()
 
 
-def proposal(kind: str, members: Sequence[Flown]) -> str:
-    """TOML for ``[types.KIND]``: means over the vehicles of the type that flew, with their intervals as comments."""
-    who = ", ".join(one.vehicle.name for one in members)
+def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
+    """Return TOML for ``[types.KIND]``: means over the vehicles of the type, with their intervals as comments."""
+    names = ", ".join(one.vehicle.name for one in members)
     table = f"types.{kind}" if kind else "defaults"
-    found = [one.identified for one in members]
-    lag_s = _mean([one.lag_s for one in found])
-    wn, zeta = _mean([one.wn_rad_s for one in found]), _mean([one.zeta for one in found])
+    flown = [one.identified for one in members]
+    lag_s = _mean([one.lag_s for one in flown])
+    wn, zeta = _mean([one.wn_rad_s for one in flown]), _mean([one.zeta for one in flown])
     delay_s = lag_s.value - 2.0 * zeta.value / wn.value
     wn_rad_s = wn.value
     if delay_s < 0.0:  # the response is quicker than its own shape says: keep L, which is what the law uses
         delay_s, wn_rad_s = 0.0, 2.0 * zeta.value / max(lag_s.value, 0.01)
-    hover, drag = _mean([one.hover_thrust_frac for one in found]), _mean([one.drag_1_s for one in found])
-    gain = _mean([one.static_gain for one in found])
-    lean = max(max(abs(one.tilt_error_x_deg.value), abs(one.tilt_error_y_deg.value)) for one in found)
+    hover, drag = _mean([one.hover_thrust_frac for one in flown]), _mean([one.drag_1_s for one in flown])
+    gain = _mean([one.static_gain for one in flown])
+    tilt_deg = max(max(abs(one.tilt_error_x_deg.value), abs(one.tilt_error_y_deg.value)) for one in flown)
     lines = [
-        f"# identified from {who}; 95 % intervals of the mean",
+        f"# identified from {names}; 95 % intervals of the mean",
         f"[{table}]",
         f"hover_thrust_frac = {hover.value:.3f}  # {hover.low:.3f} to {hover.high:.3f}",
         f"attitude_delay_s = {delay_s:.3f}  # L = delay + 2 zeta / wn = {lag_s.value:.3f} s, "
@@ -129,9 +150,9 @@ def proposal(kind: str, members: Sequence[Flown]) -> str:
         "",
         f"[{table}.sitl]  # for the emulator only; the control has to cope without them",
         f"static_gain = {gain.value:.3f}  # {gain.low:.3f} to {gain.high:.3f}",
-        f"tilt_bias_deg = {lean:.1f}",
+        f"tilt_bias_deg = {tilt_deg:.1f}",
     ]
-    spread = [one.lag_s.value for one in found]
+    spread = [one.lag_s.value for one in flown]
     if max(spread) - min(spread) > LAG_ERROR_S:
         lines.insert(1, "# their lags differ by more than the law tolerates: give each vehicle its own values instead")
     return "\n".join(lines)

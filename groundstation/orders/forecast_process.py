@@ -38,6 +38,11 @@ class Forecaster:
         self._process: asyncio.subprocess.Process | None = None
         self._turn = asyncio.Lock()
 
+    @property
+    def pid(self) -> int | None:
+        """Process id of the child; None when there is none."""
+        return None if self._process is None else self._process.pid
+
     async def start(self) -> None:
         """Start the child ahead of the first request: its imports take a second."""
         async with self._turn:

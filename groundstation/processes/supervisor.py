@@ -27,7 +27,7 @@ LOG_TAIL_LINES = 6
 
 
 def agent_command(path: str, name: str, *, is_realtime: bool = True) -> list[str]:
-    """What starts the agent of vehicle ``name`` of the fleet file at ``path``, after ``python -m``."""
+    """Return the words after ``python -m`` that start the agent of vehicle ``name`` of the fleet file at ``path``."""
     words = ["onboard", "--fleet", path, "--vehicle", name, "--apply-params", "--mocap", "bus"]
     return [*words, "--realtime"] if is_realtime else words
 
@@ -60,7 +60,7 @@ class Started:
 
     @property
     def ending(self) -> str:
-        """How it ended: by a signal from elsewhere, or by itself and with what complaint."""
+        """A sentence on its end: by a signal from elsewhere, or by itself with the last line of its log."""
         status = self.process.returncode
         if status is not None and status < 0:  # the last line of its log was written in good health: no reason
             return f"{self.name} was ended by signal {-status} ({_signal_name(-status)}), see {self.log}"
@@ -88,7 +88,7 @@ class Processes:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Who was started, in order."""
+        """Names of the processes in the order of their start."""
         return tuple(one.name for one in self._started)
 
     @property

@@ -1,4 +1,4 @@
-"""Messages of the bus as JSON channels of the record: same names, same field names, a schema each. Pure."""
+"""Messages of the bus as JSON channels of the record: same names, same fields, and a schema for each kind. Pure."""
 
 from __future__ import annotations
 
@@ -18,19 +18,28 @@ _decode = msgspec.json.Decoder(dict[str, Any]).decode
 RECORDED = (Topic.STATE, Topic.TICK, Topic.MOCAP)  # beside what the ground listens to anyhow
 
 
-class Row(NamedTuple):
-    """One message of the record: channel, its kind, log time and JSON bytes."""
+class ChannelRow(NamedTuple):
+    """One message of the record."""
 
     channel: str
     kind: type[Message]
-    stamp_ns: int
-    data: bytes
+    stamp_ns: int  # log time
+    data: bytes  # JSON
 
 
-def rows(topic: Topic, name: str, message: Message, received_ns: int) -> list[Row]:
-    """What one bus message becomes: a batch of ticks one row each, everything else one row.
+def rows(topic: Topic, name: str, message: Message, received_ns: int) -> list[ChannelRow]:
+    """Convert one message of the bus: a batch of ticks into a row for each, any other message into one row.
 
     The log time is the sample's own stamp; messages without one, or with an impossible one, take the reception's.
+
+    Args:
+        topic: of the message.
+        name: vehicle, body or node that it is about.
+        message: the message.
+        received_ns: time of its reception [ns].
+
+    Returns:
+        Rows of the record.
     """
     if isinstance(message, TickBatch):
         return [_row(f"{topic.value}/{name}", tick, received_ns) for tick in message.ticks]
@@ -39,7 +48,7 @@ def rows(topic: Topic, name: str, message: Message, received_ns: int) -> list[Ro
 
 
 def as_mapping(message: Message) -> dict[str, Any]:
-    """Field names and values; on the bus the same message travels without its names."""
+    """Return field names and values; on the bus the same message travels without its names."""
     return msgspec.structs.asdict(message)
 
 
@@ -51,30 +60,37 @@ _NAMED: dict[type[Message], type[msgspec.Struct]] = {}  # the same kinds, but en
 
 
 def from_json(kind: type[Message], data: bytes) -> Message | None:
-    """The message of a row again; None when it is none. JSON knows no NaN: null stands for it in the record.
+    """Decode a row of a record. JSON has no NaN, so null stands for it.
 
-    Fields that this version does not know are left out; what the version of the record did not know gets its default.
+    Fields that this version does not have are dropped; fields that the record's version did not have get their default.
+
+    Args:
+        kind: of the message.
+        data: JSON.
+
+    Returns:
+        The message; None when the data are none of this kind.
     """
     try:
-        told = _decode(data)
-        return msgspec.convert([_value(told, *field) for field in _fields(kind)], kind)
+        values = _decode(data)
+        return msgspec.convert([_value(values, *field) for field in _fields(kind)], kind)
     except (msgspec.DecodeError, msgspec.ValidationError, UnicodeDecodeError, RecursionError, KeyError):
         return None
 
 
 def _fields(kind: type[Message]) -> tuple[tuple[str, Any, bool], ...]:
-    """Name, default and whether null means NaN, of each field."""
+    """Name, default and whether null stands for NaN, of each field."""
     if kind not in _FIELDS:
-        found = []
+        fields = []
         for field in msgspec.structs.fields(kind):
             is_number = "float" in str(field.type) and "None" not in str(field.type)
-            found.append((field.name, field.default, is_number))
-        _FIELDS[kind] = tuple(found)
+            fields.append((field.name, field.default, is_number))
+        _FIELDS[kind] = tuple(fields)
     return _FIELDS[kind]
 
 
-def _value(told: dict[str, Any], name: str, default: Any, is_number: bool) -> Any:
-    value = told[name] if default is msgspec.NODEFAULT else told.get(name, default)
+def _value(values: dict[str, Any], name: str, default: Any, is_number: bool) -> Any:
+    value = values[name] if default is msgspec.NODEFAULT else values.get(name, default)
     if not is_number:
         return value
     if value is None:
@@ -87,7 +103,7 @@ def _value(told: dict[str, Any], name: str, default: Any, is_number: bool) -> An
 
 
 def json_schema(kind: type[Message]) -> bytes:
-    """JSON schema of a kind as an object with named fields."""
+    """Return the JSON schema of a kind, as an object with named fields."""
     hints = get_type_hints(kind)
     properties: dict[str, Any] = {}
     for field in kind.__struct_fields__:
@@ -96,7 +112,7 @@ def json_schema(kind: type[Message]) -> bytes:
     return msgspec.json.encode(schema)
 
 
-def _row(channel: str, message: Message, received_ns: int) -> Row:
+def _row(channel: str, message: Message, received_ns: int) -> ChannelRow:
     stamp_ns = getattr(message, "stamp_ns", received_ns)
     if not 0 <= stamp_ns <= MAX_STAMP_NS:
         stamp_ns = received_ns
@@ -104,7 +120,7 @@ def _row(channel: str, message: Message, received_ns: int) -> Row:
     named = _NAMED.get(kind)
     if named is None:
         named = _NAMED[kind] = msgspec.defstruct(kind.__name__, kind.__struct_fields__, gc=False)
-    return Row(channel, kind, stamp_ns, _encode(named(*msgspec.structs.astuple(message))))
+    return ChannelRow(channel, kind, stamp_ns, _encode(named(*msgspec.structs.astuple(message))))
 
 
 def _flat(schema: dict[str, Any]) -> dict[str, Any]:

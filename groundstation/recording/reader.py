@@ -1,4 +1,4 @@
-"""Read a flight folder back: messages in the order of their log time, also of a record that was cut off."""
+"""Read a flight folder: its messages as they stand in the file, also of a record that was cut off."""
 
 from __future__ import annotations
 
@@ -38,7 +38,11 @@ class Sample:
 
 
 def record_path(folder: Path) -> Path:
-    """The MCAP file of a flight folder, or of its own path; ConfigError when there is none."""
+    """Return the MCAP file of a flight folder, or the path itself when it is a file.
+
+    Raises:
+        ConfigError: there is none.
+    """
     path = folder if folder.is_file() else folder / RECORD_NAME
     if not path.is_file():
         raise ConfigError(f"{folder}: there is no {RECORD_NAME}. Give the folder of a recorded flight.")
@@ -46,9 +50,17 @@ def record_path(folder: Path) -> Path:
 
 
 def read(folder: Path, topics: Sequence[str] = ()) -> Iterator[Sample]:
-    """Samples as they stand in the file; ``topics`` limits to channels of these first parts, for instance ``truth``.
+    """Read a record from its beginning. A record that breaks off ends there, without an error.
 
-    A record that breaks off in the middle ends there, without an error.
+    Args:
+        folder: flight folder, or the MCAP file itself.
+        topics: only channels of these first parts, for instance ``truth``; empty for all.
+
+    Yields:
+        Samples in the order of the file.
+
+    Raises:
+        ConfigError: there is no record.
     """
     channels: dict[int, str] = {}
     with record_path(folder).open("rb") as stream:

@@ -1,7 +1,7 @@
-"""A recorded flight as if it were flying: the fleet's state at any time of the record, and orders refused.
+"""A recorded flight as if it were flying: the fleet's state at any time of the record; orders are refused.
 
-:class:`Replay` looks to the console like a client. What it shows is folded from the record by the same code as live, on
-the record's own clock; every few seconds the state is kept, so that going back costs little.
+:class:`Replay` has the methods that the console uses of a client. It folds the record by the same code as live, on the
+record's own clock. Every two seconds it keeps the state, so that going back is quick.
 """
 
 from __future__ import annotations
@@ -29,22 +29,26 @@ from onboard.bus.schema import Telemetry, TickSample, Truth
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-STEP_NS = 100_000_000  # the console's own period: what it would have seen live
+STEP_NS = 100_000_000  # the console's own period
 KEYFRAME_NS = 2_000_000_000
-MEMORY_NS = 60_000_000_000  # before the place looked for, so that trails and charts are there
-TICKS_NS = 20_000_000_000  # of the pipeline, shown at once for a vehicle that is looked at anew
+MEMORY_NS = 60_000_000_000  # replayed before the time of a seek back, so that trails and charts are there
+TICKS_NS = 20_000_000_000  # of the pipeline, shown at once when another vehicle is followed
 MAX_KEYFRAMES = 20_000
-_BREATH_S = 0.02  # of work at a time, between which the console is drawn
+_SLICE_S = 0.02  # of work at a time; the console is drawn in between
 _BACK_NS = 1_000_000_000
-_SEEN = frozenset(("telemetry", "truth", "event", "preflight"))
-_WITH_TICKS = _SEEN | {"tick"}
+_FOLDED = frozenset(("telemetry", "truth", "event", "preflight"))
+_WITH_TICKS = _FOLDED | {"tick"}
 REFUSAL = "This is a recorded flight: nothing can be ordered. Attach to a flying fleet with covey tui."
 
 OnStep = Callable[[FleetState, int], None]
 
 
-class RecordedTicks:
-    """The pipeline's values of one vehicle, as the record has them."""
+class RecordedTickStream:
+    """Ticks of one vehicle from the record.
+
+    Args:
+        on_change: called when another vehicle is followed.
+    """
 
     def __init__(self, on_change: Callable[[], None]) -> None:
         self.values: deque[TickSample] = deque(maxlen=KEPT)
@@ -52,7 +56,7 @@ class RecordedTicks:
         self._on_change = on_change
 
     def follow(self, vehicle: str | None) -> None:
-        """Keep this vehicle's values from now on, newest last; None: nobody's."""
+        """Keep the ticks of this vehicle from now on; None keeps none."""
         if vehicle != self.vehicle:
             self.vehicle = vehicle
             self.values.clear()
@@ -60,11 +64,12 @@ class RecordedTicks:
 
 
 class Replay:
-    """Plays a record. Call :meth:`play` often; seek with :meth:`seek`.
+    """Plays a record: call :meth:`play` often.
 
-    Attributes:
-        is_playing, speed: what :meth:`play` does. ticks: the followed vehicle's pipeline values.
-        seeking: how far a seek is, 0 to 1, None when none is under way.
+    Args:
+        fleet: the fleet file.
+        timeline: the record.
+        speed: times real time.
     """
 
     def __init__(self, fleet: FleetConfig, timeline: Timeline, *, speed: float = 1.0) -> None:
@@ -72,17 +77,17 @@ class Replay:
         self.timeline = timeline
         self.is_playing = True
         self.speed = speed
-        self.tick_stream = RecordedTicks(self._read_again)
-        self.seeking: float | None = None
+        self.tick_stream = RecordedTickStream(self._read_again)
+        self.seeking: float | None = None  # progress of a seek, 0 to 1; None when none is under way
         self._listeners: list[OnStep] = []
         self._resets: list[Callable[[], None]] = []
         self._keyframes: list[tuple[int, FleetState]] = [(timeline.begin_ns - 1, fleet_state.initial(fleet))]
         self._state, self._now_ns = self._keyframes[0][1], self._keyframes[0][0]
         self._reading = self._read_on()
         self._event_stamps = [stamp_ns for stamp_ns, event in timeline.events if event.severity != "debug"]
-        self._wanted_ns: int | None = None
+        self._target_ns: int | None = None  # of the newest seek
 
-    # -- what the console asks of any client ----------------------------------------------------------------------
+    # -- as a client -------------------------------------------------------------------------------------------------
 
     @property
     def state(self) -> FleetState:
@@ -90,11 +95,14 @@ class Replay:
         return self._state
 
     def now_ns(self) -> int:
-        """The time of the record, on the record's clock."""
+        """Return the time of the record [ns], on the record's clock."""
         return self._now_ns
 
     async def submit(self, order: Intent | str) -> OrderResult:
-        """Refused: what has happened cannot be ordered.
+        """Refuse an order: the flight is over.
+
+        Args:
+            order: any order.
 
         Raises:
             OrderError: always.
@@ -115,7 +123,7 @@ class Replay:
 
     @property
     def is_at_end(self) -> bool:
-        """Whether nothing comes after this."""
+        """Whether the record ends here."""
         return self._now_ns >= self.timeline.end_ns
 
     def add_listener(self, on_step: OnStep, on_reset: Callable[[], None]) -> None:
@@ -124,46 +132,54 @@ class Replay:
         self._resets.append(on_reset)
 
     def play(self, elapsed_s: float) -> None:
-        """Time has passed for the one who watches; the record follows, if it plays. Stops at the end."""
+        """Let real time pass; the record follows if it plays, and stops at its end.
+
+        Args:
+            elapsed_s: since the last call [s].
+        """
         if not self.is_playing or self.seeking is not None:
             return
         until_ns = self._now_ns + int(min(elapsed_s, 1.0) * self.speed * 1e9)
         begin_s = time.perf_counter()
         for _ in self._steps(min(until_ns, self.timeline.end_ns)):
-            if time.perf_counter() - begin_s > 4.0 * _BREATH_S:
-                break  # a fleet too large for this speed plays as fast as it can, and the console lives
+            if time.perf_counter() - begin_s > 4.0 * _SLICE_S:
+                break  # a fleet too large for this speed plays as fast as it can
         if self.is_at_end:
             self.is_playing = False
 
     def change_speed(self, steps: int) -> None:
-        """Faster or slower by steps of SPEEDS."""
-        nearest = min(range(len(SPEEDS)), key=lambda place: abs(SPEEDS[place] - self.speed))
+        """Play faster or slower by steps of SPEEDS."""
+        nearest = min(range(len(SPEEDS)), key=lambda index: abs(SPEEDS[index] - self.speed))
         self.speed = SPEEDS[max(0, min(len(SPEEDS) - 1, nearest + steps))]
 
     async def seek(self, position_s: float) -> None:
-        """Go to a time of the record, in seconds since its begin; the newest wish counts."""
+        """Go to a time of the record; during a seek, the newest target counts.
+
+        Args:
+            position_s: seconds since the begin of the record.
+        """
         limit_ns = self.timeline.end_ns
-        wanted_ns = self.timeline.begin_ns + int(max(0.0, min(position_s, self.length_s)) * 1e9)
-        self._wanted_ns = min(wanted_ns, limit_ns)
+        chosen_ns = self.timeline.begin_ns + int(max(0.0, min(position_s, self.length_s)) * 1e9)
+        self._target_ns = min(chosen_ns, limit_ns)
         if self.seeking is not None:
-            return  # the one under way takes the new wish over
+            return  # the seek under way takes over the new target
         self.seeking = 0.0
         try:
-            while self._wanted_ns is not None:
-                target_ns, self._wanted_ns = self._wanted_ns, None
+            while self._target_ns is not None:
+                target_ns, self._target_ns = self._target_ns, None
                 await self._go(target_ns)
         finally:
             self.seeking = None
 
     async def jump(self, direction: int) -> None:
-        """To the next event (+1), or the one before (-1)."""
+        """Go to the next event (+1) or the one before (-1)."""
         stamps = self._event_stamps
         if direction > 0:
-            place = bisect.bisect_right(stamps, self._now_ns)
-        else:  # while playing, the event just passed is not the one that is meant
-            place = bisect.bisect_left(stamps, self._now_ns - (_BACK_NS if self.is_playing else 0)) - 1
-        if 0 <= place < len(stamps):
-            await self.seek((stamps[place] - self.timeline.begin_ns) * 1e-9)
+            index = bisect.bisect_right(stamps, self._now_ns)
+        else:  # while playing, the event just passed is skipped
+            index = bisect.bisect_left(stamps, self._now_ns - (_BACK_NS if self.is_playing else 0)) - 1
+        if 0 <= index < len(stamps):
+            await self.seek((stamps[index] - self.timeline.begin_ns) * 1e-9)
         else:
             await self.seek(self.length_s if direction > 0 else 0.0)
 
@@ -172,23 +188,23 @@ class Replay:
             self._turn_back(target_ns - MEMORY_NS)
         start_ns, begin_s = self._now_ns, time.perf_counter()
         for _ in self._steps(target_ns):
-            if time.perf_counter() - begin_s > _BREATH_S:
+            if time.perf_counter() - begin_s > _SLICE_S:
                 self.seeking = (self._now_ns - start_ns) / max(1, target_ns - start_ns)
                 await asyncio.sleep(0.001)
                 begin_s = time.perf_counter()
-                if self._wanted_ns is not None:
+                if self._target_ns is not None:
                     return
 
     def _turn_back(self, before_ns: int) -> None:
-        place = max(0, bisect.bisect_right(self._keyframes, before_ns, key=lambda pair: pair[0]) - 1)
-        self._now_ns, self._state = self._keyframes[place]
+        index = max(0, bisect.bisect_right(self._keyframes, before_ns, key=lambda pair: pair[0]) - 1)
+        self._now_ns, self._state = self._keyframes[index]
         self.tick_stream.values.clear()
         self._reading = self._read_on()
         for reset in self._resets:
             reset()
 
     def _read_again(self) -> None:
-        """Another vehicle is followed: what its pipeline has just done comes first."""
+        """Begin with the last ticks of the vehicle that is followed now."""
         self._reading = self._read_on()
         if self.tick_stream.vehicle is not None:
             for one in self.timeline.read(self._now_ns - TICKS_NS, frozenset(("tick",))).until(self._now_ns):
@@ -196,7 +212,7 @@ class Replay:
                     self.tick_stream.values.append(one.message)
 
     def _read_on(self) -> Reading:
-        return self.timeline.read(self._now_ns, _SEEN if self.tick_stream.vehicle is None else _WITH_TICKS)
+        return self.timeline.read(self._now_ns, _FOLDED if self.tick_stream.vehicle is None else _WITH_TICKS)
 
     def _steps(self, until_ns: int) -> Iterator[None]:
         """Fold the record on to ``until_ns``, and pause after every step."""
@@ -210,9 +226,9 @@ class Replay:
                 listener(self._state, now_ns)
             yield
 
-    def _folded(self, told: list[RecordedMessage]) -> FleetState:
+    def _folded(self, messages: list[RecordedMessage]) -> FleetState:
         state = self._state
-        for topic, group in itertools.groupby(told, key=lambda one: one.topic):
+        for topic, group in itertools.groupby(messages, key=lambda one: one.topic):
             some = list(group)
             if topic == "truth":
                 for _, moment in itertools.groupby(some, key=lambda one: one.stamp_ns):
@@ -223,14 +239,14 @@ class Replay:
                 own = [one.message for one in some if one.name == self.tick_stream.vehicle]
                 self.tick_stream.values.extend(sample for sample in own if isinstance(sample, TickSample))
             else:
-                state = _told(state, some)
+                state = _fold(state, some)
         return state
 
 
-def _told(state: FleetState, some: list[RecordedMessage]) -> FleetState:
-    """The state after messages of vehicles: who speaks is there."""
-    heard = [(one.message, one.stamp_ns) for one in some if isinstance(one.message, Telemetry)]
-    state = fleet_state.fold_telemetry(state, heard)
+def _fold(state: FleetState, some: list[RecordedMessage]) -> FleetState:
+    """Fold messages of vehicles; a vehicle that sends is alive."""
+    telemetry = [(one.message, one.stamp_ns) for one in some if isinstance(one.message, Telemetry)]
+    state = fleet_state.fold_telemetry(state, telemetry)
     for one in some:
         if not isinstance(one.message, Telemetry):
             state = fleet_state.fold(state, one.message, one.stamp_ns)
@@ -241,7 +257,18 @@ def _told(state: FleetState, some: list[RecordedMessage]) -> FleetState:
 
 
 def open_flight(folder: Path, fleet_path: str | None = None) -> tuple[FleetConfig, Timeline]:
-    """Fleet file and record of a flight folder, or of a record beside its fleet file; ConfigError in words."""
+    """Open a record and its fleet file.
+
+    Args:
+        folder: flight folder, or the MCAP file of one.
+        fleet_path: fleet file; None for the one beside the record.
+
+    Returns:
+        Fleet file and record.
+
+    Raises:
+        ConfigError: there is no record or no fleet file.
+    """
     timeline = Timeline(folder)
     beside = timeline.path.parent / "fleet.toml"
     if fleet_path is None and not beside.is_file():
@@ -251,16 +278,24 @@ def open_flight(folder: Path, fleet_path: str | None = None) -> tuple[FleetConfi
 
 
 async def story(replay: Replay, *, is_json: bool) -> str:
-    """What happened, and what the whole record came to: lines for people, or one JSON object."""
+    """List the events of the whole record and its figures.
+
+    Args:
+        replay: of the record.
+        is_json: one JSON object instead of lines for people.
+
+    Returns:
+        The text.
+    """
     await replay.seek(replay.length_s)
     timeline, state = replay.timeline, replay.state
-    told = [((stamp_ns - timeline.begin_ns) * 1e-9, event) for stamp_ns, event in timeline.events]
+    events = [((stamp_ns - timeline.begin_ns) * 1e-9, event) for stamp_ns, event in timeline.events]
     pair = state.smallest_truth or state.smallest
     if is_json:
         smallest = None
         if pair is not None:
             smallest = {"pair": [pair.first, pair.second], "distance_m": pair.distance_m, "is_truth": pair.is_truth}
-        found = {
+        summary = {
             "record": str(timeline.path),
             "length_s": round(timeline.length_s, 3),
             "is_whole": not timeline.broken,
@@ -268,10 +303,10 @@ async def story(replay: Replay, *, is_json: bool) -> str:
             "vehicles": [name for name, view in state.vehicles.items() if view.telemetry is not None],
             "smallest": smallest,
             "malformed": timeline.malformed + state.malformed,
-            "events": [{"at_s": round(at_s, 3), **as_mapping(event)} for at_s, event in told],
+            "events": [{"at_s": round(at_s, 3), **as_mapping(event)} for at_s, event in events],
         }
-        return msgspec.json.format(msgspec.json.encode(found), indent=2).decode()
-    lines = [f"{at_s:8.1f} s  {plain(event_line(event), 400)}" for at_s, event in told if event.severity != "debug"]
+        return msgspec.json.format(msgspec.json.encode(summary), indent=2).decode()
+    lines = [f"{at_s:8.1f} s  {plain(event_line(event), 400)}" for at_s, event in events if event.severity != "debug"]
     if pair is not None:
         source = "ground truth" if pair.is_truth else "telemetry"
         lines.append(f"Closest: {pair.first} and {pair.second}, {pair.distance_m:.2f} m, by {source}.")

@@ -1,4 +1,4 @@
-"""What a record says about its flight: separation by ground truth, and the agents' loop timing."""
+"""Evaluation of a record: separation by ground truth, and the timing of the agents' loops."""
 
 from __future__ import annotations
 
@@ -29,29 +29,39 @@ class LoopTiming:
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
-    """True motion of one vehicle: stamp_ns (n,), position_enu_m (n, 3), is_on_ground (n,), is_collided anywhere."""
+class TrueMotion:
+    """True motion of one vehicle."""
 
-    stamp_ns: NDArray[np.int64]
-    position_enu_m: NDArray[np.float64]
-    is_on_ground: NDArray[np.bool_]
-    is_collided: bool
+    stamp_ns: NDArray[np.int64]  # (n,)
+    position_enu_m: NDArray[np.float64]  # (n, 3)
+    is_on_ground: NDArray[np.bool_]  # (n,)
+    is_collided: bool  # at any time
 
 
 @dataclass(frozen=True, slots=True)
 class FlightReport:
-    """smallest: by truth while one of the two flew, None without truth. begin_ns: first stamp of truth."""
+    """Figures of one flight."""
 
-    smallest: Separation | None
-    pairs: dict[str, Separation]
+    smallest: Separation | None  # by truth while one of the two flew; None without truth
+    pairs: dict[str, Separation]  # the same of each pair
     collided: tuple[str, ...]
     loops: dict[str, LoopTiming]
-    begin_ns: int
+    begin_ns: int  # first stamp of truth
     duration_s: float
 
 
 def report(folder: Path) -> FlightReport:
-    """Evaluate a record; ConfigError when there is none."""
+    """Evaluate a record.
+
+    Args:
+        folder: flight folder.
+
+    Returns:
+        Its figures.
+
+    Raises:
+        ConfigError: there is no record.
+    """
     truths: dict[str, list[tuple[int, list[float], bool, bool]]] = defaultdict(list)
     periods_ms: dict[str, list[float]] = defaultdict(list)
     for sample in read(folder, ("truth", "tick")):
@@ -78,10 +88,10 @@ def report(folder: Path) -> FlightReport:
     )
 
 
-def track(rows: list[tuple[int, list[float], bool, bool]]) -> Track:
-    """Rows (stamp, position, on ground, collided) of one vehicle, sorted by stamp, each stamp once."""
+def track(rows: list[tuple[int, list[float], bool, bool]]) -> TrueMotion:
+    """Sort rows (stamp, position, on ground, collided) of one vehicle by stamp, each stamp once."""
     stamps, first = np.unique(np.array([row[0] for row in rows], dtype=np.int64), return_index=True)
-    return Track(
+    return TrueMotion(
         stamps,
         np.array([rows[index][1] for index in first], dtype=np.float64).reshape(-1, 3),
         np.array([rows[index][2] for index in first], dtype=np.bool_),
@@ -89,12 +99,19 @@ def track(rows: list[tuple[int, list[float], bool, bool]]) -> Track:
     )
 
 
-def separations(tracks: dict[str, Track]) -> dict[str, Separation]:
-    """Smallest horizontal distance of each pair while at least one of the two flies, at either one's stamps.
+def separations(tracks: dict[str, TrueMotion]) -> dict[str, Separation]:
+    """Find the smallest horizontal distance of each pair while at least one of the two flies.
 
-    Between samples positions are interpolated; where one of the two has a gap longer than MAX_GAP_S nothing is said.
+    The distance is evaluated at both vehicles' stamps. Between samples positions are interpolated; gaps longer than
+    MAX_GAP_S are left out.
+
+    Args:
+        tracks: true motion of each vehicle.
+
+    Returns:
+        Smallest separations by "FIRST-SECOND".
     """
-    found = {}
+    closest = {}
     for one, two in itertools.combinations(sorted(tracks), 2):
         first, second = tracks[one], tracks[two]
         stamps = np.union1d(first.stamp_ns, second.stamp_ns)
@@ -107,13 +124,14 @@ def separations(tracks: dict[str, Track]) -> dict[str, Separation]:
         stamps = stamps[is_valid & is_flying]
         if stamps.size:
             distance_m = np.linalg.norm(_at(first, stamps) - _at(second, stamps), axis=-1)
-            at = int(np.argmin(distance_m))
-            found[f"{one}-{two}"] = Separation(one, two, float(distance_m[at]), int(stamps[at]), is_truth=True)
-    return found
+            index = int(np.argmin(distance_m))
+            smallest_m, stamp_ns = float(distance_m[index]), int(stamps[index])
+            closest[f"{one}-{two}"] = Separation(one, two, smallest_m, stamp_ns, is_truth=True)
+    return closest
 
 
 def loop_timing(periods_ms: list[float]) -> LoopTiming:
-    """Percentiles of the periods of one loop."""
+    """Return percentiles of the periods of one loop."""
     values = np.array(periods_ms)
     if not values.size:
         return LoopTiming(math.nan, math.nan, math.nan, 0)
@@ -121,18 +139,18 @@ def loop_timing(periods_ms: list[float]) -> LoopTiming:
     return LoopTiming(round(float(p50), 3), round(float(p99), 3), round(float(values.max()), 3), int(values.size))
 
 
-def _at(value: Track, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+def _at(value: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
     origin = value.stamp_ns[0]  # int64 nanoseconds do not fit into a double; differences do
     times, known = (stamps - origin).astype(np.float64), (value.stamp_ns - origin).astype(np.float64)
     return np.stack([np.interp(times, known, value.position_enu_m[:, axis]) for axis in (0, 1)], axis=-1)
 
 
-def _on_ground(value: Track, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _on_ground(value: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
     index = np.clip(np.searchsorted(value.stamp_ns, stamps, side="right") - 1, 0, None)
     return np.asarray(value.is_on_ground[index])
 
 
-def _covered(value: Track, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _covered(value: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
     before = np.clip(np.searchsorted(value.stamp_ns, stamps, side="right") - 1, 0, None)
     after = np.clip(np.searchsorted(value.stamp_ns, stamps, side="left"), None, value.stamp_ns.size - 1)
     return np.asarray(value.stamp_ns[after] - value.stamp_ns[before] <= MAX_GAP_S * 1e9)

@@ -56,7 +56,11 @@ class RecordWriter:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Create the folder and begin; OSError when that is impossible. A second call does nothing."""
+        """Create the folder and begin; a second call does nothing.
+
+        Raises:
+            OSError: the folder or its files cannot be made.
+        """
         if self._thread is not None:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -67,7 +71,7 @@ class RecordWriter:
         self._thread.start()
 
     def put(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
-        """Take one message, from any thread; dropped and counted when the writer is far behind."""
+        """Queue one message, from any thread; it is dropped and counted when the writer is far behind."""
         if self.failure is not None or self._thread is None:
             return
         if len(self._waiting) < MAX_QUEUED:
@@ -76,12 +80,12 @@ class RecordWriter:
             self.dropped += 1
 
     def stop(self, timeout_s: float = 10.0) -> None:
-        """Write what is left and finish the files; a second call does nothing."""
+        """Write the rest and finish the files; a second call does nothing."""
         thread, self._thread = self._thread, None
         if thread is None:
             return
         self._is_ended.set()
-        thread.join(timeout_s)  # if the disk hangs: the thread is a daemon, and every whole second so far is on it
+        thread.join(timeout_s)  # a disk that hangs does not hold up the exit: the thread is a daemon
 
     def _run(self, files: RecordFiles) -> None:
         next_flush_s = time.monotonic() + FLUSH_PERIOD_S
@@ -111,8 +115,10 @@ class RecordFiles:
     """The open files of a record; every method may raise OSError.
 
     Args:
-        folder: where the texts go; stream: the MCAP.
-        begin_ns, begin: zero of the texts' seconds, on the ground's clock and in words.
+        folder: for the texts.
+        stream: for the MCAP.
+        begin_ns: zero of the texts' seconds, on the ground's clock [ns].
+        begin: the same in words.
     """
 
     def __init__(self, folder: Path, stream: IO[bytes], *, begin_ns: int, begin: str) -> None:
@@ -130,7 +136,7 @@ class RecordFiles:
             self._texts[name].write(head)
 
     def write(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
-        """Take one message of the bus."""
+        """Write one message of the bus."""
         for channel, kind, stamp_ns, data in rows(topic, name, message, received_ns):
             number = self._channels.get(channel) or self._register(channel, kind)
             self._mcap.add_message(number, stamp_ns, data, stamp_ns, self._sequences[number])
@@ -147,7 +153,7 @@ class RecordFiles:
             self._line("orders.txt", received_ns, f"{name} {message.order_id} {answer}: {message.reason}")
 
     def flush(self) -> None:
-        """Bring what was written so far to the disk."""
+        """Bring everything so far to the disk."""
         # also a chunk that is not full: a quiet flight would stay in memory for a minute
         self._mcap.flush()  # type: ignore[no-untyped-call]
         for text in self._texts.values():
@@ -163,7 +169,7 @@ class RecordFiles:
     def close(self) -> None:
         """Close everything, finished or not."""
         for close in (self._stream.close, *(text.close for text in self._texts.values())):
-            with contextlib.suppress(OSError):  # what could be written was; the failure itself has been told
+            with contextlib.suppress(OSError):  # the failure itself has been reported
                 close()
 
     def _register(self, name: str, kind: type[Message]) -> int:
@@ -181,12 +187,12 @@ class RecordFiles:
 
 
 def event_line(event: Event) -> str:
-    """An event as one line of text."""
+    """Return an event as one line of text."""
     return f"{event.vehicle} {event.severity} {event.code}: {event.sentence}"
 
 
 def order_line(vehicle: str, order: Order) -> str:
-    """An order as one line of text."""
+    """Return an order as one line of text."""
     numbers = (
         "" if order.position_enu_m is None else " to " + " ".join(f"{value:.3f}" for value in order.position_enu_m)
     )
@@ -196,7 +202,15 @@ def order_line(vehicle: str, order: Order) -> str:
 
 
 def write_json(path: Path, value: object) -> str | None:
-    """Write a value as readable JSON, whole or not at all; a sentence when the disk refuses."""
+    """Write a value as readable JSON, whole or not at all.
+
+    Args:
+        path: of the file.
+        value: anything that msgspec encodes.
+
+    Returns:
+        None, or a sentence when the disk refuses.
+    """
     whole = path.with_suffix(".part")
     try:
         whole.write_bytes(msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n")

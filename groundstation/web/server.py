@@ -80,7 +80,7 @@ class ConsoleServer:
 
     @property
     def pages(self) -> int:
-        """How many are open."""
+        """Number of open pages."""
         return len(self._open)
 
     async def start(self, host: str, port: int) -> str:

@@ -1,4 +1,4 @@
-"""Mocap poses from the bus, the source that every relay and the emulator speak."""
+"""Mocap poses from the bus, where relays and the emulator publish."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class BusMocap:
     """Poses from topic ``mocap``; callbacks come when the owner of the bus lets it deliver.
 
     Args:
-        body: whose poses; ``*`` for all.
-        on_pose: called with the pose and when it was delivered, on the monotonic clock [ns].
+        body: name of the body; ``*`` for all.
+        on_pose: called with the pose and its delivery on the monotonic clock [ns].
         on_malformed: called for bytes that are no pose.
     """
 
@@ -31,7 +31,7 @@ class BusMocap:
         self._bus.collect(Topic.MOCAP, self._body, self._receive)
 
     def stop(self) -> None:
-        """Nothing: the subscription ends with the bus."""
+        """Do nothing: the subscription ends with the bus."""
 
     def _receive(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
         if isinstance(message, MocapPose):

@@ -1,16 +1,16 @@
-"""Which source of poses an agent listens to."""
+"""Choice of the source of poses for an agent."""
 
 from __future__ import annotations
 
 from onboard.bus.protocol import Bus
 from onboard.config.mocap import MocapConfig
 from onboard.mocap.bus_source import BusMocap
-from onboard.mocap.sdk_source import CapturedMocap
+from onboard.mocap.sdk_source import SdkMocap
 from onboard.mocap.source import MocapSource, OnMalformed, OnPose
 
 
 def source_of(mocap: MocapConfig, bus: Bus, body: str, on_pose: OnPose, on_malformed: OnMalformed) -> MocapSource:
-    """The system itself with ``mocap.direct``; else the bus, where a relay or an emulator publishes."""
+    """Return the system itself with ``mocap.direct``, else the bus, on which a relay or an emulator publishes."""
     if mocap.direct:
-        return CapturedMocap(mocap, body, on_pose, on_malformed)
+        return SdkMocap(mocap, body, on_pose, on_malformed)
     return BusMocap(bus, body, on_pose, on_malformed)

@@ -1,4 +1,4 @@
-"""From the frame of a motion capture into the fleet's: plain floats, since it runs for every body of every frame."""
+"""Conversion from a motion capture's frame to the fleet's, in plain floats: it runs for every body of every frame."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from onboard.config.mocap import MocapConfig
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """How the mocap's frame lies in the fleet's: up axis, then a turn about up, then a shift.
+    """The mocap's frame in the fleet's: up axis, then a turn about up, then a shift.
 
-    With y up the mocap's z points where -y of the fleet does, for the room and for the bodies in it alike.
+    With y up the mocap's z axis points along the fleet's -y, for the room and for the bodies in it alike.
     """
 
     is_y_up: bool = False
@@ -22,11 +22,11 @@ class Frame:
 
     @classmethod
     def of(cls, mocap: MocapConfig) -> Frame:
-        """As the fleet file says."""
+        """Return the frame that the fleet file describes."""
         return cls(mocap.up == "y", math.radians(mocap.yaw_deg), mocap.offset_m)
 
     def position_enu_m(self, position_m: Vec3) -> Vec3:
-        """A position of the mocap's frame in the fleet's."""
+        """Convert a position."""
         x, y, z = position_m
         if self.is_y_up:
             y, z = -z, y
@@ -35,7 +35,7 @@ class Frame:
         return c * x - s * y + east, s * x + c * y + north, z + up
 
     def quaternion_enu_flu_wxyz(self, quaternion_wxyz: Vec4) -> Vec4:
-        """Body FLU to fleet ENU, from the mocap's body to mocap rotation; made a unit one, unless it is nothing."""
+        """Convert a rotation from body to mocap into one from body FLU to fleet ENU; normalised unless it is zero."""
         w, x, y, z = quaternion_wxyz
         if self.is_y_up:  # the same rotation, its axis seen in the turned frame
             y, z = -z, y

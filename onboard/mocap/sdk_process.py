@@ -1,8 +1,8 @@
 """The process that reads a motion capture with the package ``motioncapture`` and writes its frames to a pipe.
 
-A process of its own, because the package may stop the whole interpreter: it connects without letting go of Python's
-lock, for ever where nobody answers, and it may end the process when the system sends what it does not understand.
-Neither may happen to an agent. Run as ``python -m onboard.mocap.sdk_process SETTINGS`` by
+It is a process of its own, because the package may stop the whole interpreter: it holds Python's lock while it
+connects, for ever if nobody answers, and it may end the process when the system sends unknown data. Neither may happen
+to an agent. Run as ``python -m onboard.mocap.sdk_process SETTINGS`` by
 :mod:`onboard.mocap.sdk_source`.
 """
 
@@ -23,39 +23,36 @@ from onboard.bus.schema import Vec3, Vec4
 from onboard.exit_status import EXIT_OK, EXIT_WRONG_INPUT
 
 _PR_SET_PDEATHSIG = 1
-_NUMERIC_ONLY = {"optitrack"}  # this part of the package understands addresses, not names
+_NUMERIC_ONLY = {"optitrack"}  # the package needs an address here, not a name
 
 
 class Settings(msgspec.Struct, frozen=True):
-    """What the package is told."""
+    """Settings for the package."""
 
     type: str
     options: dict[str, str]
 
 
 class RawFrame(msgspec.Struct, frozen=True, array_like=True):
-    """One frame as it came: its arrival on this host's monotonic clock, bodies in the mocap's own frame.
+    """One frame as it arrived."""
 
-    A frame of no bodies with a ``problem`` says why there will be none.
-    """
-
-    arrived_ns: int
-    bodies: dict[str, tuple[Vec3, Vec4]]
-    problem: str = ""
+    arrived_ns: int  # on this host's monotonic clock
+    bodies: dict[str, tuple[Vec3, Vec4]]  # in the mocap's own frame
+    problem: str = ""  # in a frame without bodies: sentence that says why there will be none
 
 
 _encoder = msgspec.msgpack.Encoder()
 
 
 def write_frame(pipe: int, frame: RawFrame) -> None:
-    """One frame with its length in front; less than a pipe takes at once, so it comes whole or not at all."""
+    """Write one frame after its length; it is smaller than a pipe's atomic size, so it arrives whole or not at all."""
     data = _encoder.encode(frame)
     os.write(pipe, len(data).to_bytes(4, "little") + data)
 
 
 def main(argv: list[str]) -> int:
-    """Read until the parent is gone."""
-    # The package holds Python's lock while it connects, so that only the kernel can end it with its parent.
+    """Read frames until the parent process has ended; return the exit status."""
+    # The package holds Python's lock while it connects, so only the kernel can end this process with its parent.
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     for number in (signal.SIGINT, signal.SIGTERM):  # the agent lands first, by these poses
         signal.signal(number, signal.SIG_IGN)
@@ -74,13 +71,13 @@ def main(argv: list[str]) -> int:
 
 
 NOT_INSTALLED = (
-    "The package 'motioncapture' is not installed: pip install 'covey[mocap]'. Where there is no wheel of it for this "
+    "The package 'motioncapture' is not installed: pip install 'covey[mocap]'. If there is no wheel for this "
     "computer, run 'covey mocap' on another one and set mocap.direct = false."
 )
 
 
 def _read(settings: Settings, pipe: int) -> None:
-    importlib.import_module("numpy")  # else the first body's position does it, while frames wait
+    importlib.import_module("numpy")  # otherwise the first position would import it, while frames wait
     package: Any = importlib.import_module("motioncapture")
     options = dict(settings.options)
     if settings.type in _NUMERIC_ONLY and "hostname" in options:
@@ -98,14 +95,14 @@ def _read(settings: Settings, pipe: int) -> None:
 
 
 def _sentence(settings: Settings, error: Exception) -> str:
-    where = settings.options.get("hostname", "this computer")
+    host = settings.options.get("hostname", "this computer")
     if "Unknown motion capture type" in str(error):
         return (
-            f"The installed package 'motioncapture' cannot read {settings.type}: it was built without. Its wheel on "
-            "PyPI reads optitrack, vicon, qualisys, vrpn and mock; build it from source for others."
+            f"The installed package 'motioncapture' cannot read {settings.type}: it was built without that system. Its "
+            "wheel on PyPI reads optitrack, vicon, qualisys, vrpn and mock; build it from source for others."
         )
     return (
-        f"{settings.type} at {where} cannot be read: {error}. Check mocap.hostname, that the system streams, and the "
+        f"{settings.type} at {host} cannot be read: {error}. Check mocap.hostname, that the system streams, and the "
         "firewall of its computer."
     )
 

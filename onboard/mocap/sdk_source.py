@@ -1,8 +1,8 @@
-"""Mocap poses from a motion-capture system, read by a process of our own: see :mod:`onboard.mocap.sdk_process`.
+"""Mocap poses from a motion-capture system, read by another process: see :mod:`onboard.mocap.sdk_process`.
 
-A thread starts the reading process, turns its frames into poses of the fleet's frame, and starts it anew when it has
-ended or has said nothing for a while. A body that is not in the frames is told as not tracked, so that who flies can
-tell a lost body from a dead source.
+A thread starts the reading process, converts its frames to poses in the fleet's frame, and starts it again when it has
+ended or sent nothing for a while. A body that is missing in the frames is passed on as not tracked, so that a lost body
+differs from a dead source.
 """
 
 from __future__ import annotations
@@ -36,15 +36,12 @@ _decoder = msgspec.msgpack.Decoder(RawFrame)
 
 
 @dataclass(slots=True)
-class Poses:
-    """Frames into poses: frame, stamps, sequence, and which bodies are lost. No I/O.
-
-    ``source`` names the node whose clock stamps the poses.
-    """
+class PoseConverter:
+    """Converts frames to poses: frame, stamps, sequence, lost bodies. No I/O."""
 
     mocap: MocapConfig
     boot_id: int
-    source: str = ""
+    source: str = ""  # node whose clock stamps the poses
     sequence: int = 0
     _next_ns: int = 0
     _frame: Frame = field(init=False)
@@ -56,14 +53,14 @@ class Poses:
         self._frame, self._latency_ns = Frame.of(self.mocap), int(self.mocap.latency_s * 1e9)
         self._period_ns = int(1e9 / self.mocap.max_rate_hz)
 
-    def of(self, raw: RawFrame) -> list[MocapPose]:
-        """The poses of one frame; bodies lost for a tenth of a second come as not tracked, for ten seconds."""
-        if raw.arrived_ns < self._next_ns - self._period_ns // 10:  # nobody needs more; a bit early is not more
+    def poses(self, raw: RawFrame) -> list[MocapPose]:
+        """Return the poses of one frame; a body lost for 0.1 s is returned as not tracked, for 10 s."""
+        if raw.arrived_ns < self._next_ns - self._period_ns // 10:  # beyond the configured rate; a bit early is allowed
             return []
         self._next_ns = max(self._next_ns, raw.arrived_ns - self._period_ns) + self._period_ns
         self.sequence += 1
         stamp_ns = raw.arrived_ns - self._latency_ns
-        found = []
+        poses = []
         for body, (position, quaternion) in raw.bodies.items():
             pose = MocapPose(
                 body=body,
@@ -76,25 +73,26 @@ class Poses:
                 source=self.source,
             )
             self._last[body] = pose
-            found.append(pose)
+            poses.append(pose)
         for body in [body for body in self._last if body not in raw.bodies]:
-            seen = self._last[body]
-            if stamp_ns - seen.stamp_ns > _FORGOTTEN_NS:
+            last = self._last[body]
+            if stamp_ns - last.stamp_ns > _FORGOTTEN_NS:
                 del self._last[body]
-            elif stamp_ns - seen.stamp_ns > _LOST_NS:
-                found.append(msgspec.structs.replace(seen, sequence=self.sequence, stamp_ns=stamp_ns, is_tracked=False))
-        return found
+            elif stamp_ns - last.stamp_ns > _LOST_NS:
+                poses.append(msgspec.structs.replace(last, sequence=self.sequence, stamp_ns=stamp_ns, is_tracked=False))
+        return poses
 
 
-class CapturedMocap:
+class SdkMocap:
     """A system that the package ``motioncapture`` reads; callbacks come on a thread of this object.
 
     Args:
         mocap: the fleet file's table, with ``source = "motioncapture"``.
-        body: whose poses; ``*`` for all.
-        on_pose, on_malformed: as of every source.
-        node: who passes the poses on over the bus; empty when they stay in this process.
-        default_options: for the package, where the fleet file says nothing.
+        body: name of the body; ``*`` for all.
+        on_pose: called with each pose and its arrival [ns].
+        on_malformed: called for bytes that are no frame.
+        node: node that publishes the poses on the bus; empty if they stay in this process.
+        default_options: for the package, where the fleet file has none.
     """
 
     def __init__(
@@ -108,11 +106,13 @@ class CapturedMocap:
         default_options: dict[str, str] | None = None,
     ) -> None:
         self._body, self._on_pose, self._on_malformed = body, on_pose, on_malformed
-        self._poses = Poses(mocap, boot_id=int.from_bytes(os.urandom(4), "little") & 0x7FFFFFFF, source=node)
-        given = {key: _text(value) for key, value in mocap.options.items()}
+        self._converter = PoseConverter(
+            mocap, boot_id=int.from_bytes(os.urandom(4), "little") & 0x7FFFFFFF, source=node
+        )
+        options = {key: _text(value) for key, value in mocap.options.items()}
         host = {"hostname": mocap.hostname} if mocap.hostname else {}
-        self._settings = Settings(mocap.type or "", {**(default_options or {}), **host, **given})
-        self._where = f"{mocap.type} at {mocap.hostname or 'this computer'}"
+        self._settings = Settings(mocap.type or "", {**(default_options or {}), **host, **options})
+        self._system = f"{mocap.type} at {mocap.hostname or 'this computer'}"
         self._stopped = threading.Event()
         self._thread: threading.Thread | None = None
         self._process: subprocess.Popen[bytes] | None = None
@@ -120,7 +120,7 @@ class CapturedMocap:
 
     @property
     def problem(self) -> str:
-        """Why nothing comes; empty while frames come."""
+        """Sentence that says why no poses come; empty while frames come."""
         return self._problem
 
     def _say(self, problem: str) -> None:
@@ -130,7 +130,7 @@ class CapturedMocap:
 
     @property
     def reader_pid(self) -> int | None:
-        """The process that reads, for those who watch it."""
+        """Process id of the reading process; None while there is none."""
         process = self._process
         return process.pid if process is not None else None
 
@@ -150,7 +150,7 @@ class CapturedMocap:
     def _run(self) -> None:
         command = [sys.executable, "-m", "onboard.mocap.sdk_process", msgspec.json.encode(self._settings).decode()]
         while not self._stopped.is_set():
-            # the process dies with this thread: it asks the kernel for that, and this thread lives until `stop`
+            # the process ends with this thread, as it requests from the kernel; this thread lives until `stop`
             with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, bufsize=0) as process:
                 self._process = process
                 try:
@@ -163,41 +163,41 @@ class CapturedMocap:
     def _take_frames(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stdout is not None
         pipe, pending = process.stdout.fileno(), bytearray()
-        waiting = select.poll()  # select.select knows no descriptors above 1023
-        waiting.register(pipe, select.POLLIN)
+        poller = select.poll()  # select.select knows no descriptors above 1023
+        poller.register(pipe, select.POLLIN)
         heard_s, patience_s = time.monotonic(), _CONNECT_S
         while not self._stopped.is_set():
-            if not waiting.poll(100):
+            if not poller.poll(100):
                 if time.monotonic() - heard_s > patience_s:
                     since = "anything" if patience_s == _CONNECT_S else "more"
                     self._say(
-                        f"{self._where} did not send {since} for {patience_s:.0f} s. Check that it streams, "
-                        "mocap.hostname and the network; trying again."
+                        f"{self._system} did not send {since} for {patience_s:.0f} s. Check that it streams, "
+                        "mocap.hostname and the network. The reading process starts again now."
                     )
                     return
                 continue
             data = os.read(pipe, 1 << 16)
             if not data:
-                self._say(self._problem or f"The process that reads {self._where} ended; starting it again.")
+                self._say(self._problem or f"The process that reads {self._system} ended; starting it again.")
                 return
             pending += data
             while (frame := _next_frame(pending)) is not None:
                 if isinstance(frame, str):
                     self._on_malformed()
-                    self._say(f"The process that reads {self._where} wrote what is no frame: {frame}.")
+                    self._say(f"The process that reads {self._system} wrote invalid data: {frame}.")
                     return
                 if frame.problem:
                     self._say(frame.problem)
                     continue
                 self._say("")
                 heard_s, patience_s = time.monotonic(), _QUIET_S
-                for pose in self._poses.of(frame):
+                for pose in self._converter.poses(frame):
                     if self._body in ("*", pose.body):
                         self._on_pose(pose, frame.arrived_ns)
 
 
 def _next_frame(pending: bytearray) -> RawFrame | str | None:
-    """Take the first whole frame off ``pending``; a sentence when it is none, None when it is not whole yet."""
+    """Take the first frame off ``pending``: a text if it is invalid, None if it is not complete yet."""
     if len(pending) < 4:
         return None
     size = int.from_bytes(pending[:4], "little")

@@ -8,7 +8,7 @@ import math
 from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.hover import grounded
 from sitl.conformance.phase import Phase
-from sitl.conformance.pilot import ARM, MODE_NUMBERS, SET_MODE, SILENCE, Pilot
+from sitl.conformance.vehicle_client import ARM, MODE_NUMBERS, SET_MODE, SILENCE, VehicleClient
 
 _DENIED = "Arming denied: Resolve system health failures first\t"
 MODES_ON_GROUND = (
@@ -44,95 +44,97 @@ ARMED = (
 )
 
 
-def run(pilot: Pilot, report: FactReport) -> None:
+def run(client: VehicleClient, report: FactReport) -> None:
     """Be refused, as a companion and as a ground station, then arm and wait."""
     if report.wants("mode.*", "text.*", "event.*", "arm.denied"):
-        _refusals(pilot, report)
+        _refusals(client, report)
     if report.wants(*(fact.name for fact in ARMED)):
-        _armed(pilot, report)
+        _armed(client, report)
 
 
-def _refusals(pilot: Pilot, report: FactReport) -> None:
-    grounded(pilot)
-    was_ground_station = pilot.is_ground_station
-    pilot.greet(as_ground_station=False)
+def _refusals(client: VehicleClient, report: FactReport) -> None:
+    grounded(client)
+    was_ground_station = client.is_ground_station
+    client.greet(as_ground_station=False)
     # Until older texts and the last ground station are forgotten.
-    pilot.spend(5.2 if was_ground_station else 0.5)
-    report.add("mode.two-acks", pilot.set_mode("OFFBOARD"))
-    pilot.next_heartbeat()
-    beat = pilot.newest("HEARTBEAT")
-    report.add("mode.offboard-disarmed", pilot.mode)
+    client.spend(5.2 if was_ground_station else 0.5)
+    report.add("mode.two-acks", client.set_mode("OFFBOARD"))
+    client.next_heartbeat()
+    beat = client.newest("HEARTBEAT")
+    report.add("mode.offboard-disarmed", client.mode)
     report.add("mode.offboard-disarmed-base", str(beat.base_mode))
-    report.add("mode.offboard-disarmed-status", pilot.status)
-    since_s = pilot.now_s
-    report.add("arm.denied", pilot.command(ARM, 1.0))
-    pilot.spend(0.5)
-    report.add("event.denied", "sent" if pilot.seen.of("EVENT", since_s) else "not sent")
-    report.add("text.none-for-companion", _count(pilot, since_s))
+    report.add("mode.offboard-disarmed-status", client.status)
+    since_s = client.now_s
+    report.add("arm.denied", client.command(ARM, 1.0))
+    client.spend(0.5)
+    report.add("event.denied", "sent" if client.received.of("EVENT", since_s) else "not sent")
+    report.add("text.none-for-companion", _count(client, since_s))
     if report.wants("text.backlog", "text.denied*", "text.chunks", "text.stops"):
-        pilot.greet(as_ground_station=True)
-        pilot.spend(1.5, lambda: pilot.text("Arming denied", since_s) is not None)
-        pilot.spend(0.2)
-        text = pilot.text("Arming denied", since_s)
+        client.greet(as_ground_station=True)
+        client.spend(1.5, lambda: client.text("Arming denied", since_s) is not None)
+        client.spend(0.2)
+        text = client.text("Arming denied", since_s)
         report.add("text.backlog", "sent" if text else "not sent")
         _, severity, words, pieces = text or (0.0, -1, "", 0)
         report.add("text.denied", repr(words))
         report.add("text.denied-severity", str(severity))
         report.add("text.chunks", str(pieces))
     if report.wants("text.stops"):
-        pilot.greet(as_ground_station=False)
-        pilot.spend(5.0)
-        since_s = pilot.now_s
-        pilot.command(ARM, 1.0)
-        pilot.spend(0.5)
-        report.add("text.stops", _count(pilot, since_s))
+        client.greet(as_ground_station=False)
+        client.spend(5.0)
+        since_s = client.now_s
+        client.command(ARM, 1.0)
+        client.spend(0.5)
+        report.add("text.stops", _count(client, since_s))
     if report.wants("mode.set-mode-message"):
-        since_s = pilot.now_s
+        since_s = client.now_s
         loiter = MODE_NUMBERS["AUTO.LOITER"]
-        pilot.send("SET_MODE", target_system=pilot.system_id, base_mode=1, custom_mode=loiter)
+        client.send("SET_MODE", target_system=client.system_id, base_mode=1, custom_mode=loiter)
         # Which command an acknowledgement of this message names is not known to us.
-        pilot.acks(SET_MODE, since_s)
-        answers = ["ACCEPTED" if p.message.result == 0 else "refused" for p in pilot.seen.of("COMMAND_ACK", since_s)]
+        client.acks(SET_MODE, since_s)
+        answers = [
+            "ACCEPTED" if p.message.result == 0 else "refused" for p in client.received.of("COMMAND_ACK", since_s)
+        ]
         report.add("mode.set-mode-message", ", ".join(answers) or SILENCE)
-    grounded(pilot)
+    grounded(client)
 
 
-def _count(pilot: Pilot, since_s: float) -> str:
-    texts = pilot.texts(since_s)
+def _count(client: VehicleClient, since_s: float) -> str:
+    texts = client.texts(since_s)
     return f"{len(texts)} texts" if texts else "none"
 
 
-def _armed(pilot: Pilot, report: FactReport) -> None:
-    grounded(pilot)
-    pilot.greet(as_ground_station=True)
-    pilot.spend(1.2)
-    report.add("arm.disarm-disarmed", pilot.command(ARM, 0.0))
+def _armed(client: VehicleClient, report: FactReport) -> None:
+    grounded(client)
+    client.greet(as_ground_station=True)
+    client.spend(1.2)
+    report.add("arm.disarm-disarmed", client.command(ARM, 0.0))
     # Half way between two heartbeats, where one that is sent because of the change would be seen as such.
-    pilot.next_heartbeat()
-    pilot.spend(0.4)
-    armed_s = pilot.now_s
-    report.add("arm.accepted", pilot.command(ARM, 1.0))
-    pilot.next_heartbeat(2)
-    beats = [packet.at_s for packet in pilot.seen.of("HEARTBEAT", armed_s - 2.0)]
+    client.next_heartbeat()
+    client.spend(0.4)
+    armed_s = client.now_s
+    report.add("arm.accepted", client.command(ARM, 1.0))
+    client.next_heartbeat(2)
+    beats = [packet.at_s for packet in client.received.of("HEARTBEAT", armed_s - 2.0)]
     gaps = [after - before for before, after in itertools.pairwise(beats)]
     report.add("heartbeat.not-on-change", min(gaps, default=math.nan))
-    report.add("arm.status", pilot.status)
-    report.add("arm.base-mode", str(pilot.newest("HEARTBEAT").base_mode))
-    text = pilot.text("Armed by", armed_s)
+    report.add("arm.status", client.status)
+    report.add("arm.base-mode", str(client.newest("HEARTBEAT").base_mode))
+    text = client.text("Armed by", armed_s)
     report.add("arm.text", repr(text[2]) if text else "none")
-    report.add("arm.servo", float(pilot.newest("SERVO_OUTPUT_RAW").servo1_raw))
-    again_s = pilot.now_s
-    report.add("arm.again", pilot.command(ARM, 1.0))
-    report.add("arm.again-text", _count(pilot, again_s))
+    report.add("arm.servo", float(client.newest("SERVO_OUTPUT_RAW").servo1_raw))
+    again_s = client.now_s
+    report.add("arm.again", client.command(ARM, 1.0))
+    report.add("arm.again-text", _count(client, again_s))
     if not report.wants("arm.auto-disarm*"):
         return
-    pilot.spend(14.0, lambda: pilot.text("Disarmed by", armed_s) is not None)
-    text = pilot.text("Disarmed by", armed_s)
+    client.spend(14.0, lambda: client.text("Disarmed by", armed_s) is not None)
+    text = client.text("Disarmed by", armed_s)
     at_s, severity, words, _ = text or (math.inf, -1, "", 0)
     report.add("arm.auto-disarm", at_s - armed_s)
     report.add("arm.auto-disarm-text", repr(words))
     report.add("arm.auto-disarm-severity", str(severity))
-    pilot.next_heartbeat()
+    client.next_heartbeat()
 
 
 PHASE = Phase("arming on the ground", (*MODES_ON_GROUND, *TEXTS, *ARMED), run)

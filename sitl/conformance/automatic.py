@@ -8,7 +8,7 @@ import statistics
 from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.hover import grounded
 from sitl.conformance.phase import Phase
-from sitl.conformance.pilot import ARM, LAND, LANDED, TAKEOFF, Pilot, Stuck
+from sitl.conformance.vehicle_client import ARM, LAND, LANDED, TAKEOFF, Stuck, VehicleClient
 
 UP = (
     word("takeoff.accepted", "5", "take-off asked for while disarmed", "ACCEPTED"),
@@ -35,71 +35,71 @@ DOWN = (
 )
 
 
-def run(pilot: Pilot, report: FactReport) -> None:
+def run(client: VehicleClient, report: FactReport) -> None:
     """Up, wait, down."""
-    pilot.greet(as_ground_station=True)
-    grounded(pilot)
-    pilot.spend(1.2)
-    pilot.interval("EXTENDED_SYS_STATE", 20.0)
-    ground_z = pilot.newest("LOCAL_POSITION_NED").z
-    report.add("takeoff.accepted", pilot.command(TAKEOFF, math.nan, 0.0, 0.0, math.nan, math.nan, math.nan, math.nan))
-    pilot.next_heartbeat(2)
-    report.add("takeoff.waits", f"{pilot.mode} {'armed' if pilot.is_armed else 'disarmed'}")
-    armed_s = pilot.now_s
-    if pilot.command(ARM, 1.0) != "ACCEPTED":
+    client.greet(as_ground_station=True)
+    grounded(client)
+    client.spend(1.2)
+    client.interval("EXTENDED_SYS_STATE", 20.0)
+    ground_z = client.newest("LOCAL_POSITION_NED").z
+    report.add("takeoff.accepted", client.command(TAKEOFF, math.nan, 0.0, 0.0, math.nan, math.nan, math.nan, math.nan))
+    client.next_heartbeat(2)
+    report.add("takeoff.waits", f"{client.mode} {'armed' if client.is_armed else 'disarmed'}")
+    armed_s = client.now_s
+    if client.command(ARM, 1.0) != "ACCEPTED":
         raise Stuck("it did not arm in AUTO.TAKEOFF")
-    pilot.spend(12.0, lambda: _since(pilot, "IN_AIR", armed_s) < math.inf)
-    text = pilot.text("Using default", armed_s)
+    client.spend(12.0, lambda: _since(client, "IN_AIR", armed_s) < math.inf)
+    text = client.text("Using default", armed_s)
     report.add("takeoff.text", repr(text[2]) if text else "none")
-    text = pilot.text("Takeoff detected", armed_s)
+    text = client.text("Takeoff detected", armed_s)
     report.add("takeoff.detected", text[0] - armed_s if text else math.nan)
-    report.add("takeoff.state", _since(pilot, "TAKEOFF", armed_s))
-    report.add("takeoff.in-air", _since(pilot, "IN_AIR", armed_s))
-    since_s = pilot.now_s
-    pilot.next_heartbeat(2)
-    report.add("takeoff.then", pilot.mode)
-    pilot.spend(1.0)
-    count = len(pilot.seen.of("POSITION_TARGET_GLOBAL_INT", since_s))
-    report.add("stream.position-target-global-int", count / (pilot.now_s - since_s))
-    place = pilot.seen.of("LOCAL_POSITION_NED", pilot.now_s - 1.0)
-    report.add("takeoff.height", statistics.fmean(ground_z - packet.message.z for packet in place))
+    report.add("takeoff.state", _since(client, "TAKEOFF", armed_s))
+    report.add("takeoff.in-air", _since(client, "IN_AIR", armed_s))
+    since_s = client.now_s
+    client.next_heartbeat(2)
+    report.add("takeoff.then", client.mode)
+    client.spend(1.0)
+    count = len(client.received.of("POSITION_TARGET_GLOBAL_INT", since_s))
+    report.add("stream.position-target-global-int", count / (client.now_s - since_s))
+    position = client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)
+    report.add("takeoff.height", statistics.fmean(ground_z - packet.message.z for packet in position))
     if report.wants("land.*"):
-        _land(pilot, report, ground_z)
-    pilot.interval("EXTENDED_SYS_STATE", 0.0)
+        _land(client, report, ground_z)
+    client.interval("EXTENDED_SYS_STATE", 0.0)
 
 
-def _since(pilot: Pilot, state: str, armed_s: float) -> float:
-    for packet in pilot.seen.of("EXTENDED_SYS_STATE", armed_s):
+def _since(client: VehicleClient, state: str, armed_s: float) -> float:
+    for packet in client.received.of("EXTENDED_SYS_STATE", armed_s):
         if LANDED.get(packet.message.landed_state) == state:
             return packet.at_s - armed_s
     return math.inf
 
 
-def _land(pilot: Pilot, report: FactReport, ground_z: float) -> None:
-    since_s = pilot.now_s
-    report.add("land.accepted", pilot.command(LAND))
-    pilot.next_heartbeat(2)
-    report.add("land.mode", pilot.mode)
-    report.add("land.state", pilot.landed)
-    pilot.spend(25.0, lambda: pilot.text("Disarmed by", since_s) is not None)
-    text = pilot.text("Landing at", since_s)
+def _land(client: VehicleClient, report: FactReport, ground_z: float) -> None:
+    since_s = client.now_s
+    report.add("land.accepted", client.command(LAND))
+    client.next_heartbeat(2)
+    report.add("land.mode", client.mode)
+    report.add("land.state", client.landed)
+    client.spend(25.0, lambda: client.text("Disarmed by", since_s) is not None)
+    text = client.text("Landing at", since_s)
     report.add("land.text", repr(text[2]) if text else "none")
     low = [
         packet.message.vz
-        for packet in pilot.seen.of("LOCAL_POSITION_NED", since_s)
+        for packet in client.received.of("LOCAL_POSITION_NED", since_s)
         if 0.5 < ground_z - packet.message.z < 1.3
     ]
     report.add("land.speed", statistics.fmean(low) if low else math.nan)
-    detected, disarmed = pilot.text("Landing detected", since_s), pilot.text("Disarmed by", since_s)
-    down_s = _since(pilot, "ON_GROUND", since_s) + since_s
+    detected, disarmed = client.text("Landing detected", since_s), client.text("Disarmed by", since_s)
+    down_s = _since(client, "ON_GROUND", since_s) + since_s
     if detected is None or disarmed is None:
         return
     report.add("land.detected", "yes" if abs(down_s - detected[0]) < 0.3 else f"{down_s - detected[0]:+.1f} s apart")
     report.add("land.disarm", disarmed[0] - detected[0])
     report.add("land.disarm-text", repr(disarmed[2]))
     report.add("land.duration", disarmed[0] - since_s)
-    pilot.next_heartbeat(2)
-    report.add("land.mode-after", pilot.mode)
+    client.next_heartbeat(2)
+    report.add("land.mode-after", client.mode)
 
 
 PHASE = Phase("take-off and landing by commands", (*UP, *DOWN), run)

@@ -7,7 +7,7 @@ import math
 from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.hover import Hover, airborne
 from sitl.conformance.phase import Phase
-from sitl.conformance.pilot import Pilot
+from sitl.conformance.vehicle_client import VehicleClient
 
 _HEIGHT_M = 2.5
 _FAST_DRAIN_S = 12.0
@@ -36,81 +36,81 @@ EMPTY = (
 )
 
 
-def run(pilot: Pilot, report: FactReport) -> None:
+def run(client: VehicleClient, report: FactReport) -> None:
     """Fly until the battery is empty, faster than usual, then let it fill up."""
-    pilot.greet(as_ground_station=True)
+    client.greet(as_ground_station=True)
     # What was flown before this shows the default floor.
-    before = [packet.message.battery_remaining for packet in pilot.seen.of("BATTERY_STATUS")]
+    before = [packet.message.battery_remaining for packet in client.received.of("BATTERY_STATUS")]
     if report.wants("battery.floor"):
         if before.count(min(before, default=100)) >= 3 and min(before, default=100) < 90:
             report.add("battery.floor", float(min(before)))
         else:
             report.skip([fact for fact in DRAIN if fact.name == "battery.floor"], "nothing flew long enough before")
-    hover = airborne(pilot, _HEIGHT_M)
-    pilot.interval("BATTERY_STATUS", 10.0)
+    hover = airborne(client, _HEIGHT_M)
+    client.interval("BATTERY_STATUS", 10.0)
     if report.wants("battery.drain"):
-        _drain(pilot, report)
-    pilot.set_parameter("SIM_BAT_MIN_PCT", 0.0)
-    pilot.set_parameter("SIM_BAT_DRAIN", _FAST_DRAIN_S)
-    _empty(pilot, report, hover)
-    pilot.restore_parameters()
+        _drain(client, report)
+    client.params.set("SIM_BAT_MIN_PCT", 0.0)
+    client.params.set("SIM_BAT_DRAIN", _FAST_DRAIN_S)
+    _empty(client, report, hover)
+    client.params.restore()
     if report.wants("battery.voltage"):
-        full = [packet.message for packet in pilot.seen.of("BATTERY_STATUS")]
+        full = [packet.message for packet in client.received.of("BATTERY_STATUS")]
         errors = [abs(m.voltages[0] - 14400 - 18 * m.battery_remaining) for m in full if m.battery_remaining > 0]
         report.add("battery.voltage", float(max(errors)))
-    disarmed_s = pilot.now_s
-    filled = pilot.spend(10.0, lambda: pilot.newest("BATTERY_STATUS").battery_remaining >= 99)
-    report.add("battery.refill", pilot.now_s - disarmed_s if filled else math.inf)
-    pilot.interval("BATTERY_STATUS", 0.0)
+    disarmed_s = client.now_s
+    filled = client.spend(10.0, lambda: client.newest("BATTERY_STATUS").battery_remaining >= 99)
+    report.add("battery.refill", client.now_s - disarmed_s if filled else math.inf)
+    client.interval("BATTERY_STATUS", 0.0)
 
 
-def _drain(pilot: Pilot, report: FactReport) -> None:
-    packets = pilot.seen.of("BATTERY_STATUS", pilot.now_s - 0.5)
-    begin = pilot.newest("BATTERY_STATUS").voltages[0]
-    begin_s = packets[-1].at_s if packets else pilot.now_s
-    pilot.spend(5.0)
-    packet = pilot.seen.of("BATTERY_STATUS", begin_s)[-1]
+def _drain(client: VehicleClient, report: FactReport) -> None:
+    packets = client.received.of("BATTERY_STATUS", client.now_s - 0.5)
+    begin = client.newest("BATTERY_STATUS").voltages[0]
+    begin_s = packets[-1].at_s if packets else client.now_s
+    client.spend(5.0)
+    packet = client.received.of("BATTERY_STATUS", begin_s)[-1]
     # Voltage has more digits than the percentage.
     drained_pct = (begin - packet.message.voltages[0]) / 18.0
     report.add("battery.drain", drained_pct / (packet.at_s - begin_s))
 
 
-def _empty(pilot: Pilot, report: FactReport, hover: Hover) -> None:
-    since_s = pilot.now_s
-    pilot.spend(1.2 * _FAST_DRAIN_S, lambda: pilot.text("Low battery", since_s) is not None)
-    low_s = _say(pilot, report, "low", "Low battery", since_s)
-    pilot.spend(4.0, lambda: pilot.text("Critical battery", since_s) is not None)
+def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
+    since_s = client.now_s
+    client.spend(1.2 * _FAST_DRAIN_S, lambda: client.text("Low battery", since_s) is not None)
+    low_s = _say(client, report, "low", "Low battery", since_s)
+    client.spend(4.0, lambda: client.text("Critical battery", since_s) is not None)
     # The heartbeat of the second and a half between both texts.
-    report.add("battery.low-mode", pilot.mode if math.isfinite(low_s) else "not seen")
-    critical_s = _say(pilot, report, "critical", "Critical battery", since_s)
-    pilot.next_heartbeat()
-    report.add("battery.hold-mode", pilot.mode)
-    report.add("battery.hold-status", pilot.status)
-    text = pilot.text("Failsafe activated: entering", since_s)
+    report.add("battery.low-mode", client.mode if math.isfinite(low_s) else "not seen")
+    critical_s = _say(client, report, "critical", "Critical battery", since_s)
+    client.next_heartbeat()
+    report.add("battery.hold-mode", client.mode)
+    report.add("battery.hold-status", client.status)
+    text = client.text("Failsafe activated: entering", since_s)
     report.add("battery.hold-text", text[2].rstrip("\t") if text else "none")
-    landing = pilot.spend(8.0, lambda: pilot.mode == "AUTO.LAND")
+    landing = client.spend(8.0, lambda: client.mode == "AUTO.LAND")
     if landing:
         # The heartbeat tells it up to a second later.
-        report.add("battery.land-after", pilot.now_s - critical_s)
-    text = pilot.text("Emergency battery", since_s)
+        report.add("battery.land-after", client.now_s - critical_s)
+    text = client.text("Emergency battery", since_s)
     report.add("battery.emergency-text", text[2].rstrip("\t") if text else "none")
-    seen = sorted({packet.message.charge_state for packet in pilot.seen.of("BATTERY_STATUS")})
-    report.add("battery.charge-states", " ".join(map(str, seen)))
-    down = pilot.spend(25.0, lambda: not pilot.is_armed)
+    states = sorted({packet.message.charge_state for packet in client.received.of("BATTERY_STATUS")})
+    report.add("battery.charge-states", " ".join(map(str, states)))
+    down = client.spend(25.0, lambda: not client.is_armed)
     report.add("battery.disarms", "yes" if down else "no")
-    pilot.stream(None)
+    client.stream(None)
 
 
-def _say(pilot: Pilot, report: FactReport, stage: str, start: str, since_s: float) -> float:
-    text = pilot.text(start, since_s)
+def _say(client: VehicleClient, report: FactReport, charge_state: str, start: str, since_s: float) -> float:
+    text = client.text(start, since_s)
     if text is None:
-        report.add(f"battery.{stage}-text", "none")
+        report.add(f"battery.{charge_state}-text", "none")
         return math.nan
     at_s, severity, words, _ = text
-    report.add(f"battery.{stage}-text", words.rstrip("\t"))
-    report.add(f"battery.{stage}-severity", str(severity))
-    near = min(pilot.seen.of("BATTERY_STATUS", since_s), key=lambda packet: abs(packet.at_s - at_s))
-    report.add(f"battery.{stage}-at", float(near.message.battery_remaining))
+    report.add(f"battery.{charge_state}-text", words.rstrip("\t"))
+    report.add(f"battery.{charge_state}-severity", str(severity))
+    near = min(client.received.of("BATTERY_STATUS", since_s), key=lambda packet: abs(packet.at_s - at_s))
+    report.add(f"battery.{charge_state}-at", float(near.message.battery_remaining))
     return at_s
 
 

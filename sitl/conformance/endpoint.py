@@ -127,7 +127,7 @@ class Packet:
         return self._message
 
     def event_id(self) -> int:
-        """Which event an EVENT is about."""
+        """Return the id of the event that an EVENT message reports."""
         payload = self.frame[10 : 10 + self.frame[1]].ljust(_EVENT.size, b"\0")
         return int(_EVENT.unpack_from(payload)[0])
 

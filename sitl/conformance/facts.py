@@ -1,4 +1,4 @@
-"""What a fact is, what was found, and the report that judges one against the other."""
+"""Facts, their measured results, and the report that compares both."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Measured = float | str
 
 
 class Verdict(Enum):
-    """How an endpoint stands to one fact."""
+    """Result of comparing an endpoint with one fact."""
 
     AGREES = "agrees"
     DIFFERS = "differs"
@@ -47,7 +47,7 @@ class Fact:
 
     @property
     def expected(self) -> str:
-        """What is accepted, in words."""
+        """The accepted values, in words."""
         if self.allowed:
             return " or ".join(self.allowed)
         unit = f" {self.unit}" if self.unit else ""
@@ -73,7 +73,7 @@ def number(name: str, section: str, says: str, low: float, high: float, unit: st
 
 @dataclass(frozen=True, slots=True)
 class FactResult:
-    """What came out for one fact; `reason` says why nothing could be measured."""
+    """Result of one fact; `reason` says why nothing could be measured."""
 
     fact: Fact
     verdict: Verdict
@@ -126,7 +126,7 @@ class FactReport:
         self._unmeasured(facts, Verdict.DIFFERS, reason)
 
     def count(self, verdict: Verdict) -> int:
-        """How many findings have a verdict."""
+        """Return the number of results with this verdict."""
         return sum(finding.verdict is verdict for finding in self.results.values())
 
     def _unmeasured(self, facts: Iterable[Fact], verdict: Verdict, reason: str) -> None:

@@ -6,7 +6,7 @@ import math
 
 from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.phase import Phase
-from sitl.conformance.pilot import ARM, Pilot
+from sitl.conformance.vehicle_client import ARM, VehicleClient
 
 FACTS = (
     number("gcs.heartbeat", "1", "heartbeats on the ground station's link", 0.9, 1.1, "Hz"),
@@ -17,29 +17,29 @@ FACTS = (
 )
 
 
-def run(pilot: Pilot, report: FactReport) -> None:
+def run(client: VehicleClient, report: FactReport) -> None:
     """Listen, then be a ground station."""
-    wanted = pilot.system_id
-    if not pilot.listen(3.0, lambda: pilot.seen.newest("HEARTBEAT") is not None):
-        pilot.send_heartbeat()
-        if not pilot.listen(5.0, lambda: pilot.seen.newest("HEARTBEAT") is not None):
+    wanted = client.system_id
+    if not client.listen(3.0, lambda: client.received.newest("HEARTBEAT") is not None):
+        client.send_heartbeat()
+        if not client.listen(5.0, lambda: client.received.newest("HEARTBEAT") is not None):
             report.fail(FACTS, "nobody is heard there")
             return
-    pilot.spend(4.2)
-    beats = [packet for packet in pilot.seen.of("HEARTBEAT") if packet.system_id == wanted]
+    client.spend(4.2)
+    beats = [packet for packet in client.received.of("HEARTBEAT") if packet.system_id == wanted]
     report.add("gcs.system", "yes" if beats else "no")
     span_s = beats[-1].at_s - beats[0].at_s if len(beats) > 1 else math.nan
     report.add("gcs.heartbeat", (len(beats) - 1) / span_s)
-    report.add("gcs.version", "MAVLink 2" if not pilot.seen.v1_frames else "MAVLink 1 among them")
-    pilot.greet(as_ground_station=True)
-    pilot.spend(1.2)
-    report.add("gcs.answers", pilot.set_mode("OFFBOARD").partition(",")[0])
-    since_s = pilot.now_s
-    pilot.command(ARM, 1.0)  # in OFFBOARD without setpoints: refused, with a text
-    pilot.spend(0.5)
-    report.add("gcs.text", "sent" if pilot.texts(since_s) else "not sent")
-    pilot.set_mode("AUTO.LOITER")
-    pilot.next_heartbeat()
+    report.add("gcs.version", "MAVLink 2" if not client.received.v1_frames else "MAVLink 1 among them")
+    client.greet(as_ground_station=True)
+    client.spend(1.2)
+    report.add("gcs.answers", client.set_mode("OFFBOARD").partition(",")[0])
+    since_s = client.now_s
+    client.command(ARM, 1.0)  # in OFFBOARD without setpoints: refused, with a text
+    client.spend(0.5)
+    report.add("gcs.text", "sent" if client.texts(since_s) else "not sent")
+    client.set_mode("AUTO.LOITER")
+    client.next_heartbeat()
 
 
 PHASE = Phase("the ground station's link", FACTS, run, turns_motors=False)

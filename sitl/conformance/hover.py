@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sitl.conformance.pilot import ARM, FORCE, LAND, Pilot, Quaternion, Stuck, quaternion
+from sitl.conformance.vehicle_client import ARM, FORCE, LAND, Quaternion, Stuck, VehicleClient, quaternion
 
 _GRAVITY = 9.81
 _PERIOD_S, _LEARN_BELOW_M_S, _LEARN_1_M = 0.02, 0.4, 0.04
@@ -22,12 +22,12 @@ class Hover:
         tilt: roll and pitch instead of the horizontal hold, when given [rad].
     """
 
-    def __init__(self, pilot: Pilot) -> None:
-        self._pilot = pilot
-        place = pilot.newest("LOCAL_POSITION_NED")
-        self.ground_z = float(place.z)
-        self.goal = [float(place.x), float(place.y), float(place.z)]
-        self.yaw_rad = pilot.euler()[2]
+    def __init__(self, client: VehicleClient) -> None:
+        self._client = client
+        position = client.newest("LOCAL_POSITION_NED")
+        self.ground_z = float(position.z)
+        self.goal = [float(position.x), float(position.y), float(position.z)]
+        self.yaw_rad = client.euler()[2]
         self.tilt: tuple[float, float] | None = None
         self.thrust = 0.49
         self.is_resting = True
@@ -35,7 +35,7 @@ class Hover:
     @property
     def height_m(self) -> float:
         """Height above where it stood."""
-        return self.ground_z - float(self._pilot.newest("LOCAL_POSITION_NED").z)
+        return self.ground_z - float(self._client.newest("LOCAL_POSITION_NED").z)
 
     def to_height(self, height_m: float) -> None:
         """New height above the ground."""
@@ -44,32 +44,32 @@ class Hover:
 
     def here(self) -> None:
         """Hold the present place."""
-        place = self._pilot.newest("LOCAL_POSITION_NED")
-        self.goal[:2] = [float(place.x), float(place.y)]
+        position = self._client.newest("LOCAL_POSITION_NED")
+        self.goal[:2] = [float(position.x), float(position.y)]
         self.tilt = None
 
     def __call__(self) -> None:
-        self._pilot.attitude(*self.output())
+        self._client.attitude(*self.output())
 
     def output(self) -> tuple[Quaternion, float]:
         """Attitude and thrust now."""
         if self.is_resting:
             return quaternion(0.0, 0.0, self.yaw_rad), 0.0
-        place = self._pilot.newest("LOCAL_POSITION_NED")
-        down = _clip(self.goal[2] - place.z, _CLIMB_LIMIT, _SINK_LIMIT)
-        lift = _GRAVITY + 3.0 * (place.vz - down)
-        roll, pitch = self.tilt or self._tilt(place)
-        if abs(place.vz) < _LEARN_BELOW_M_S:
-            learnt = self.thrust + _LEARN_1_M * _PERIOD_S * (place.vz - down)
+        position = self._client.newest("LOCAL_POSITION_NED")
+        down = _clip(self.goal[2] - position.z, _CLIMB_LIMIT, _SINK_LIMIT)
+        lift = _GRAVITY + 3.0 * (position.vz - down)
+        roll, pitch = self.tilt or self._tilt(position)
+        if abs(position.vz) < _LEARN_BELOW_M_S:
+            learnt = self.thrust + _LEARN_1_M * _PERIOD_S * (position.vz - down)
             self.thrust = min(0.8, max(0.2, learnt))
         thrust = self.thrust * lift / _GRAVITY / (math.cos(roll) * math.cos(pitch))
         return quaternion(roll, pitch, self.yaw_rad), min(1.0, max(0.12, thrust))
 
-    def _tilt(self, place: object) -> tuple[float, float]:
-        north = self._acceleration(self.goal[0] - place.x, place.vx)  # type: ignore[attr-defined]
-        east = self._acceleration(self.goal[1] - place.y, place.vy)  # type: ignore[attr-defined]
+    def _tilt(self, position: object) -> tuple[float, float]:
+        north = self._acceleration(self.goal[0] - position.x, position.vx)  # type: ignore[attr-defined]
+        east = self._acceleration(self.goal[1] - position.y, position.vy)  # type: ignore[attr-defined]
         # In the heading that the vehicle has, not the one it is turning to.
-        yaw = self._pilot.euler()[2]
+        yaw = self._client.euler()[2]
         forward = math.cos(yaw) * north + math.sin(yaw) * east
         right = -math.sin(yaw) * north + math.cos(yaw) * east
         return math.atan(right / _GRAVITY), -math.atan(forward / _GRAVITY)
@@ -84,30 +84,30 @@ def _clip(value: float, below: float, above: float) -> float:
     return max(-below, min(above, value))
 
 
-def airborne(pilot: Pilot, height_m: float) -> Hover:
+def airborne(client: VehicleClient, height_m: float) -> Hover:
     """Fly in OFFBOARD by attitude setpoints at a height, from wherever the vehicle is; calm when it returns.
 
     Raises:
         Stuck: it cannot be armed or does not get there.
     """
-    hover = pilot.setpoint_duty.act
-    if not isinstance(hover, Hover) or not pilot.is_armed or pilot.mode != "OFFBOARD":
-        grounded(pilot)
-        fast_streams(pilot)
-        hover = Hover(pilot)
-        pilot.stream(hover)
-        pilot.spend(0.3)
-        pilot.set_mode("OFFBOARD")
-        answer = pilot.command(ARM, 1.0)
+    hover = client.setpoint_duty.act
+    if not isinstance(hover, Hover) or not client.is_armed or client.mode != "OFFBOARD":
+        grounded(client)
+        fast_streams(client)
+        hover = Hover(client)
+        client.stream(hover)
+        client.spend(0.3)
+        client.set_mode("OFFBOARD")
+        answer = client.command(ARM, 1.0)
         if not answer.startswith("ACCEPTED"):
             raise Stuck(f"arming was answered with {answer}")
     hover.tilt = None
     hover.to_height(height_m)
-    settle(pilot, hover)
+    settle(client, hover)
     return hover
 
 
-def settle(pilot: Pilot, hover: Hover, timeout_s: float = 14.0) -> None:
+def settle(client: VehicleClient, hover: Hover, timeout_s: float = 14.0) -> None:
     """Wait until the goal's height is reached and the vehicle is calm.
 
     Raises:
@@ -115,52 +115,52 @@ def settle(pilot: Pilot, hover: Hover, timeout_s: float = 14.0) -> None:
     """
 
     def calm() -> bool:
-        place = pilot.newest("LOCAL_POSITION_NED")
-        roll, pitch, _ = pilot.euler()
-        speed = math.hypot(place.vx, place.vy)
+        position = client.newest("LOCAL_POSITION_NED")
+        roll, pitch, _ = client.euler()
+        speed = math.hypot(position.vx, position.vy)
         return bool(
-            abs(place.z - hover.goal[2]) < 0.3
-            and abs(place.vz) < 0.35
+            abs(position.z - hover.goal[2]) < 0.3
+            and abs(position.vz) < 0.35
             and speed < 0.6
             and math.hypot(roll, pitch) < 0.1
         )
 
-    if not pilot.spend(timeout_s, calm):
+    if not client.spend(timeout_s, calm):
         raise Stuck("it did not come to rest in the air")
 
 
-def fast_streams(pilot: Pilot) -> None:
+def fast_streams(client: VehicleClient) -> None:
     """Ask for what flying and measuring need."""
     for name, hz in _RATES_HZ.items():
-        pilot.interval(name, hz)
+        client.interval(name, hz)
 
 
-def default_streams(pilot: Pilot) -> None:
+def default_streams(client: VehicleClient) -> None:
     """Back to the default rates."""
     for name in _RATES_HZ:
-        pilot.interval(name, 0.0)
+        client.interval(name, 0.0)
 
 
-def grounded(pilot: Pilot) -> None:
+def grounded(client: VehicleClient) -> None:
     """On the ground, disarmed, in AUTO.LOITER, nothing streaming: where every phase on the ground begins.
 
     Raises:
         Stuck: it cannot be brought there.
     """
-    if pilot.is_armed:
-        if pilot.landed != "ON_GROUND":
-            pilot.command(LAND)
+    if client.is_armed:
+        if client.landed != "ON_GROUND":
+            client.command(LAND)
         else:
-            pilot.stream(None)
-            pilot.command(ARM, 0.0)
-        pilot.spend(2.0, lambda: pilot.mode != "OFFBOARD")
-        pilot.stream(None)
-        if not pilot.spend(40.0, lambda: not pilot.is_armed):
-            pilot.command(ARM, 0.0, FORCE)
-            pilot.next_heartbeat()
-    pilot.stream(None)
-    if pilot.mode != "AUTO.LOITER":
-        pilot.set_mode("AUTO.LOITER")
-        pilot.next_heartbeat(2)
-    if pilot.is_armed:
+            client.stream(None)
+            client.command(ARM, 0.0)
+        client.spend(2.0, lambda: client.mode != "OFFBOARD")
+        client.stream(None)
+        if not client.spend(40.0, lambda: not client.is_armed):
+            client.command(ARM, 0.0, FORCE)
+            client.next_heartbeat()
+    client.stream(None)
+    if client.mode != "AUTO.LOITER":
+        client.set_mode("AUTO.LOITER")
+        client.next_heartbeat(2)
+    if client.is_armed:
         raise Stuck("it could not be disarmed")

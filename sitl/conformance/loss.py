@@ -7,11 +7,11 @@ import math
 from sitl.conformance.facts import Fact, FactReport, number, word
 from sitl.conformance.hover import Hover, airborne, fast_streams, grounded, settle
 from sitl.conformance.phase import Phase
-from sitl.conformance.pilot import ARM, Pilot, quaternion
+from sitl.conformance.vehicle_client import ARM, VehicleClient, quaternion
 
 _HEIGHT_M = 3.0
 _TEXT = "Failsafe activated"
-_TOLD = ("loss.status", "loss.base-mode", "loss.text", "loss.severity", "loss.event")
+_TEXTS = ("loss.status", "loss.base-mode", "loss.text", "loss.severity", "loss.event")
 _ACTIONS = {1: "ALTCTL", 3: "AUTO.RTL", 4: "AUTO.LAND", 5: "AUTO.LOITER", 0: "POSCTL"}
 
 
@@ -49,138 +49,138 @@ GROUND = (
 )
 
 
-def run(pilot: Pilot, report: FactReport) -> None:
+def run(client: VehicleClient, report: FactReport) -> None:
     """Pause, stop, and stop for good; then the same on the ground."""
-    pilot.greet(as_ground_station=True)
+    client.greet(as_ground_station=True)
     if report.wants(*(fact.name for fact in (*AIR, *DESCENT))):
-        hover = airborne(pilot, _HEIGHT_M)
-        _in_the_air(pilot, report, hover)
+        hover = airborne(client, _HEIGHT_M)
+        _in_the_air(client, report, hover)
         if report.wants(*(fact.name for fact in DESCENT)):
-            _descend(pilot, report, hover)
+            _descend(client, report, hover)
     if report.wants("loss.ground-*"):
-        _on_the_ground(pilot, report)
+        _on_the_ground(client, report)
 
 
-def _in_the_air(pilot: Pilot, report: FactReport, hover: Hover) -> None:
+def _in_the_air(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     if report.wants("loss.short-gap"):
-        since_s = _stop(pilot, hover)
-        pilot.spend(0.8)
-        _resume(pilot, hover)
-        pilot.next_heartbeat(2)
-        quiet = pilot.text(_TEXT, since_s) is None and pilot.mode == "OFFBOARD"
-        report.add("loss.short-gap", "nothing" if quiet else f"failsafe, {pilot.mode}")
+        since_s = _stop(client, hover)
+        client.spend(0.8)
+        _resume(client, hover)
+        client.next_heartbeat(2)
+        quiet = client.text(_TEXT, since_s) is None and client.mode == "OFFBOARD"
+        report.add("loss.short-gap", "nothing" if quiet else f"failsafe, {client.mode}")
     for action in _ACTIONS:
-        also = _TOLD if action == 0 else ()
+        also = _TEXTS if action == 0 else ()
         if report.wants(f"loss.action-{action}*", *also):
-            _act(pilot, report, hover, action)
+            _act(client, report, hover, action)
     if report.wants("loss.timeout-follows"):
-        pilot.set_parameter("COM_OF_LOSS_T", 0.5)
-        report.add("loss.timeout-follows", _until_failsafe(pilot, _stop(pilot, hover)))
-        _resume(pilot, hover)
-        pilot.restore_parameters()
-        pilot.next_heartbeat()
-        settle(pilot, hover)
+        client.params.set("COM_OF_LOSS_T", 0.5)
+        report.add("loss.timeout-follows", _until_failsafe(client, _stop(client, hover)))
+        _resume(client, hover)
+        client.params.restore()
+        client.next_heartbeat()
+        settle(client, hover)
     if report.wants("loss.wrong-target"):
-        since_s = _stop(pilot, hover)
-        wrong = pilot.system_id % 250 + 3
+        since_s = _stop(client, hover)
+        wrong = client.system_id % 250 + 3
         level = quaternion(0.0, 0.0, hover.yaw_rad)
-        pilot.stream(lambda: pilot.attitude(level, hover.thrust, target=wrong))
-        report.add("loss.wrong-target", _until_failsafe(pilot, since_s))
-        _resume(pilot, hover)
-        pilot.next_heartbeat()
-        settle(pilot, hover)
+        client.stream(lambda: client.attitude(level, hover.thrust, target=wrong))
+        report.add("loss.wrong-target", _until_failsafe(client, since_s))
+        _resume(client, hover)
+        client.next_heartbeat()
+        settle(client, hover)
 
 
-def _stop(pilot: Pilot, hover: Hover) -> float:
+def _stop(client: VehicleClient, hover: Hover) -> float:
     """Stop sending; when the last setpoint went out. It is a level one: it is held."""
     level = quaternion(0.0, 0.0, hover.yaw_rad)
-    pilot.attitude(level, hover.thrust)
-    pilot.stream(None)
-    return pilot.now_s
+    client.attitude(level, hover.thrust)
+    client.stream(None)
+    return client.now_s
 
 
-def _resume(pilot: Pilot, hover: Hover) -> None:
+def _resume(client: VehicleClient, hover: Hover) -> None:
     hover.here()
-    pilot.stream(hover)
+    client.stream(hover)
 
 
-def _until_failsafe(pilot: Pilot, since_s: float) -> float:
-    pilot.spend(2.5, lambda: pilot.text(_TEXT, since_s) is not None)
-    text = pilot.text(_TEXT, since_s)
+def _until_failsafe(client: VehicleClient, since_s: float) -> float:
+    client.spend(2.5, lambda: client.text(_TEXT, since_s) is not None)
+    text = client.text(_TEXT, since_s)
     return text[0] - since_s if text else math.nan
 
 
-def _act(pilot: Pilot, report: FactReport, hover: Hover, action: int) -> None:
-    pilot.set_parameter("COM_OBL_RC_ACT", action)
-    since_s = _stop(pilot, hover)
-    report.add(f"loss.action-{action}-time", _until_failsafe(pilot, since_s))
-    pilot.next_heartbeat()
-    report.add(f"loss.action-{action}", pilot.mode)
+def _act(client: VehicleClient, report: FactReport, hover: Hover, action: int) -> None:
+    client.params.set("COM_OBL_RC_ACT", action)
+    since_s = _stop(client, hover)
+    report.add(f"loss.action-{action}-time", _until_failsafe(client, since_s))
+    client.next_heartbeat()
+    report.add(f"loss.action-{action}", client.mode)
     if action == 0:
-        text = pilot.text(_TEXT, since_s)
-        report.add("loss.status", pilot.status)
-        report.add("loss.base-mode", str(pilot.newest("HEARTBEAT").base_mode))
+        text = client.text(_TEXT, since_s)
+        report.add("loss.status", client.status)
+        report.add("loss.base-mode", str(client.newest("HEARTBEAT").base_mode))
         report.add("loss.text", repr(text[2]) if text else "none")
         report.add("loss.severity", str(text[1]) if text else "none")
-        events = list(pilot.seen.of("EVENT", since_s + 0.9))
+        events = list(client.received.of("EVENT", since_s + 0.9))
         report.add("loss.event", "sent" if events else "not sent")
-    _resume(pilot, hover)
-    pilot.spend(0.1)
-    pilot.next_heartbeat()
-    report.add(f"loss.action-{action}-return", pilot.mode)
-    if pilot.mode != "OFFBOARD":
-        pilot.set_mode("OFFBOARD")
-        pilot.next_heartbeat()
-    pilot.restore_parameters()
-    settle(pilot, hover)
+    _resume(client, hover)
+    client.spend(0.1)
+    client.next_heartbeat()
+    report.add(f"loss.action-{action}-return", client.mode)
+    if client.mode != "OFFBOARD":
+        client.set_mode("OFFBOARD")
+        client.next_heartbeat()
+    client.params.restore()
+    settle(client, hover)
 
 
-def _descend(pilot: Pilot, report: FactReport, hover: Hover) -> None:
+def _descend(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     hover.to_height(2.6)
-    settle(pilot, hover)
-    since_s = _stop(pilot, hover)
-    pilot.spend(20.0, lambda: pilot.text("Disarmed by", since_s) is not None)
+    settle(client, hover)
+    since_s = _stop(client, hover)
+    client.spend(20.0, lambda: client.text("Disarmed by", since_s) is not None)
     sinking = [
         packet.message.vz
-        for packet in pilot.seen.of("LOCAL_POSITION_NED", since_s)
+        for packet in client.received.of("LOCAL_POSITION_NED", since_s)
         if 0.5 < hover.ground_z - packet.message.z < 1.5
     ]
     report.add("loss.descent", sum(sinking) / len(sinking) if sinking else math.nan)
-    landed, disarmed = pilot.text("Landing detected", since_s), pilot.text("Disarmed by", since_s)
+    landed, disarmed = client.text("Landing detected", since_s), client.text("Disarmed by", since_s)
     report.add("loss.landed", landed[0] - since_s if landed else math.nan)
     report.add("loss.disarmed", disarmed[0] - landed[0] if landed and disarmed else math.nan)
-    pilot.next_heartbeat(2)
-    report.add("loss.mode-after", pilot.mode)
-    report.add("loss.status-after", pilot.status)
-    report.add("loss.arming-after", pilot.command(ARM, 1.0))
+    client.next_heartbeat(2)
+    report.add("loss.mode-after", client.mode)
+    report.add("loss.status-after", client.status)
+    report.add("loss.arming-after", client.command(ARM, 1.0))
 
 
-def _on_the_ground(pilot: Pilot, report: FactReport) -> None:
-    grounded(pilot)
-    fast_streams(pilot)
-    hover = Hover(pilot)
-    pilot.stream(hover)
-    pilot.spend(0.3)
-    pilot.set_mode("OFFBOARD")
-    pilot.command(ARM, 1.0)
-    pilot.spend(0.5)
-    since_s = _stop_resting(pilot)
-    _until_failsafe(pilot, since_s)
-    pilot.next_heartbeat()
-    report.add("loss.ground-mode", pilot.mode)
-    pilot.spend(5.0)
-    report.add("loss.ground-armed", "armed" if pilot.is_armed else "disarmed")
-    pilot.stream(hover)
-    pilot.spend(0.1)
-    pilot.next_heartbeat()
-    report.add("loss.ground-return", pilot.mode)
-    pilot.command(ARM, 0.0)
-    pilot.next_heartbeat()
+def _on_the_ground(client: VehicleClient, report: FactReport) -> None:
+    grounded(client)
+    fast_streams(client)
+    hover = Hover(client)
+    client.stream(hover)
+    client.spend(0.3)
+    client.set_mode("OFFBOARD")
+    client.command(ARM, 1.0)
+    client.spend(0.5)
+    since_s = _stop_resting(client)
+    _until_failsafe(client, since_s)
+    client.next_heartbeat()
+    report.add("loss.ground-mode", client.mode)
+    client.spend(5.0)
+    report.add("loss.ground-armed", "armed" if client.is_armed else "disarmed")
+    client.stream(hover)
+    client.spend(0.1)
+    client.next_heartbeat()
+    report.add("loss.ground-return", client.mode)
+    client.command(ARM, 0.0)
+    client.next_heartbeat()
 
 
-def _stop_resting(pilot: Pilot) -> float:
-    pilot.stream(None)
-    return pilot.now_s
+def _stop_resting(client: VehicleClient) -> float:
+    client.stream(None)
+    return client.now_s
 
 
 PHASE = Phase("setpoints stop", (*AIR, *DESCENT, *GROUND), run)

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common
 from sitl.conformance.endpoint import NAMES, Packet
 from sitl.conformance.facts import Fact, FactReport, number, word
 from sitl.conformance.phase import Phase
-from sitl.conformance.pilot import MODES, STATUS, Pilot
+from sitl.conformance.vehicle_client import MODES, STATUS, VehicleClient
 
 _WATCH_S = 10.0
 _READY_S = 6.0
@@ -72,7 +72,7 @@ BOOT = (
     number("boot.armable", "11", "prearm bit at 4.3 s", 3.3, 5.5, "s"),
 )
 STREAMS = tuple(_rate_fact(message, hz) for message, hz in _RATES_HZ.items())
-WIRE = (
+MESSAGE_LAYOUT = (
     word("wire.version", "4", "everything is MAVLink 2", "MAVLink 2"),
     number("wire.messages-per-datagram", "4", "one message in a datagram", 1.0, 1.02),
     number("wire.datagrams", "4", "405 datagrams a second", 380.0, 425.0, "1/s"),
@@ -120,31 +120,31 @@ QUIRKS = (
 )
 
 
-def run(pilot: Pilot, report: FactReport) -> None:
+def run(client: VehicleClient, report: FactReport) -> None:
     """Watch, without a word."""
-    _boot(pilot, report)
+    _boot(client, report)
     if not report.wants("stream.*", "wire.*", "clock.*", "heartbeat.*", "pad.*", "quirk.*", "text.silent-alone"):
         return
-    if pilot.now_s < _READY_S:
-        pilot.spend(_READY_S - pilot.now_s)
-    since_s, before = pilot.now_s, (pilot.seen.datagrams, pilot.seen.octets)
-    pilot.spend(_WATCH_S)
-    until_s = pilot.now_s
-    _streams(pilot, report, since_s, until_s)
+    if client.now_s < _READY_S:
+        client.spend(_READY_S - client.now_s)
+    since_s, before = client.now_s, (client.received.datagrams, client.received.octets)
+    client.spend(_WATCH_S)
+    until_s = client.now_s
+    _streams(client, report, since_s, until_s)
     elapsed_s = until_s - since_s
-    report.add("wire.datagrams", (pilot.seen.datagrams - before[0]) / elapsed_s)
-    report.add("wire.bytes", (pilot.seen.octets - before[1]) / elapsed_s / 1e3)
-    _wire(pilot, report, since_s)
-    _quirks(pilot, report)
-    _noise(pilot, report, since_s)
+    report.add("wire.datagrams", (client.received.datagrams - before[0]) / elapsed_s)
+    report.add("wire.bytes", (client.received.octets - before[1]) / elapsed_s / 1e3)
+    _message_layout(client, report, since_s)
+    _quirks(client, report)
+    _noise(client, report, since_s)
 
 
-def _boot(pilot: Pilot, report: FactReport) -> None:
-    seen = pilot.seen
+def _boot(client: VehicleClient, report: FactReport) -> None:
+    received = client.received
     report.add("boot.unasked", "yes")  # whoever came here has heard it without a word
     rest = [fact for fact in BOOT if fact.name != "boot.unasked"]
-    pilot.listen(1.5, lambda: seen.newest("ATTITUDE") is not None)
-    attitudes = seen.of("ATTITUDE")
+    client.listen(1.5, lambda: received.newest("ATTITUDE") is not None)
+    attitudes = received.of("ATTITUDE")
     first_s = attitudes[0].message.time_boot_ms * 1e-3 if attitudes else math.inf
     if first_s > _FRESH_S:
         reason = f"it started {first_s:.0f} s before: start it while the check already waits"
@@ -155,15 +155,15 @@ def _boot(pilot: Pilot, report: FactReport) -> None:
         return
 
     def fixed() -> list[Packet]:
-        return [packet for packet in seen.of("GPS_RAW_INT") if packet.message.fix_type >= 3]
+        return [packet for packet in received.of("GPS_RAW_INT") if packet.message.fix_type >= 3]
 
-    pilot.spend(1.0)
-    is_armable = pilot.spend(_READY_S, pilot.shows_ready)
-    armable_s = pilot.now_s
+    client.spend(1.0)
+    is_armable = client.spend(_READY_S, client.shows_ready)
+    armable_s = client.now_s
     if is_armable and armable_s < 1.3:
-        armable_s = seen.of("SYS_STATUS")[0].at_s
-    pilot.spend(1.0)
-    heartbeats, homes, fixes = seen.of("HEARTBEAT"), seen.of("HOME_POSITION"), fixed()
+        armable_s = received.of("SYS_STATUS")[0].at_s
+    client.spend(1.0)
+    heartbeats, homes, fixes = received.of("HEARTBEAT"), received.of("HOME_POSITION"), fixed()
     report.add("boot.heartbeat", heartbeats[0].at_s if heartbeats else math.nan)
     report.add("boot.heartbeat-status", STATUS.get(heartbeats[0].message.system_status, "?") if heartbeats else "none")
     report.add("boot.gps", fixes[0].at_s if fixes else math.nan)
@@ -171,49 +171,49 @@ def _boot(pilot: Pilot, report: FactReport) -> None:
     report.add("boot.armable", armable_s if is_armable else math.nan)
 
 
-def _streams(pilot: Pilot, report: FactReport, since_s: float, until_s: float) -> None:
+def _streams(client: VehicleClient, report: FactReport, since_s: float, until_s: float) -> None:
     for message in _RATES_HZ:
-        count = len(pilot.seen.of(message, since_s, until_s))
+        count = len(client.received.of(message, since_s, until_s))
         report.add(_stream_name(message), count / (until_s - since_s))
     others = [
         NAMES.get(number, str(number))
-        for number, packets in pilot.seen.packets.items()
+        for number, packets in client.received.packets.items()
         if packets and packets[-1].at_s >= since_s and NAMES.get(number) not in (*_RATES_HZ, *_EVENTS_ONLY)
     ]
     report.add("wire.unasked-others", ", ".join(sorted(others)) or "nothing")
 
 
-def _wire(pilot: Pilot, report: FactReport, since_s: float) -> None:
-    seen = pilot.seen
-    report.add("wire.version", "MAVLink 2" if not seen.v1_frames else f"{seen.v1_frames} frames of MAVLink 1")
-    report.add("wire.messages-per-datagram", seen.frames / max(1, seen.datagrams))
-    report.add("wire.checksums", _checksums(pilot))
-    report.add("wire.component", str(seen.of("HEARTBEAT")[-1].component_id))
-    rc = sum(bool(seen.of(name)) for name in ("RC_CHANNELS", "RC_CHANNELS_RAW"))
+def _message_layout(client: VehicleClient, report: FactReport, since_s: float) -> None:
+    received = client.received
+    report.add("wire.version", "MAVLink 2" if not received.v1_frames else f"{received.v1_frames} frames of MAVLink 1")
+    report.add("wire.messages-per-datagram", received.frames / max(1, received.datagrams))
+    report.add("wire.checksums", _checksums(client))
+    report.add("wire.component", str(received.of("HEARTBEAT")[-1].component_id))
+    rc = sum(bool(received.of(name)) for name in ("RC_CHANNELS", "RC_CHANNELS_RAW"))
     report.add("wire.no-rc", "none" if not rc else "streamed")
-    texts = len(seen.of("STATUSTEXT"))
+    texts = len(received.of("STATUSTEXT"))
     report.add("text.silent-alone", "none" if not texts else f"{texts} texts")
-    if 0.9 < pilot.clock.pace < 1.1:
-        report.add("clock.pace", pilot.clock.pace)
+    if 0.9 < client.clock.pace < 1.1:
+        report.add("clock.pace", client.clock.pace)
     else:
-        pace = f"it runs at {pilot.clock.pace:.1f} times real time"
-        report.skip([fact for fact in WIRE if fact.name == "clock.pace"], pace)
-    stamps = [packet.message.time_boot_ms for packet in seen.of("ATTITUDE", since_s)]
+        pace = f"it runs at {client.clock.pace:.1f} times real time"
+        report.skip([fact for fact in MESSAGE_LAYOUT if fact.name == "clock.pace"], pace)
+    stamps = [packet.message.time_boot_ms for packet in received.of("ATTITUDE", since_s)]
     gaps = [after - before for before, after in itertools.pairwise(stamps)]
     report.add("clock.gap-mean", statistics.fmean(gaps) if gaps else math.nan)
     # A stamp is rounded to a millisecond.
     whole = [gap for gap in gaps if min(gap % 4, 4 - gap % 4) <= 1 and gap >= 3]
     report.add("clock.gap-steps", len(whole) / len(gaps) if gaps else math.nan)
-    beats = [packet.at_s for packet in seen.of("HEARTBEAT", since_s)]
+    beats = [packet.at_s for packet in received.of("HEARTBEAT", since_s)]
     between = [after - before for before, after in itertools.pairwise(beats)]
-    slack = 0.02 * max(0.0, pilot.clock.pace - 1.0)  # arrival is seen by the wall clock
+    slack = 0.02 * max(0.0, client.clock.pace - 1.0)  # arrival is seen by the wall clock
     report.add("heartbeat.interval-min", min(1.0, min(between) + slack) if between else math.nan)
     report.add("heartbeat.interval-max", max(1.0, max(between) - slack) if between else math.nan)
 
 
-def _checksums(pilot: Pilot) -> str:
+def _checksums(client: VehicleClient) -> str:
     wrong = 0
-    for message_id, packets in pilot.seen.packets.items():
+    for message_id, packets in client.received.packets.items():
         for packet in packets[:20] if message_id in common.mavlink_map else ():
             try:
                 _ = packet.message
@@ -222,17 +222,17 @@ def _checksums(pilot: Pilot) -> str:
     return "all right" if not wrong else f"{wrong} wrong"
 
 
-def _quirks(pilot: Pilot, report: FactReport) -> None:
+def _quirks(client: VehicleClient, report: FactReport) -> None:
     def shown(name: str, message: str, read: str) -> None:
-        packet = pilot.seen.newest(message)
+        packet = client.received.newest(message)
         report.add(name, "no " + message if packet is None else str(getattr(packet.message, read)))
 
-    beat = pilot.newest("HEARTBEAT")
+    beat = client.newest("HEARTBEAT")
     report.add("quirk.heartbeat", f"type {beat.type} autopilot {beat.autopilot}")
     report.add("pad.mode", MODES.get(beat.custom_mode, str(beat.custom_mode)))
     report.add("pad.base-mode", str(beat.base_mode))
-    report.add("pad.status", pilot.status)
-    report.add("pad.prearm-bit", "set" if pilot.shows_ready() else "not set")
+    report.add("pad.status", client.status)
+    report.add("pad.prearm-bit", "set" if client.shows_ready() else "not set")
     shown("pad.landed", "EXTENDED_SYS_STATE", "landed_state")
     shown("quirk.vtol-state", "EXTENDED_SYS_STATE", "vtol_state")
     shown("quirk.odometry-estimator", "ODOMETRY", "estimator_type")
@@ -243,27 +243,27 @@ def _quirks(pilot: Pilot, report: FactReport) -> None:
     shown("quirk.battery-charge-state", "BATTERY_STATUS", "charge_state")
     shown("quirk.servo-disarmed", "SERVO_OUTPUT_RAW", "servo1_raw")
     shown("quirk.attitude-target-mask", "ATTITUDE_TARGET", "type_mask")
-    odometry, battery = pilot.newest("ODOMETRY"), pilot.newest("BATTERY_STATUS")
+    odometry, battery = client.newest("ODOMETRY"), client.newest("BATTERY_STATUS")
     report.add("quirk.odometry-frames", f"{odometry.frame_id} and {odometry.child_frame_id}")
     # The upper triangle of a 6 x 6 matrix, row by row; its diagonal lies at 0, 6, 11, 15, 18, 20.
     off_diagonal = [
-        value for place, value in enumerate(odometry.pose_covariance) if place not in (0, 6, 11, 15, 18, 20)
+        value for position, value in enumerate(odometry.pose_covariance) if position not in (0, 6, 11, 15, 18, 20)
     ]
     report.add("quirk.odometry-covariance", "NaN" if all(map(math.isnan, off_diagonal)) else "numbers")
     report.add("quirk.odometry-resets", float(odometry.reset_counter))
     report.add("quirk.battery-voltage", float(battery.voltages[0]))
     report.add("quirk.battery-cells", ", ".join(sorted({str(value) for value in battery.voltages[1:]})))
-    place = pilot.newest("GLOBAL_POSITION_INT")
-    report.add("pad.latitude", place.lat * 1e-7)
-    report.add("pad.longitude", place.lon * 1e-7)
+    position = client.newest("GLOBAL_POSITION_INT")
+    report.add("pad.latitude", position.lat * 1e-7)
+    report.add("pad.longitude", position.lon * 1e-7)
 
 
-def _noise(pilot: Pilot, report: FactReport, since_s: float) -> None:
-    places = [packet.message for packet in pilot.seen.of("LOCAL_POSITION_NED", since_s)]
-    angles = [packet.message for packet in pilot.seen.of("ATTITUDE", since_s)]
+def _noise(client: VehicleClient, report: FactReport, since_s: float) -> None:
+    places = [packet.message for packet in client.received.of("LOCAL_POSITION_NED", since_s)]
+    angles = [packet.message for packet in client.received.of("ATTITUDE", since_s)]
     if len(places) < 10 or len(angles) < 10:
         return
-    report.add("pad.height", abs(statistics.fmean(place.z for place in places)))
+    report.add("pad.height", abs(statistics.fmean(position.z for position in places)))
     report.add("pad.position-noise", max(statistics.pstdev([getattr(p, axis) for p in places]) for axis in "xyz"))
     speeds = ("vx", "vy", "vz")
     report.add("pad.velocity-noise", max(statistics.pstdev([getattr(p, axis) for p in places]) for axis in speeds))
@@ -278,4 +278,4 @@ def _noise(pilot: Pilot, report: FactReport, since_s: float) -> None:
     report.add("pad.gyro-noise", statistics.fmean(gyros))
 
 
-PHASE = Phase("streams on the pad", (*BOOT, *STREAMS, *WIRE, *QUIRKS), run, turns_motors=False)
+PHASE = Phase("streams on the pad", (*BOOT, *STREAMS, *MESSAGE_LAYOUT, *QUIRKS), run, turns_motors=False)

@@ -6,7 +6,7 @@ import math
 
 from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.phase import Phase
-from sitl.conformance.pilot import Pilot
+from sitl.conformance.vehicle_client import VehicleClient
 
 _DEFAULTS = {
     "COM_OF_LOSS_T": 1.0,
@@ -50,11 +50,11 @@ ACCESS = (
 )
 
 
-def run(pilot: Pilot, report: FactReport) -> None:
+def run(client: VehicleClient, report: FactReport) -> None:
     """Read the defaults, then set one of each kind and put it back."""
     for name, value in _DEFAULTS.items():
         if report.wants(f"param.{name}"):
-            read = pilot.parameter(name)
+            read = client.params.read(name)
             # Floats travel with 24 bits.
             close = read is not None and math.isclose(read, value, rel_tol=1e-6, abs_tol=1e-9)
             report.add(f"param.{name}", value if close else math.nan if read is None else read)
@@ -64,13 +64,13 @@ def run(pilot: Pilot, report: FactReport) -> None:
         ("param.set-float", "COM_DISARM_LAND", 0.75),
         ("param.set-integer", "COM_OBL_RC_ACT", 4.0),
     ):
-        answer = pilot.set_parameter(name, value)
-        read = pilot.parameter(name)
+        answer = client.params.set(name, value)
+        read = client.params.read(name)
         report.add(fact, " and ".join("nothing" if v is None else f"{v:g}" for v in (answer, read)))
-        kinds = [p.message.param_type for p in pilot.seen.of("PARAM_VALUE") if p.message.param_id == name]
+        kinds = [p.message.param_type for p in client.received.of("PARAM_VALUE") if p.message.param_id == name]
         kind_fact = "param.float-type" if value == 0.75 else "param.integer-type"
         report.add(kind_fact, str(kinds[-1]) if kinds else "nothing")
-    pilot.restore_parameters()
+    client.params.restore()
 
 
 PHASE = Phase("parameters", (*DEFAULTS, *ACCESS), run, turns_motors=False)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from sitl.conformance.facts import Fact, FactReport
-from sitl.conformance.pilot import Pilot
+from sitl.conformance.vehicle_client import VehicleClient
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,5 +22,5 @@ class Phase:
 
     name: str
     facts: tuple[Fact, ...]
-    run: Callable[[Pilot, FactReport], None]
+    run: Callable[[VehicleClient, FactReport], None]
     turns_motors: bool = True

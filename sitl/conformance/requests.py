@@ -9,7 +9,7 @@ from functools import partial
 from sitl.conformance.endpoint import Packet
 from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.phase import Phase
-from sitl.conformance.pilot import REQUEST, SET_INTERVAL, Pilot, common_id
+from sitl.conformance.vehicle_client import REQUEST, SET_INTERVAL, VehicleClient, common_id
 
 _WATCH_S = 3.0
 _GET_INTERVAL = 510
@@ -59,84 +59,86 @@ ANSWERS = (
 )
 
 
-def run(pilot: Pilot, report: FactReport) -> None:
+def run(client: VehicleClient, report: FactReport) -> None:
     """Raise rates and put them back, then ask this and that."""
     if report.wants("rate.*", "truth.*"):
-        _rates(pilot, report)
-    _answers(pilot, report)
+        _rates(client, report)
+    _answers(client, report)
 
 
-def _rates(pilot: Pilot, report: FactReport) -> None:
-    for wishes in _ROUNDS:
+def _rates(client: VehicleClient, report: FactReport) -> None:
+    for requests in _ROUNDS:
         matching = [
-            wish for wish in wishes if report.wants(wish[0], "rate.acknowledged", "rate.default-again", "rate.get")
+            request
+            for request in requests
+            if report.wants(request[0], "rate.acknowledged", "rate.default-again", "rate.get")
         ]
         if not matching:
             continue
-        answers = {pilot.interval(message, hz) for _, message, hz in matching if message != "HIL_STATE_QUATERNION"}
+        answers = {client.interval(message, hz) for _, message, hz in matching if message != "HIL_STATE_QUATERNION"}
         if any(message == "HIL_STATE_QUATERNION" for _, message, _ in matching):
-            pilot.interval("HIL_STATE_QUATERNION", 100.0)
+            client.interval("HIL_STATE_QUATERNION", 100.0)
         report.add("rate.acknowledged", ", ".join(sorted(answers)))
         if any(message == "ATTITUDE" for _, message, _ in matching):
-            report.add("rate.get", _get_interval(pilot))
-        since_s = pilot.now_s
-        pilot.spend(_WATCH_S)
-        elapsed_s = pilot.now_s - since_s
+            report.add("rate.get", _get_interval(client))
+        since_s = client.now_s
+        client.spend(_WATCH_S)
+        elapsed_s = client.now_s - since_s
         for fact, message, _ in matching:
-            report.add(fact, len(pilot.seen.of(message, since_s)) / elapsed_s)
+            report.add(fact, len(client.received.of(message, since_s)) / elapsed_s)
         for _, message, _ in matching:
-            pilot.interval(message, 0.0)
-    truth = pilot.seen.newest("HIL_STATE_QUATERNION")
+            client.interval(message, 0.0)
+    truth = client.received.newest("HIL_STATE_QUATERNION")
     report.add("truth.time", str(truth.message.time_usec) if truth else "no HIL_STATE_QUATERNION")
     if report.wants("rate.default-again"):
-        since_s = pilot.now_s
-        pilot.spend(1.5)
-        report.add("rate.default-again", len(pilot.seen.of("ATTITUDE", since_s)) / (pilot.now_s - since_s))
-    report.add("rate.heartbeat-fixed", pilot.interval("HEARTBEAT", 5.0))
-    report.add("rate.unknown-message", pilot.interval(_UNKNOWN_MESSAGE, 5.0))
+        since_s = client.now_s
+        client.spend(1.5)
+        report.add("rate.default-again", len(client.received.of("ATTITUDE", since_s)) / (client.now_s - since_s))
+    report.add("rate.heartbeat-fixed", client.interval("HEARTBEAT", 5.0))
+    report.add("rate.unknown-message", client.interval(_UNKNOWN_MESSAGE, 5.0))
 
 
-def _get_interval(pilot: Pilot) -> float:
-    since_s = pilot.now_s
-    pilot.command(_GET_INTERVAL, float(common_id("ATTITUDE")))
-    for packet in pilot.seen.of("MESSAGE_INTERVAL", since_s):
+def _get_interval(client: VehicleClient) -> float:
+    since_s = client.now_s
+    client.command(_GET_INTERVAL, float(common_id("ATTITUDE")))
+    for packet in client.received.of("MESSAGE_INTERVAL", since_s):
         if packet.message.message_id == common_id("ATTITUDE"):
             return float(packet.message.interval_us)
     return math.nan
 
 
-def _requested(pilot: Pilot, name: str) -> str:
-    since_s = pilot.now_s
-    answer = pilot.command(REQUEST, float(common_id(name)))
-    return f"{answer} and {'sent' if pilot.seen.of(name, since_s) else 'not sent'}"
+def _requested(client: VehicleClient, name: str) -> str:
+    since_s = client.now_s
+    answer = client.command(REQUEST, float(common_id(name)))
+    return f"{answer} and {'sent' if client.received.of(name, since_s) else 'not sent'}"
 
 
-def _answers(pilot: Pilot, report: FactReport) -> None:
+def _answers(client: VehicleClient, report: FactReport) -> None:
     if report.wants("request.autopilot-version"):
-        report.add("request.autopilot-version", _requested(pilot, "AUTOPILOT_VERSION"))
+        report.add("request.autopilot-version", _requested(client, "AUTOPILOT_VERSION"))
     if report.wants("request.global-origin"):
-        report.add("request.global-origin", _requested(pilot, "GPS_GLOBAL_ORIGIN"))
+        report.add("request.global-origin", _requested(client, "GPS_GLOBAL_ORIGIN"))
     if report.wants("ack.unknown-command"):
-        report.add("ack.unknown-command", pilot.command(_UNKNOWN_COMMAND))
+        report.add("ack.unknown-command", client.command(_UNKNOWN_COMMAND))
     if report.wants("ack.wrong-target"):
-        wrong = pilot.system_id % 250 + 3
-        report.add("ack.wrong-target", pilot.command(SET_INTERVAL, 1.0, 2e5, target=wrong))
+        wrong = client.system_id % 250 + 3
+        report.add("ack.wrong-target", client.command(SET_INTERVAL, 1.0, 2e5, target=wrong))
     if report.wants("ack.target", "ack.latency"):
-        _latency(pilot, report)
+        _latency(client, report)
 
 
-def _latency(pilot: Pilot, report: FactReport) -> None:
+def _latency(client: VehicleClient, report: FactReport) -> None:
     times_ms: list[float] = []
     targets: set[tuple[int, int]] = set()
-    acks = pilot.seen.packets[common_id("COMMAND_ACK")]
+    acks = client.received.packets[common_id("COMMAND_ACK")]
     for _ in range(15):
-        sent_s, before = pilot.port.now_s(), len(acks)
-        pilot.send_command(SET_INTERVAL, float(common_id("SYS_STATUS")), 0.0)
-        answered = pilot.spend(max(0.3, 0.2 * pilot.clock.pace), partial(_longer, acks, before))
-        times_ms.append((pilot.port.now_s() - sent_s) * 1e3 if answered else math.inf)
+        sent_s, before = client.port.now_s(), len(acks)
+        client.send_command(SET_INTERVAL, float(common_id("SYS_STATUS")), 0.0)
+        answered = client.spend(max(0.3, 0.2 * client.clock.pace), partial(_longer, acks, before))
+        times_ms.append((client.port.now_s() - sent_s) * 1e3 if answered else math.inf)
         targets |= {(ack.message.target_system, ack.message.target_component) for ack in acks[before:]}
-        pilot.spend(0.02)
-    report.add("ack.target", "yes" if targets == {pilot.identity} else f"it names {sorted(targets)}")
+        client.spend(0.02)
+    report.add("ack.target", "yes" if targets == {client.identity} else f"it names {sorted(targets)}")
     report.add("ack.latency", statistics.median(times_ms))
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from sitl.conformance.facts import Fact, FactReport, number
 from sitl.conformance.hover import Hover, airborne, settle
 from sitl.conformance.phase import Phase
-from sitl.conformance.pilot import Pilot, quaternion, wrap
+from sitl.conformance.vehicle_client import VehicleClient, quaternion, wrap
 
 _HEIGHT_M = 4.0
 _SLACK_S = 0.02
@@ -68,14 +68,14 @@ FACTS = (
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """What one step did: times [s] since it was asked for, fraction of the step, rate [deg/s]."""
+    """One step response: times [s] since the step was sent, fraction of the step, rate [deg/s]."""
 
     times_s: list[float]
     parts: list[float]
     largest_rate_deg_s: float
 
     def reaches(self, part: float) -> float:
-        """When it first reaches a part, between samples."""
+        """Time at which it first reaches a fraction, interpolated between samples."""
         for (t0, p0), (t1, p1) in zip(
             zip(self.times_s, self.parts, strict=True), zip(self.times_s[1:], self.parts[1:], strict=True), strict=False
         ):
@@ -90,37 +90,37 @@ class Response:
 
     @property
     def peak_s(self) -> float:
-        """When the largest excursion is."""
+        """Time of the largest excursion."""
         return self.times_s[self.parts.index(max(self.parts))]
 
 
-def run(pilot: Pilot, report: FactReport) -> None:
+def run(client: VehicleClient, report: FactReport) -> None:
     """One step after the other, with calm between them."""
-    pilot.greet(as_ground_station=True)
-    hover = airborne(pilot, _HEIGHT_M)
+    client.greet(as_ground_station=True)
+    hover = airborne(client, _HEIGHT_M)
     for axis, step_deg in _TILTS:
         if report.wants(f"step.{axis}-{step_deg}-*"):
-            _tilt(pilot, report, hover, axis, step_deg)
+            _tilt(client, report, hover, axis, step_deg)
     for step_deg in _YAW:
         if report.wants(f"step.yaw-{step_deg}-*"):
-            _yaw(pilot, report, hover, step_deg)
+            _yaw(client, report, hover, step_deg)
     if report.wants("step.thrust"):
-        _thrust(pilot, report, hover)
+        _thrust(client, report, hover)
 
 
-def _tilt(pilot: Pilot, report: FactReport, hover: Hover, axis: str, step_deg: int) -> None:
+def _tilt(client: VehicleClient, report: FactReport, hover: Hover, axis: str, step_deg: int) -> None:
     step = math.radians(step_deg)
 
     def go(sign: float) -> None:
         hover.tilt = (sign * step, 0.0) if axis == "roll" else (0.0, sign * step)
 
     hover.tilt = (0.0, 0.0)
-    pilot.spend(0.5)
-    response = _record(pilot, axis, step, lambda: go(1.0), 0.6)
+    client.spend(0.5)
+    response = _record(client, axis, step, lambda: go(1.0), 0.6)
     go(-1.0)  # undo the speed that this gave
-    pilot.spend(0.6)
+    client.spend(0.6)
     hover.here()
-    pilot.spend(0.5)
+    client.spend(0.5)
     name = f"step.{axis}-{step_deg}"
     for part in _TILT_TIMES:
         report.add(f"{name}-{part}", response.reaches(int(part[1:]) / 100.0))
@@ -129,20 +129,20 @@ def _tilt(pilot: Pilot, report: FactReport, hover: Hover, axis: str, step_deg: i
     report.add(f"{name}-rate", response.largest_rate_deg_s)
 
 
-def _yaw(pilot: Pilot, report: FactReport, hover: Hover, step_deg: int) -> None:
+def _yaw(client: VehicleClient, report: FactReport, hover: Hover, step_deg: int) -> None:
     hover.tilt = (0.0, 0.0)
-    pilot.spend(0.3)
+    client.spend(0.3)
     # From where the vehicle really points, so that the step has the size that is meant.
-    hover.yaw_rad = pilot.euler()[2]
-    pilot.spend(0.8)
+    hover.yaw_rad = client.euler()[2]
+    client.spend(0.8)
     goal = wrap(hover.yaw_rad + math.radians(step_deg))
 
     def go() -> None:
         hover.yaw_rad = goal
 
-    response = _record(pilot, "yaw", math.radians(step_deg), go, 2.0)
+    response = _record(client, "yaw", math.radians(step_deg), go, 2.0)
     hover.here()
-    settle(pilot, hover)
+    settle(client, hover)
     times, _ = _YAW[step_deg]
     name = f"step.yaw-{step_deg}"
     for part in times:
@@ -151,23 +151,23 @@ def _yaw(pilot: Pilot, report: FactReport, hover: Hover, step_deg: int) -> None:
     report.add(f"{name}-rate", response.largest_rate_deg_s)
 
 
-def _record(pilot: Pilot, axis: str, step_rad: float, go: Callable[[], None], for_s: float) -> Response:
+def _record(client: VehicleClient, axis: str, step_rad: float, go: Callable[[], None], for_s: float) -> Response:
     """Do it, and read what ATTITUDE shows; time zero is when ATTITUDE_TARGET echoes the new setpoint."""
-    begin_s = pilot.now_s
-    before = [p.message for p in pilot.seen.of("ATTITUDE", begin_s - 0.15)]
+    begin_s = client.now_s
+    before = [p.message for p in client.received.of("ATTITUDE", begin_s - 0.15)]
     start = before[0]
     mean = math.atan2(sum(math.sin(getattr(m, axis)) for m in before), sum(math.cos(getattr(m, axis)) for m in before))
-    echoed = pilot.newest("ATTITUDE_TARGET").q
+    echoed = client.newest("ATTITUDE_TARGET").q
     go()
-    pilot.setpoint_duty.due_s = 0.0
-    pilot.spend(for_s)
+    client.setpoint_duty.due_s = 0.0
+    client.spend(for_s)
     changed = [
         p.message.time_boot_ms
-        for p in pilot.seen.of("ATTITUDE_TARGET", begin_s)
+        for p in client.received.of("ATTITUDE_TARGET", begin_s)
         if math.dist(p.message.q, echoed) > 0.25 * abs(step_rad) / 2
     ]
     zero_ms = changed[0] if changed else start.time_boot_ms + 150.0
-    samples = [packet.message for packet in pilot.seen.of("ATTITUDE", begin_s)]
+    samples = [packet.message for packet in client.received.of("ATTITUDE", begin_s)]
     times = [(m.time_boot_ms - zero_ms) * 1e-3 for m in samples]
     # Counted from the middle of the step, so that what overshoots 180 deg does not appear on the other side.
     middle = mean + 0.5 * step_rad
@@ -176,17 +176,17 @@ def _record(pilot: Pilot, axis: str, step_rad: float, go: Callable[[], None], fo
     return Response(times, parts, max(rates))
 
 
-def _thrust(pilot: Pilot, report: FactReport, hover: Hover) -> None:
+def _thrust(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     level = quaternion(0.0, 0.0, hover.yaw_rad)
-    pilot.stream(lambda: pilot.attitude(level, hover.thrust))
-    pilot.spend(0.6)
-    before = pilot.newest("LOCAL_POSITION_NED").vz
-    pilot.stream(lambda: pilot.attitude(level, hover.thrust + 0.1))
-    pilot.spend(0.6)
-    report.add("step.thrust", before - pilot.newest("LOCAL_POSITION_NED").vz)
+    client.stream(lambda: client.attitude(level, hover.thrust))
+    client.spend(0.6)
+    before = client.newest("LOCAL_POSITION_NED").vz
+    client.stream(lambda: client.attitude(level, hover.thrust + 0.1))
+    client.spend(0.6)
+    report.add("step.thrust", before - client.newest("LOCAL_POSITION_NED").vz)
     hover.here()
-    pilot.stream(hover)
-    settle(pilot, hover)
+    client.stream(hover)
+    settle(client, hover)
 
 
 PHASE = Phase("step responses", FACTS, run)

@@ -9,7 +9,7 @@ from functools import partial
 from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.hover import Hover, airborne, settle
 from sitl.conformance.phase import Phase
-from sitl.conformance.pilot import ATTITUDE_AND_THRUST, Pilot, Quaternion, quaternion
+from sitl.conformance.vehicle_client import ATTITUDE_AND_THRUST, Quaternion, VehicleClient, quaternion
 
 _HEIGHT_M, _LOWEST_M = 8.0, 5.5
 _BAD_S = 0.6
@@ -44,11 +44,11 @@ FACTS = (
 )
 
 
-def run(pilot: Pilot, report: FactReport) -> None:
+def run(client: VehicleClient, report: FactReport) -> None:
     """Each for a moment, with calm after it."""
-    pilot.greet(as_ground_station=True)
-    hover = airborne(pilot, _HEIGHT_M)
-    since_s = pilot.now_s
+    client.greet(as_ground_station=True)
+    hover = airborne(client, _HEIGHT_M)
+    since_s = client.now_s
     level = quaternion(0.0, 0.0, hover.yaw_rad)
     tilted = quaternion(math.radians(10.0), 0.0, hover.yaw_rad)
     tripled = (3.0 * tilted[0], 3.0 * tilted[1], 3.0 * tilted[2], 3.0 * tilted[3])
@@ -58,98 +58,98 @@ def run(pilot: Pilot, report: FactReport) -> None:
         ("setpoint.negative-thrust", -0.5, ATTITUDE_AND_THRUST),
     ):
         if report.wants(name):
-            report.add(name, _falls(pilot, hover, level, thrust, mask))
+            report.add(name, _falls(client, hover, level, thrust, mask))
     if report.wants("setpoint.thrust-above-one"):
-        pilot.interval("SERVO_OUTPUT_RAW", 50.0)
-        _for_a_moment(pilot, partial(pilot.attitude, level, 1.5), _BAD_S)
-        report.add("setpoint.thrust-above-one", float(pilot.newest("SERVO_OUTPUT_RAW").servo1_raw))
-        pilot.interval("SERVO_OUTPUT_RAW", 0.0)
-        _recover(pilot, hover)
+        client.interval("SERVO_OUTPUT_RAW", 50.0)
+        _for_a_moment(client, partial(client.attitude, level, 1.5), _BAD_S)
+        report.add("setpoint.thrust-above-one", float(client.newest("SERVO_OUTPUT_RAW").servo1_raw))
+        client.interval("SERVO_OUTPUT_RAW", 0.0)
+        _recover(client, hover)
     for name, q, mask in (
         ("setpoint.scaled-quaternion", tripled, ATTITUDE_AND_THRUST),
         ("setpoint.mask-zero", tilted, 0),
     ):
         if report.wants(name):
-            _for_a_moment(pilot, partial(pilot.attitude, q, hover.thrust, mask=mask), _BAD_S)
-            report.add(name, math.degrees(pilot.euler()[0]))
+            _for_a_moment(client, partial(client.attitude, q, hover.thrust, mask=mask), _BAD_S)
+            report.add(name, math.degrees(client.euler()[0]))
             if name == "setpoint.mask-zero":
-                echoed = pilot.newest("ATTITUDE_TARGET").q
+                echoed = client.newest("ATTITUDE_TARGET").q
                 cosine = min(1.0, abs(sum(a * b for a, b in zip(echoed, q, strict=True))))
                 report.add("setpoint.echo", math.degrees(2.0 * math.acos(cosine)))
-            _recover(pilot, hover)
+            _recover(client, hover)
     for name, q in (("setpoint.zero-quaternion", (0.0,) * 4), ("setpoint.nan-quaternion", (math.nan,) * 4)):
         if report.wants(name):
-            _for_a_moment(pilot, partial(pilot.attitude, q, hover.thrust), _BAD_S)
-            roll, pitch, _ = pilot.euler()
+            _for_a_moment(client, partial(client.attitude, q, hover.thrust), _BAD_S)
+            roll, pitch, _ = client.euler()
             report.add(name, math.degrees(math.hypot(roll, pitch)))
-            _recover(pilot, hover)
-    pilot.next_heartbeat()
-    report.add("setpoint.mode-kept", pilot.mode)
-    texts = pilot.texts(since_s)
+            _recover(client, hover)
+    client.next_heartbeat()
+    report.add("setpoint.mode-kept", client.mode)
+    texts = client.texts(since_s)
     report.add("setpoint.silent", "none" if not texts else repr(texts[0][2]))
     if report.wants("setpoint.rates*"):
-        _rates(pilot, report, hover)
+        _rates(client, report, hover)
     if report.wants("setpoint.any-sender"):
-        _other_sender(pilot, report, hover)
+        _other_sender(client, report, hover)
     if report.wants("setpoint.position*", "setpoint.velocity"):
-        _positions(pilot, report, hover)
+        _positions(client, report, hover)
     if report.wants("setpoint.steep*"):
-        _steep(pilot, report, hover)
+        _steep(client, report, hover)
 
 
-def _for_a_moment(pilot: Pilot, send: Callable[[], None], for_s: float) -> None:
-    pilot.stream(send)
-    pilot.spend(for_s)
+def _for_a_moment(client: VehicleClient, send: Callable[[], None], for_s: float) -> None:
+    client.stream(send)
+    client.spend(for_s)
 
 
-def _recover(pilot: Pilot, hover: Hover) -> None:
+def _recover(client: VehicleClient, hover: Hover) -> None:
     hover.here()
     # Where it is, unless the next fall would end on the ground.
     hover.to_height(min(_HEIGHT_M + 2.0, max(_LOWEST_M, hover.height_m)))
-    pilot.stream(hover)
-    settle(pilot, hover)
+    client.stream(hover)
+    settle(client, hover)
 
 
-def _falls(pilot: Pilot, hover: Hover, level: Quaternion, thrust: float, mask: int) -> float:
-    _for_a_moment(pilot, partial(pilot.attitude, level, thrust, mask=mask), _BAD_S)
-    sinking = float(pilot.newest("LOCAL_POSITION_NED").vz)
-    _recover(pilot, hover)
+def _falls(client: VehicleClient, hover: Hover, level: Quaternion, thrust: float, mask: int) -> float:
+    _for_a_moment(client, partial(client.attitude, level, thrust, mask=mask), _BAD_S)
+    sinking = float(client.newest("LOCAL_POSITION_NED").vz)
+    _recover(client, hover)
     return sinking
 
 
-def _rates(pilot: Pilot, report: FactReport, hover: Hover) -> None:
+def _rates(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     nothing: Quaternion = (1.0, 0.0, 0.0, 0.0)
     still = (0.0, 0.0, 0.0)
     rolling = (math.radians(25.0), 0.0, 0.0)
-    pilot.stream(lambda: pilot.attitude(nothing, hover.thrust, mask=_RATES, rates=still))
-    pilot.next_heartbeat(2)
-    report.add("setpoint.rates-base-mode", str(pilot.newest("HEARTBEAT").base_mode))
-    _recover(pilot, hover)
-    pilot.stream(lambda: pilot.attitude(nothing, hover.thrust, mask=_RATES, rates=rolling))
-    pilot.spend(0.45)
-    speeds = [packet.message.rollspeed for packet in pilot.seen.of("ATTITUDE", pilot.now_s - 0.06)]
+    client.stream(lambda: client.attitude(nothing, hover.thrust, mask=_RATES, rates=still))
+    client.next_heartbeat(2)
+    report.add("setpoint.rates-base-mode", str(client.newest("HEARTBEAT").base_mode))
+    _recover(client, hover)
+    client.stream(lambda: client.attitude(nothing, hover.thrust, mask=_RATES, rates=rolling))
+    client.spend(0.45)
+    speeds = [packet.message.rollspeed for packet in client.received.of("ATTITUDE", client.now_s - 0.06)]
     report.add("setpoint.rates", math.degrees(sum(speeds) / len(speeds)) if speeds else math.nan)
-    _recover(pilot, hover)
+    _recover(client, hover)
 
 
-def _other_sender(pilot: Pilot, report: FactReport, hover: Hover) -> None:
-    was_ground_station, pilot.is_ground_station = pilot.is_ground_station, False
-    pilot.heartbeat_duty.act = None
-    pilot.spend(2.2)
-    report.add("setpoint.any-sender", pilot.mode)
-    pilot.greet(as_ground_station=was_ground_station)
+def _other_sender(client: VehicleClient, report: FactReport, hover: Hover) -> None:
+    was_ground_station, client.is_ground_station = client.is_ground_station, False
+    client.heartbeat_duty.act = None
+    client.spend(2.2)
+    report.add("setpoint.any-sender", client.mode)
+    client.greet(as_ground_station=was_ground_station)
 
 
-def _positions(pilot: Pilot, report: FactReport, hover: Hover) -> None:
-    start = pilot.newest("LOCAL_POSITION_NED")
+def _positions(client: VehicleClient, report: FactReport, hover: Hover) -> None:
+    start = client.newest("LOCAL_POSITION_NED")
     # Both are cut off from the hold's own wishes: only what is asked for here is flown.
     x, y, z, yaw = start.x + 1.0, start.y, hover.goal[2], hover.yaw_rad
 
     def target(mask: int, velocity_east: float = 0.0) -> Callable[[], None]:
-        return lambda: pilot.send(
+        return lambda: client.send(
             "SET_POSITION_TARGET_LOCAL_NED",
             time_boot_ms=0,
-            target_system=pilot.system_id,
+            target_system=client.system_id,
             target_component=1,
             coordinate_frame=_LOCAL_NED,
             type_mask=mask,
@@ -166,31 +166,31 @@ def _positions(pilot: Pilot, report: FactReport, hover: Hover) -> None:
             yaw_rate=0.0,
         )
 
-    pilot.stream(target(_IGNORE_ALL_BUT_POSITION))
-    pilot.spend(4.0)
-    report.add("setpoint.position", pilot.newest("LOCAL_POSITION_NED").x - start.x)
-    report.add("setpoint.position-mode", pilot.mode)
-    pilot.stream(target(_IGNORE_ALL_BUT_VELOCITY, 1.0))
-    pilot.spend(2.0)
-    report.add("setpoint.velocity", float(pilot.newest("LOCAL_POSITION_NED").vy))
-    _recover(pilot, hover)
+    client.stream(target(_IGNORE_ALL_BUT_POSITION))
+    client.spend(4.0)
+    report.add("setpoint.position", client.newest("LOCAL_POSITION_NED").x - start.x)
+    report.add("setpoint.position-mode", client.mode)
+    client.stream(target(_IGNORE_ALL_BUT_VELOCITY, 1.0))
+    client.spend(2.0)
+    report.add("setpoint.velocity", float(client.newest("LOCAL_POSITION_NED").vy))
+    _recover(client, hover)
 
 
-def _steep(pilot: Pilot, report: FactReport, hover: Hover) -> None:
+def _steep(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     for name, tilt_deg, for_s in (("setpoint.steep-50", 50.0, 0.6), ("setpoint.steep-75", 75.0, 0.6)):
-        since_s = pilot.now_s
+        since_s = client.now_s
         for sign in (1.0, -1.0):
             q = quaternion(sign * math.radians(tilt_deg), 0.0, hover.yaw_rad)
-            _for_a_moment(pilot, partial(pilot.attitude, q, 0.9), for_s)
+            _for_a_moment(client, partial(client.attitude, q, 0.9), for_s)
             if sign > 0.0:
-                rolls = [math.degrees(packet.message.roll) for packet in pilot.seen.of("ATTITUDE", since_s)]
+                rolls = [math.degrees(packet.message.roll) for packet in client.received.of("ATTITUDE", since_s)]
                 report.add(name, max(rolls))
-        _recover(pilot, hover)
-    pilot.next_heartbeat()
-    text, warning = pilot.text("Preflight Fail", since_s), pilot.text("Failsafe activated", since_s)
+        _recover(client, hover)
+    client.next_heartbeat()
+    text, warning = client.text("Preflight Fail", since_s), client.text("Failsafe activated", since_s)
     report.add("setpoint.steep-text", repr(text[2]) if text else "none")
     report.add("setpoint.steep-failsafe-text", repr(warning[2]) if warning else "none")
-    report.add("setpoint.steep-mode", pilot.mode)
+    report.add("setpoint.steep-mode", client.mode)
 
 
 PHASE = Phase("odd setpoints", FACTS, run)

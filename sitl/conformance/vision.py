@@ -9,10 +9,10 @@ from collections.abc import Callable
 from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.hover import Hover, grounded
 from sitl.conformance.phase import Phase
-from sitl.conformance.pilot import ARM, Pilot
+from sitl.conformance.vehicle_client import ARM, VehicleClient
 
 _PARAMETERS = {"EKF2_EV_CTRL": 15.0, "EKF2_GPS_CTRL": 0.0, "EKF2_HGT_REF": 3.0, "EKF2_MAG_TYPE": 5.0}
-_PLACE = (1.0, -0.5, -0.2)
+_POSITION = (1.0, -0.5, -0.2)
 _JUMP_M = 0.8
 _SETTLE_S = 4.0
 _NO_GPS_S = 4.0
@@ -48,137 +48,144 @@ LOST = (
 _SECTION = (*FUSED, *LOST)
 
 
-def run(pilot: Pilot, report: FactReport) -> None:
+def run(client: VehicleClient, report: FactReport) -> None:
     """Take GPS away, give positions in three ways, take them away again."""
-    pilot.greet(as_ground_station=True)
-    grounded(pilot)
-    pilot.interval("ESTIMATOR_STATUS", 5.0)
+    client.greet(as_ground_station=True)
+    grounded(client)
+    client.interval("ESTIMATOR_STATUS", 5.0)
     for name, value in _PARAMETERS.items():
-        pilot.set_parameter(name, value)
-    _set_origin(pilot, 0.0)  # satellites have set one where they saw the vehicle
+        client.params.set(name, value)
+    _set_origin(client, 0.0)  # satellites have set one where they saw the vehicle
     if report.wants("vision.before-*"):
-        pilot.spend(_NO_GPS_S)
-        report.add("vision.before-streams", _streams(pilot))
-        report.add("vision.before-arming", pilot.command(ARM, 1.0))
+        client.spend(_NO_GPS_S)
+        report.add("vision.before-streams", _streams(client))
+        report.add("vision.before-arming", client.command(ARM, 1.0))
     if report.wants(*(fact.name for fact in FUSED)):
-        _fused(pilot, report)
+        _fused(client, report)
     if report.wants(*(fact.name for fact in LOST)):
-        _lost(pilot, report)
-    pilot.vision_duty.act = None
-    pilot.interval("ESTIMATOR_STATUS", 0.0)
+        _lost(client, report)
+    client.vision_duty.act = None
+    client.interval("ESTIMATOR_STATUS", 0.0)
 
 
-def _streams(pilot: Pilot) -> str:
-    return "streams" if pilot.seen.of("LOCAL_POSITION_NED", pilot.now_s - 0.5) else "stops"
+def _streams(client: VehicleClient) -> str:
+    return "streams" if client.received.of("LOCAL_POSITION_NED", client.now_s - 0.5) else "stops"
 
 
-def _fused(pilot: Pilot, report: FactReport) -> None:
-    since_s = pilot.now_s
-    place = list(_PLACE)
-    pilot.vision_duty.act = _vision(pilot, place)
-    pilot.spend(_SETTLE_S)
-    report.add("vision.estimate", _apart(pilot, place))
-    report.add("vision.flags", float(pilot.newest("ESTIMATOR_STATUS").flags))
+def _fused(client: VehicleClient, report: FactReport) -> None:
+    since_s = client.now_s
+    position = list(_POSITION)
+    client.vision_duty.act = _vision(client, position)
+    client.spend(_SETTLE_S)
+    report.add("vision.estimate", _apart(client, position))
+    report.add("vision.flags", float(client.newest("ESTIMATOR_STATUS").flags))
     if report.wants("vision.jump"):
-        place[0] += _JUMP_M
-        pilot.spend(2.0)
-        report.add("vision.jump", _apart(pilot, place, axes=2))
+        position[0] += _JUMP_M
+        client.spend(2.0)
+        report.add("vision.jump", _apart(client, position, axes=2))
     if report.wants("vision.height-jump"):
-        place[2] -= _JUMP_M
-        pilot.spend(8.0)
-        report.add("vision.height-jump", _apart(pilot, place))
+        position[2] -= _JUMP_M
+        client.spend(8.0)
+        report.add("vision.height-jump", _apart(client, position))
     if report.wants("vision.odometry"):
-        place[1] += 0.3
-        pilot.vision_duty.act = _odometry(pilot, place)
-        pilot.spend(_SETTLE_S)
-        report.add("vision.odometry", _apart(pilot, place))
+        position[1] += 0.3
+        client.vision_duty.act = _odometry(client, position)
+        client.spend(_SETTLE_S)
+        report.add("vision.odometry", _apart(client, position))
     if report.wants("vision.origin-height"):
-        _set_origin(pilot, _ORIGIN_M)
-        pilot.spend(_SETTLE_S)
-        report.add("vision.origin-height", _apart(pilot, place))
-        _set_origin(pilot, 0.0)
-        pilot.spend(_SETTLE_S)
-    answers = pilot.seen.of("COMMAND_ACK", since_s)
+        _set_origin(client, _ORIGIN_M)
+        client.spend(_SETTLE_S)
+        report.add("vision.origin-height", _apart(client, position))
+        _set_origin(client, 0.0)
+        client.spend(_SETTLE_S)
+    answers = client.received.of("COMMAND_ACK", since_s)
     report.add("vision.silent", "none" if not answers else f"{len(answers)} acknowledgements")
 
 
-def _lost(pilot: Pilot, report: FactReport) -> None:
-    if pilot.vision_duty.act is None:
-        pilot.vision_duty.act = _vision(pilot, list(_PLACE))
-        pilot.spend(_SETTLE_S)
+def _lost(client: VehicleClient, report: FactReport) -> None:
+    if client.vision_duty.act is None:
+        client.vision_duty.act = _vision(client, list(_POSITION))
+        client.spend(_SETTLE_S)
     # Poses that are not fused are as good as none.
-    pilot.vision_duty.act = _mocap(pilot, list(_PLACE)) if report.wants("vision.mocap-ignored") else None
-    since_s = pilot.now_s
-    pilot.spend(8.0)
-    report.add("vision.lost-streams", _streams(pilot))
+    client.vision_duty.act = _mocap(client, list(_POSITION)) if report.wants("vision.mocap-ignored") else None
+    since_s = client.now_s
+    client.spend(8.0)
+    report.add("vision.lost-streams", _streams(client))
     flags: list[str] = []
-    for packet in pilot.seen.of("ESTIMATOR_STATUS", since_s):
+    for packet in client.received.of("ESTIMATOR_STATUS", since_s):
         shown = hex(packet.message.flags)
         if not flags or flags[-1] != shown:
             flags.append(shown)
     report.add("vision.lost-flags", " ".join(flags))
     report.add("vision.mocap-ignored", flags[-1] if flags else "none")
-    pilot.vision_duty.act = None
-    report.add("vision.lost-arming", pilot.command(ARM, 1.0))
+    client.vision_duty.act = None
+    report.add("vision.lost-arming", client.command(ARM, 1.0))
     if report.wants("vision.offboard-*"):
-        hover = Hover(pilot)
-        pilot.stream(hover)
-        pilot.spend(0.3)
-        pilot.set_mode("OFFBOARD")
-        pilot.spend(0.6)
-        report.add("vision.offboard-prearm", "set" if pilot.shows_ready() else "not set")
-        report.add("vision.offboard-arming", pilot.command(ARM, 1.0))
-        pilot.command(ARM, 0.0)
-        pilot.next_heartbeat()
-        pilot.stream(None)
+        hover = Hover(client)
+        client.stream(hover)
+        client.spend(0.3)
+        client.set_mode("OFFBOARD")
+        client.spend(0.6)
+        report.add("vision.offboard-prearm", "set" if client.shows_ready() else "not set")
+        report.add("vision.offboard-arming", client.command(ARM, 1.0))
+        client.command(ARM, 0.0)
+        client.next_heartbeat()
+        client.stream(None)
 
 
-def _apart(pilot: Pilot, place: list[float], axes: int = 3) -> float:
-    newest = [packet.message for packet in pilot.seen.of("LOCAL_POSITION_NED", pilot.now_s - 1.0)]
+def _apart(client: VehicleClient, position: list[float], axes: int = 3) -> float:
+    newest = [packet.message for packet in client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)]
     if not newest:
         return math.nan
     mean = [statistics.fmean(getattr(m, axis) for m in newest) for axis in "xyz"]
-    return math.dist(mean[:axes], place[:axes])
+    return math.dist(mean[:axes], position[:axes])
 
 
-def _set_origin(pilot: Pilot, altitude_m: float) -> None:
-    pilot.send(
+def _set_origin(client: VehicleClient, altitude_m: float) -> None:
+    client.send(
         "SET_GPS_GLOBAL_ORIGIN",
-        target_system=pilot.system_id,
+        target_system=client.system_id,
         latitude=_LATITUDE_1E7,
         longitude=_LONGITUDE_1E7,
         altitude=round(altitude_m * 1e3),
-        time_usec=_usec(pilot),
+        time_usec=_usec(client),
     )
 
 
-def _usec(pilot: Pilot) -> int:
-    return round(pilot.now_s * 1e6)
+def _usec(client: VehicleClient) -> int:
+    return round(client.now_s * 1e6)
 
 
-def _vision(pilot: Pilot, place: list[float]) -> Callable[[], None]:
-    yaw = pilot.euler()[2]
-    return lambda: pilot.send(
-        "VISION_POSITION_ESTIMATE", usec=_usec(pilot), x=place[0], y=place[1], z=place[2], roll=0.0, pitch=0.0, yaw=yaw
+def _vision(client: VehicleClient, position: list[float]) -> Callable[[], None]:
+    yaw = client.euler()[2]
+    return lambda: client.send(
+        "VISION_POSITION_ESTIMATE",
+        usec=_usec(client),
+        x=position[0],
+        y=position[1],
+        z=position[2],
+        roll=0.0,
+        pitch=0.0,
+        yaw=yaw,
     )
 
 
-def _mocap(pilot: Pilot, place: list[float]) -> Callable[[], None]:
-    return lambda: pilot.send(
-        "ATT_POS_MOCAP", time_usec=_usec(pilot), q=[1.0, 0.0, 0.0, 0.0], x=place[0], y=place[1], z=place[2]
+def _mocap(client: VehicleClient, position: list[float]) -> Callable[[], None]:
+    return lambda: client.send(
+        "ATT_POS_MOCAP", time_usec=_usec(client), q=[1.0, 0.0, 0.0, 0.0], x=position[0], y=position[1], z=position[2]
     )
 
 
-def _odometry(pilot: Pilot, place: list[float]) -> Callable[[], None]:
-    yaw = pilot.euler()[2]
-    return lambda: pilot.send(
+def _odometry(client: VehicleClient, position: list[float]) -> Callable[[], None]:
+    yaw = client.euler()[2]
+    return lambda: client.send(
         "ODOMETRY",
-        time_usec=_usec(pilot),
+        time_usec=_usec(client),
         frame_id=1,
         child_frame_id=12,
-        x=place[0],
-        y=place[1],
-        z=place[2],
+        x=position[0],
+        y=position[1],
+        z=position[2],
         q=[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)],
         vx=math.nan,
         vy=math.nan,

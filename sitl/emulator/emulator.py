@@ -43,7 +43,7 @@ class VehicleSpec:
 
 @dataclass(frozen=True, slots=True)
 class Environment:
-    """What surrounds all vehicles.
+    """Wind and errors that act on all vehicles.
 
     Attributes:
         wind, downwash: see :class:`World`.
@@ -98,8 +98,8 @@ class Emulator:
             scale=around.error_scale,
         )
         self.disturbances = Disturbances([spec.name for spec in specs], seed=seed)
-        self._told = np.zeros((len(specs), 4))  # newest external position and heading of each
-        self._told_resets = [0] * len(specs)
+        self._shown = np.zeros((len(specs), 4))  # newest external position and heading of each
+        self._shown_resets = [0] * len(specs)
         self._late_vision: list[tuple[float, int, Array]] = []
         self.autopilots = [Autopilot() for _ in specs]
         for autopilot, spec in zip(self.autopilots, specs, strict=True):
@@ -115,7 +115,7 @@ class Emulator:
         return self.world.time_s
 
     def clock_s(self, index: int) -> float:
-        """What an autopilot's clock shows; simulated time, unless a fault disturbs it."""
+        """Return the time of an autopilot's clock: simulated time, unless a fault disturbs it."""
         return self.disturbances.clocks[index].at(self.time_s)
 
     def inject(self, fault: Fault) -> Fault:
@@ -153,7 +153,7 @@ class Emulator:
         return collisions
 
     def situation(self, index: int) -> Situation:
-        """What one autopilot knows of its vehicle."""
+        """Return the knowledge of one autopilot about its vehicle."""
         return self._situation(
             index,
             self.time_s,
@@ -268,32 +268,32 @@ class Emulator:
         if math.isnan(yaw_rad):
             yaw_rad = float(self.world.vehicles.states.yaw_rad[index])
         self._uses_velocity(index, has_velocity)
-        self._told[index, :3] = position_ned_m
-        self._told[index, 3] = yaw_rad
-        if reset_count != self._told_resets[index]:
-            self._told_resets[index] = reset_count
+        self._shown[index, :3] = position_ned_m
+        self._shown[index, 3] = yaw_rad
+        if reset_count != self._shown_resets[index]:
+            self._shown_resets[index] = reset_count
             self.estimator.begin_vision_anew(index)
         if faults.is_clear:
-            self._fuse(index, self._told[index])
+            self._fuse(index, self._shown[index])
         elif not faults.is_lost(index):
-            told = faults.apply(self._told, index)[index]
+            shown = faults.apply(self._shown, index)[index]
             late_s = faults.delay_s(index)
             if late_s > 0.0:
-                self._late_vision.append((self.time_s + late_s, index, told))
+                self._late_vision.append((self.time_s + late_s, index, shown))
             else:
-                self._fuse(index, told)
+                self._fuse(index, shown)
 
-    def _fuse(self, index: int, told: Array) -> None:
+    def _fuse(self, index: int, shown: Array) -> None:
         delay_s = self.autopilots[index].params["EKF2_EV_DELAY"] / 1000.0
-        yaw_error_rad = float(told[3]) - float(self.world.vehicles.states.yaw_rad[index])
-        self.estimator.fuse_vision(index, self.time_s, told[:3], delay_s=delay_s, yaw_error_rad=yaw_error_rad)
+        yaw_error_rad = float(shown[3]) - float(self.world.vehicles.states.yaw_rad[index])
+        self.estimator.fuse_vision(index, self.time_s, shown[:3], delay_s=delay_s, yaw_error_rad=yaw_error_rad)
 
     def _fuse_what_is_late(self) -> None:
         due = [entry for entry in self._late_vision if entry[0] <= self.time_s + 1e-9]
         self._late_vision = [entry for entry in self._late_vision if entry[0] > self.time_s + 1e-9]
-        for _, index, told in due:
+        for _, index, shown in due:
             if not self.disturbances.is_hung[index]:
-                self._fuse(index, told)
+                self._fuse(index, shown)
 
     def _uses_velocity(self, index: int, has_velocity: bool) -> None:
         params = self.autopilots[index].params

@@ -1,19 +1,20 @@
-"""What each fault of `faults.py` does to the emulator when it begins, and how that is undone when it ends."""
+"""Effects of each fault of the catalogue on the emulator: applied at its begin and undone at its end."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Protocol
 
 from sitl.faults.catalogue import Fault, FaultPlan
-from sitl.faults.lossy_channel import NO_FAULTS, Wire, WireFaults
+from sitl.faults.lossy_channel import NO_FAULTS, ChannelFaults, LossyChannel
 from sitl.faults.pose_faults import PoseFault, PoseFaults
 from sitl.physics.contacts import World
 from sitl.px4.commander import Autopilot
 from sitl.px4.estimator import Estimator
 
-LINKS, WAYS = ("companion", "ground"), ("in", "out")
+LINKS, DIRECTIONS = ("companion", "ground"), ("in", "out")
 _REFUSES = "a fault forbids it"
 
 
@@ -43,7 +44,7 @@ class Clock:
     is_stopped: bool = False
 
     def at(self, time_s: float) -> float:
-        """What it shows at a simulated time."""
+        """Return the time that the clock shows at a simulated time."""
         if self.is_stopped:
             return self.shown_s
         return self.shown_s + self.rate * (time_s - self.since_s)
@@ -72,10 +73,10 @@ class Disturbances:
         n = len(names)
         self.names = names
         self.plan = FaultPlan(names)
-        self.wires: list[dict[tuple[str, str], Wire[bytes]]] = [
+        self.wires: list[dict[tuple[str, str], LossyChannel[bytes]]] = [
             {
-                (link, way): Wire([seed, 6, index, place])
-                for place, (link, way) in enumerate((link, way) for link in LINKS for way in WAYS)
+                (link, direction): LossyChannel([seed, 6, index, number])
+                for number, (link, direction) in enumerate(product(LINKS, DIRECTIONS))
             }
             for index in range(n)
         ]
@@ -84,7 +85,7 @@ class Disturbances:
         self.is_hung = [False] * n
         self.ignores_setpoints = [False] * n
         self.boots = [0] * n
-        self.news: list[str] = []
+        self.notices: list[str] = []
 
     def advance(self, emulator: FaultyEmulator) -> None:
         """Begin and end what is due."""
@@ -92,15 +93,15 @@ class Disturbances:
         begins, ends = self.plan.advance(now_s)
         for fault in ends:
             _apply(emulator, fault, is_on=False)
-            self.news.append(f"fault over: {fault.sentence}")
+            self.notices.append(f"fault over: {fault.sentence}")
         for fault in begins:
             _apply(emulator, fault, is_on=True)
-            self.news.append(f"fault: {fault.sentence}")
+            self.notices.append(f"fault: {fault.sentence}")
 
-    def take_news(self) -> list[str]:
-        """What began and ended since the last call."""
-        news, self.news = self.news, []
-        return news
+    def take_notices(self) -> list[str]:
+        """Return a sentence for each fault that began or ended since the last call."""
+        notices, self.notices = self.notices, []
+        return notices
 
 
 def _apply(emulator: FaultyEmulator, fault: Fault, *, is_on: bool) -> None:
@@ -128,7 +129,7 @@ def _pose_fault(emulator: FaultyEmulator, fault: Fault, family: str, kind: str) 
 
 def _disturb_wires(emulator: FaultyEmulator, index: int, fault: Fault, kind: str, *, is_on: bool) -> None:
     links = LINKS if fault.word("link") == "both" else (fault.word("link"),)
-    ways = WAYS if fault.word("direction") == "both" else (fault.word("direction"),)
+    directions = DIRECTIONS if fault.word("direction") == "both" else (fault.word("direction"),)
     values: dict[str, float]
     if kind == "delay":
         values = {"delay_s": fault.number("delay_s"), "jitter_s": fault.number("jitter_s")}
@@ -139,10 +140,10 @@ def _disturb_wires(emulator: FaultyEmulator, index: int, fault: Fault, kind: str
     if not is_on:
         values = {name: getattr(NO_FAULTS, name) for name in values}
     for link in links:
-        for way in ways:
-            wire = emulator.disturbances.wires[index][link, way]
-            changed: WireFaults = replace(wire.faults, **values)
-            wire.faults = NO_FAULTS if changed == NO_FAULTS else changed
+        for direction in directions:
+            channel = emulator.disturbances.wires[index][link, direction]
+            changed: ChannelFaults = replace(channel.faults, **values)
+            channel.faults = NO_FAULTS if changed == NO_FAULTS else changed
 
 
 def _motor(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:

@@ -61,7 +61,7 @@ class Mocap:
         self._rng = np.random.default_rng([seed, 3])
         self._lost_until_s = np.full(count, -math.inf)
         self._next_s = 0.0
-        self._on_the_way: list[tuple[float, int, Pose]] = []
+        self._in_transit: list[tuple[float, int, Pose]] = []
         self._sent = 0
         self._last: list[Pose | None] = [None] * count
 
@@ -72,10 +72,10 @@ class Mocap:
             for pose in self._measure(time_s, position_enu_m, attitude_enu_flu):
                 arrival_s = time_s + self.settings.latency_s + self._faults.delay_s(pose.index)
                 self._sent += 1
-                heapq.heappush(self._on_the_way, (arrival_s, self._sent, pose))
+                heapq.heappush(self._in_transit, (arrival_s, self._sent, pose))
         arrived: list[Pose] = []
-        while self._on_the_way and self._on_the_way[0][0] <= time_s + 1e-9:
-            arrived.append(heapq.heappop(self._on_the_way)[2])
+        while self._in_transit and self._in_transit[0][0] <= time_s + 1e-9:
+            arrived.append(heapq.heappop(self._in_transit)[2])
         return arrived
 
     def _measure(self, time_s: float, position_enu_m: Array, attitude_enu_flu: Array) -> list[Pose]:

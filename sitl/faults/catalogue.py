@@ -1,4 +1,4 @@
-"""What can go wrong in the emulator, as a table, and when: names, parameters, bounds, and what contradicts what. Pure.
+"""Faults of the emulator as a table: names, parameters, bounds and contradictions. Pure.
 
 A fault is one line, for instance ``mav1 motor_weak at=20 duration=5 motor=2 effectiveness=0.6``. What it does stands in
 `effects.py`.
@@ -47,7 +47,7 @@ class Kind:
 
 _MOTOR = Parameter("motor", None, 1, 4, is_whole=True)
 _LINK = Parameter("link", "companion", words=("companion", "ground", "both"))
-_WAY = Parameter("direction", "both", words=("in", "out", "both"))
+_DIRECTION = Parameter("direction", "both", words=("in", "out", "both"))
 _OTHER = Parameter("other", None, words=())
 _JUMP = tuple(
     Parameter(name, default, -50.0, 50.0) for name, default in (("east_m", 1.0), ("north_m", 0.0), ("up_m", 0.0))
@@ -88,22 +88,22 @@ KINDS: dict[str, Kind] = {
     "link_loss": Kind(
         "{share} of the {link} link's datagrams are lost ({direction})",
         "loss of the {link} link",
-        (_share(1.0), _LINK, _WAY),
+        (_share(1.0), _LINK, _DIRECTION),
     ),
     "link_delay": Kind(
         "the {link} link is {delay_s} s late, and up to {jitter_s} s more ({direction})",
         "delay of the {link} link",
-        (Parameter("delay_s", 0.1, 0.0, 10.0), Parameter("jitter_s", 0.0, 0.0, 10.0), _LINK, _WAY),
+        (Parameter("delay_s", 0.1, 0.0, 10.0), Parameter("jitter_s", 0.0, 0.0, 10.0), _LINK, _DIRECTION),
     ),
     "link_duplicate": Kind(
         "{share} of the {link} link's datagrams come twice ({direction})",
         "duplication of the {link} link",
-        (_share(0.2), _LINK, _WAY),
+        (_share(0.2), _LINK, _DIRECTION),
     ),
     "link_reorder": Kind(
         "{share} of the {link} link's datagrams come {by_s} s too late and out of order ({direction})",
         "order of the {link} link",
-        (_share(0.2), Parameter("by_s", 0.02, 0.001, 5.0), _LINK, _WAY),
+        (_share(0.2), Parameter("by_s", 0.02, 0.001, 5.0), _LINK, _DIRECTION),
     ),
     "autopilot_hang": Kind("PX4 hangs: silent, its clock stands still, the motors go on", "autopilot"),
     "autopilot_reboot": Kind("PX4 reboots: motors off, then it starts anew", "autopilot", is_instant=True),
@@ -134,14 +134,14 @@ class Fault:
 
     @property
     def end_s(self) -> float:
-        """When it is over; at its beginning for what happens once."""
+        """Time of its end; its beginning for a fault that happens once."""
         if KINDS[self.name].is_instant:
             return self.at_s
         return self.at_s + self.duration_s if self.duration_s > 0.0 else math.inf
 
     @property
     def sentence(self) -> str:
-        """What happens to whom."""
+        """A sentence that names the effect and the vehicle."""
         values = {key: f"{value:g}" if isinstance(value, float) else value for key, value in self.parameters.items()}
         return f"{self.vehicle}: {KINDS[self.name].sentence.format(**values)}"
 
@@ -251,8 +251,8 @@ def _targets(fault: Fault) -> set[tuple[str, str]]:
     if "link" not in values:
         return {(vehicle, acts_on.format(**values)) for vehicle in vehicles}
     links = ("companion", "ground") if values["link"] == "both" else (str(values["link"]),)
-    ways = ("in", "out") if values["direction"] == "both" else (str(values["direction"]),)
-    return {(fault.vehicle, f"{acts_on.format(link=link)} ({way})") for link in links for way in ways}
+    directions = ("in", "out") if values["direction"] == "both" else (str(values["direction"]),)
+    return {(fault.vehicle, f"{acts_on.format(link=link)} ({direction})") for link in links for direction in directions}
 
 
 class FaultPlan:

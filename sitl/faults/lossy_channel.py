@@ -13,12 +13,12 @@ from typing import Generic, TypeVar
 import numpy as np
 
 Load = TypeVar("Load")
-_MOST_ON_THE_WAY = 10_000  # a link that is slower than what is sent loses the newest, as a full buffer does
+_MOST_IN_TRANSIT = 10_000  # a link that is slower than what is sent loses the newest, as a full buffer does
 
 
 @dataclass(frozen=True, slots=True)
-class WireFaults:
-    """What a direction of a link does to its traffic.
+class ChannelFaults:
+    """Delay, loss and duplication of one direction of a link.
 
     Attributes:
         loss: share that never arrives.
@@ -35,10 +35,10 @@ class WireFaults:
     reorder_s: float = 0.02
 
 
-NO_FAULTS = WireFaults()
+NO_FAULTS = ChannelFaults()
 
 
-class Wire(Generic[Load]):
+class LossyChannel(Generic[Load]):
     """One direction of one link.
 
     Args:
@@ -49,14 +49,14 @@ class Wire(Generic[Load]):
         self._rng = np.random.default_rng(seed)
         self.faults = NO_FAULTS
         self.is_held = False
-        self._on_the_way: list[tuple[float, int, Load]] = []
+        self._in_transit: list[tuple[float, int, Load]] = []
         self._count = 0
         self._newest_s = -math.inf
 
     @property
     def is_clear(self) -> bool:
         """Whether what goes in comes out at once, and nothing is on the way."""
-        return self.faults is NO_FAULTS and not self._on_the_way and not self.is_held
+        return self.faults is NO_FAULTS and not self._in_transit and not self.is_held
 
     def push(self, now_s: float, load: Load) -> None:
         """Send; :meth:`pop` gives it out when it arrives."""
@@ -65,7 +65,7 @@ class Wire(Generic[Load]):
             return
         copies = 2 if f.duplicate > 0.0 and self._rng.random() < f.duplicate else 1
         for _ in range(copies):
-            if len(self._on_the_way) >= _MOST_ON_THE_WAY:
+            if len(self._in_transit) >= _MOST_IN_TRANSIT:
                 return
             late_s = f.delay_s + (f.jitter_s * float(self._rng.random()) if f.jitter_s > 0.0 else 0.0)
             arrival_s = now_s + late_s
@@ -74,15 +74,15 @@ class Wire(Generic[Load]):
             else:
                 arrival_s = self._newest_s = max(arrival_s, self._newest_s if f.jitter_s > 0.0 else -math.inf)
             self._count += 1
-            heapq.heappush(self._on_the_way, (arrival_s, self._count, load))
+            heapq.heappush(self._in_transit, (arrival_s, self._count, load))
 
     def pop(self, now_s: float) -> list[Load]:
-        """What arrives up to now, in order of arrival; nothing while the wire is held."""
+        """Return the items that arrive up to now, in order of arrival; nothing while the channel is held."""
         out: list[Load] = []
-        while not self.is_held and self._on_the_way and self._on_the_way[0][0] <= now_s + 1e-9:
-            out.append(heapq.heappop(self._on_the_way)[2])
+        while not self.is_held and self._in_transit and self._in_transit[0][0] <= now_s + 1e-9:
+            out.append(heapq.heappop(self._in_transit)[2])
         return out
 
     def clear(self) -> None:
         """Forget what is on the way."""
-        self._on_the_way.clear()
+        self._in_transit.clear()

@@ -11,7 +11,7 @@ from sitl.physics.frames import Array
 
 @dataclass(frozen=True, slots=True)
 class PoseFault:
-    """What is wrong with the poses of one body.
+    """Errors of the poses of one body.
 
     Attributes:
         kind: frozen, swapped, jump, late or lost.
@@ -52,7 +52,7 @@ class PoseFaults:
         return fault is not None and fault.kind == "lost"
 
     def delay_s(self, index: int) -> float:
-        """How much later its pose comes."""
+        """Additional delay of its pose [s]."""
         fault = self._faults[index]
         return 0.0 if fault is None else fault.delay_s
 

@@ -58,7 +58,7 @@ _ZEROS: dict[str, tuple[tuple[str, int, Any], ...]] = {
     for layout in LAYOUTS.values()
 }
 # What the encoder needs of each message: struct, id as two numbers, checksum seed.
-_WIRE: dict[int, tuple[struct.Struct, int, int, bytes]] = {
+_ENCODED: dict[int, tuple[struct.Struct, int, int, bytes]] = {
     number: (layout.packer, number & 0xFFFF, number >> 16, bytes((layout.crc_extra,)))
     for number, layout in LAYOUTS.items()
 }
@@ -159,7 +159,7 @@ class Encoder:
 
     def encode(self, message_id: int, *values: Any) -> bytes:
         """Bytes of a message from its values in wire order (arrays flattened), trailing zeros cut as MAVLink 2 does."""
-        packer, id_low, id_high, extra = _WIRE[message_id]
+        packer, id_low, id_high, extra = _ENCODED[message_id]
         payload = packer.pack(*values).rstrip(b"\0") or b"\0"
         sequence = self.sequence
         self.sequence = (sequence + 1) & 0xFF

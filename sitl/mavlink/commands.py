@@ -56,14 +56,14 @@ class Command:
     numbers: tuple[float, ...]
     is_integer: bool
 
-    def __getitem__(self, place: int) -> float:
+    def __getitem__(self, index: int) -> float:
         """Parameter 1 to 7; 0 for NaN and infinity."""
-        value = self.numbers[place - 1]
+        value = self.numbers[index - 1]
         return value if math.isfinite(value) else 0.0
 
-    def integer(self, place: int) -> int:
+    def integer(self, index: int) -> int:
         """Parameter 1 to 7 as the nearest whole number, -1 when it is too large to be one."""
-        value = self[place]
+        value = self[index]
         return round(value) if abs(value) < _LARGEST else -1
 
 
@@ -133,9 +133,9 @@ def _reposition(link: CommandedLink, command: Command) -> Answer:
     if result is Result.ACCEPTED:
         scale = 1e-7 if command.is_integer else 1.0
         latitude, longitude, altitude_m = (command.numbers[i] * s for i, s in ((4, scale), (5, scale), (6, 1.0)))
-        place = np.array(link.view.to_local(latitude, longitude, altitude_m))
+        position = np.array(link.view.to_local(latitude, longitude, altitude_m))
         # No coordinate, or one that is on another continent: stay.
-        link.autopilot.flight.hold_at(np.where(np.abs(place) < 1e4, place, math.nan))
+        link.autopilot.flight.hold_at(np.where(np.abs(position) < 1e4, position, math.nan))
     return result, []
 
 

@@ -32,7 +32,7 @@ class StartError(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """Where one link is bound and, if it streams unasked, whereto."""
+    """Address of one link, and the address that it streams to by itself, if any."""
 
     bind: Address
     peer: Address | None
@@ -114,7 +114,7 @@ def bind(ports: Ports, what: str) -> socket.socket:
 
 
 class Channel(Protocol):
-    """What an endpoint needs of a link; `boot` counts the restarts of its autopilot."""
+    """Interface of a link for its endpoint; `boot` counts the restarts of its autopilot."""
 
     @property
     def boot(self) -> int: ...

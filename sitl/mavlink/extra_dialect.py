@@ -13,7 +13,7 @@ from fastcrc.crc16 import mcrf4xx
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How one message lies on the wire: its struct, checksum seed, and (name, count) of each field in wire order."""
+    """Encoding of one message: struct, checksum seed, and (name, count) of each field in the order of the encoding."""
 
     message_id: int
     name: str

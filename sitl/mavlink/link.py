@@ -62,12 +62,12 @@ class Link:
         self.schedule.start(self.view.now_s, boot_s=self.autopilot.boot_time_s, phase=index)
         self._decoder = Decoder()
         self._params_to_send: deque[str] = deque()
-        self._texts_seen = 0
-        self._events_seen = self.autopilot.journal.events_said
+        self._texts_sent = 0
+        self._events_sent = self.autopilot.journal.events_said
         self._text_id = 0
         self._gcs_time_s = -math.inf
         self._has_gcs = False
-        self._origin_told: object = None
+        self._is_origin_sent: object = None
 
     @property
     def autopilot(self) -> Autopilot:
@@ -76,7 +76,7 @@ class Link:
 
     @property
     def boot(self) -> int:
-        """How often the autopilot has started anew."""
+        """Number of restarts of the autopilot."""
         return self.emulator.disturbances.boots[self.index]
 
     @property
@@ -103,18 +103,18 @@ class Link:
                 continue
             if message_id == _ORIGIN:
                 # Streamed, but only when it is news for this link.
-                if values[:3] == self._origin_told:
+                if values[:3] == self._is_origin_sent:
                     continue
-                self._origin_told = values[:3]
+                self._is_origin_sent = values[:3]
             out.append(self.encoder.encode(message_id, *values))
         if self._params_to_send:
             for _ in range(min(_PARAMS_PER_POLL, len(self._params_to_send))):
                 out.append(self._param_value(self._params_to_send.popleft()))
         journal = self.autopilot.journal
-        if journal.events_said != self._events_seen:
-            out.extend(self._event(event) for event in journal.events_since(self._events_seen))
-            self._events_seen = journal.events_said
-        if journal.texts_said != self._texts_seen or now - self._gcs_time_s < _GCS_TIMEOUT_S:
+        if journal.events_said != self._events_sent:
+            out.extend(self._event(event) for event in journal.events_since(self._events_sent))
+            self._events_sent = journal.events_said
+        if journal.texts_said != self._texts_sent or now - self._gcs_time_s < _GCS_TIMEOUT_S:
             out.extend(self._texts(now))
         return out
 
@@ -133,8 +133,8 @@ class Link:
     def _texts(self, now_s: float) -> list[bytes]:
         # PX4 tells a link its texts only while a ground station's heartbeat arrives on that very link.
         journal = self.autopilot.journal
-        new = journal.texts_since(self._texts_seen)
-        self._texts_seen = journal.texts_said
+        new = journal.texts_since(self._texts_sent)
+        self._texts_sent = journal.texts_said
         if now_s - self._gcs_time_s >= _GCS_TIMEOUT_S:
             self._has_gcs = False
             return []
@@ -150,8 +150,8 @@ class Link:
         self._text_id = self._text_id % 0xFFFF + 1
         pieces = [raw[start : start + _TEXT_CHUNK] for start in range(0, len(raw), _TEXT_CHUNK)]
         return [
-            self.encoder.encode(_STATUSTEXT, text.severity, piece, self._text_id, place)
-            for place, piece in enumerate(pieces)
+            self.encoder.encode(_STATUSTEXT, text.severity, piece, self._text_id, index)
+            for index, piece in enumerate(pieces)
         ]
 
     def _event(self, event: Event) -> bytes:
@@ -169,9 +169,9 @@ class Link:
             )
         return self.encoder.encode(
             _PARAM_VALUE,
-            params.wire_value(name),
+            params.encoded_value(name),
             count,
-            params.place(name),
+            params.index(name),
             name.encode("ascii"),
             params.kind(name),
         )
@@ -211,8 +211,8 @@ class Link:
         if not self._is_ours(message):
             return []
         names = self.autopilot.params.names()
-        place = message.fields["param_index"]
-        name = text_of(message.fields["param_id"]) if place < 0 else names[place] if place < len(names) else ""
+        index = message.fields["param_index"]
+        name = text_of(message.fields["param_id"]) if index < 0 else names[index] if index < len(names) else ""
         is_known = name in self.autopilot.params.values or name == HASH_CHECK
         return [self._param_value(name)] if is_known else []
 
@@ -225,7 +225,7 @@ class Link:
             self._params_to_send.clear()  # the ground station knows them all
             return []
         # An unknown name and a wrong type are met with silence: PX4 only writes them to its console.
-        if not self.autopilot.params.set_from_wire(name, f["param_value"], f["param_type"]):
+        if not self.autopilot.params.set_encoded(name, f["param_value"], f["param_type"]):
             return []
         self.emulator.parameters_changed(self.index)
         return [self._param_value(name)]
@@ -250,8 +250,8 @@ class Link:
         if frame not in setpoints.ABOVE_SEA and frame not in setpoints.ABOVE_HOME:
             return []
         above_sea_m = f["alt"] + (self.view.home_altitude_m if frame in setpoints.ABOVE_HOME else 0.0)
-        place = self.view.to_local(f["lat_int"] * 1e-7, f["lon_int"] * 1e-7, above_sea_m)
-        setpoint = setpoints.from_global(f, place, now_s=self.view.now_s)
+        position = self.view.to_local(f["lat_int"] * 1e-7, f["lon_int"] * 1e-7, above_sea_m)
+        setpoint = setpoints.from_global(f, position, now_s=self.view.now_s)
         if isinstance(setpoint, Setpoint):
             self.emulator.accept_setpoint(self.index, setpoint)
         return []
@@ -265,21 +265,21 @@ class Link:
             w, x, y, z = f["q"]
             yaw_rad = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
             has_velocity = math.isfinite(f["vx"] + f["vy"] + f["vz"])
-            self._told(message, yaw_rad if abs(w) + abs(x) + abs(y) + abs(z) > 0.0 else math.nan, has_velocity)
+            self._take_vision(message, yaw_rad if abs(w) + abs(x) + abs(y) + abs(z) > 0.0 else math.nan, has_velocity)
         return []
 
     def _vision(self, message: Message) -> list[bytes]:
-        self._told(message, message.fields["yaw"], False)
+        self._take_vision(message, message.fields["yaw"], False)
         return []
 
-    def _told(self, message: Message, yaw_rad: float, has_velocity: bool) -> None:
+    def _take_vision(self, message: Message, yaw_rad: float, has_velocity: bool) -> None:
         f = message.fields
-        place = (f["x"], f["y"], f["z"])
-        if all(abs(c) < _MAX_POSITION_M for c in place):
+        position = (f["x"], f["y"], f["z"])
+        if all(abs(c) < _MAX_POSITION_M for c in position):
             yaw_rad = yaw_rad if abs(yaw_rad) < _MAX_POSITION_M else math.nan
             self.emulator.vision(
                 self.index,
-                np.array(place),
+                np.array(position),
                 yaw_rad=yaw_rad,
                 has_velocity=has_velocity,
                 reset_count=f["reset_counter"],

@@ -8,7 +8,7 @@ from sitl.emulator.emulator import Emulator
 from sitl.mavlink.link import Link
 
 
-class WiredLink:
+class LossyLink:
     """A link of one vehicle as its clients meet it.
 
     Args:
@@ -38,7 +38,7 @@ class WiredLink:
         return self._leave(now_s, self._arrived(now_s))
 
     def poll(self) -> list[bytes]:
-        """What leaves at the emulator's present time."""
+        """Return the datagrams that leave at the emulator's present time."""
         self._follow_restart()
         now_s = self._emulator.time_s
         is_hung = self._emulator.disturbances.is_hung[self._index]

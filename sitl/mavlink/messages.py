@@ -1,4 +1,4 @@
-"""What the streamed messages of a PX4 say: one builder each, from a view of the vehicle to values in wire order.
+"""Contents of the streamed messages of a PX4: one builder each, from a view of the vehicle to values in field order.
 
 A builder returns None while PX4 has nothing to say.
 """
@@ -29,7 +29,7 @@ _NAN = math.nan
 _UINT16_MAX = 65535
 # Upper triangle of a 6x6 covariance, row by row: PX4 fills the diagonal only.
 _DIAGONAL = frozenset({0, 6, 11, 15, 18, 20})
-_POSE_COVARIANCE = tuple(0.01 if place in _DIAGONAL else _NAN for place in range(21))
+_POSE_COVARIANCE = tuple(0.01 if position in _DIAGONAL else _NAN for position in range(21))
 _VELOCITY_COVARIANCE = _POSE_COVARIANCE
 _FLIGHT_VERSION = 0x011000FF  # 1.16.0, official
 # MAVLink's capability bits that PX4 shows: mission float and int, parameters float and bytewise, COMMAND_INT, FTP,
@@ -92,7 +92,7 @@ def battery_status(v: View) -> Values:
         id=0,
         type=1,
         battery_remaining=autopilot.battery.remaining_pct,
-        charge_state=autopilot.battery_stage.value,
+        charge_state=autopilot.charge_state.value,
     )
 
 
@@ -258,8 +258,8 @@ def local_target(v: View) -> Values | None:
     goal = a.goal
     if goal is None:
         return (v.boot_ms, *((_NAN,) * 11), 0, 1)
-    place, speed = goal.position_ned_m.tolist(), goal.velocity_ned_m_s.tolist()
-    return (v.boot_ms, *place, *speed, _NAN, _NAN, _NAN, goal.yaw_rad, _NAN, 0, 1)
+    position, speed = goal.position_ned_m.tolist(), goal.velocity_ned_m_s.tolist()
+    return (v.boot_ms, *position, *speed, _NAN, _NAN, _NAN, goal.yaw_rad, _NAN, 0, 1)
 
 
 def global_target(v: View) -> Values | None:
@@ -268,19 +268,19 @@ def global_target(v: View) -> Values | None:
         return None
     north, east, down = a.goal.position_ned_m.tolist()
     here = v.position_ned_m
-    place = tuple(g if math.isfinite(g) else h for g, h in zip((north, east, down), here, strict=True))
-    latitude, longitude, height = v.to_global((place[0], place[1], place[2]))
+    position = tuple(g if math.isfinite(g) else h for g, h in zip((north, east, down), here, strict=True))
+    latitude, longitude, height = v.to_global((position[0], position[1], position[2]))
     return (v.boot_ms, round(latitude * 1e7), round(longitude * 1e7), height, *((0.0,) * 8), 0, 5)
 
 
-def _thrust_asked(v: View) -> float:
-    """What is asked of the motors; what they give comes later."""
+def _commanded_thrust(v: View) -> float:
+    """Return the thrust that is commanded to the motors, before their lag."""
     actuation = v.autopilot.actuation
     return actuation.thrust_frac if actuation.motors_on else 0.0
 
 
 def _pulse(v: View) -> int:
-    return round(1000.0 + 1000.0 * _thrust_asked(v)) if v.autopilot.is_armed else 900
+    return round(1000.0 + 1000.0 * _commanded_thrust(v)) if v.autopilot.is_armed else 900
 
 
 def servo_output(v: View) -> Values:
@@ -293,7 +293,7 @@ def actuator_output(v: View) -> Values:
 
 
 def hil_actuators(v: View) -> Values:
-    thrust = _thrust_asked(v)
+    thrust = _commanded_thrust(v)
     return (v.boot_us, 0, *((thrust,) * 4), *((0.0,) * 12), 129 if v.autopilot.is_armed else 1)
 
 
@@ -341,9 +341,9 @@ def hil_state(v: View) -> Values:
     speed = [_int16(100.0 * c) for c in states.velocity_ned_m_s[i].tolist()]
     p, q = states.tilt_rate_rad_s[i].tolist()
     attitude_wxyz = states.attitude[i].tolist()
-    place = (round(latitude * 1e7), round(longitude * 1e7), _clip(height * 1e3, -(2**31), 2**31 - 1))
+    position = (round(latitude * 1e7), round(longitude * 1e7), _clip(height * 1e3, -(2**31), 2**31 - 1))
     mg = [_int16(c / 9.80665e-3) for c in v.accelerometer()]
-    return (0, *attitude_wxyz, p, q, float(states.yaw_rate_rad_s[i]), *place, *speed, 0, 0, *mg)
+    return (0, *attitude_wxyz, p, q, float(states.yaw_rate_rad_s[i]), *position, *speed, 0, 0, *mg)
 
 
 # -- time, identity ---------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Which messages a link streams by itself, how often, and when each is due."""
+"""Messages that a link streams by itself, their rates, and the time at which each is due."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ _SPREAD_STEPS = 25
 
 @dataclass(slots=True)
 class Schedule:
-    """When each message of a link is due, in simulated time.
+    """Times at which each message of a link is due, in simulated time.
 
     Attributes:
         default_hz: rate of each message that the link can stream.
@@ -140,10 +140,10 @@ class Schedule:
             now_s, boot_s: present time and when the autopilot started.
             phase: any number that differs between vehicles.
         """
-        for place, (message_id, rate_hz) in enumerate(self.default_hz.items()):
+        for index, (message_id, rate_hz) in enumerate(self.default_hz.items()):
             if rate_hz > 0.0:
                 earliest_s = boot_s + (_FIRST_HEARTBEAT_S if message_id == _HEARTBEAT else _FIRST_PACKET_S)
-                spread_s = ((place * 7 + phase * 3) % _SPREAD_STEPS) * _STEP_S
+                spread_s = ((index * 7 + phase * 3) % _SPREAD_STEPS) * _STEP_S
                 self._interval_s[message_id] = 1.0 / rate_hz
                 heapq.heappush(self._due, (max(now_s, earliest_s) + spread_s, message_id))
 

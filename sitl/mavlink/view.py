@@ -26,7 +26,7 @@ Quaternion = tuple[float, float, float, float]
 
 
 class View:
-    """What the streams of one vehicle say.
+    """Values that the streams of one vehicle carry.
 
     Sensor noise has a generator of its own, so that who listens, and to what, does not change how the vehicle flies.
 
@@ -83,7 +83,7 @@ class View:
 
     @property
     def home_ned_m(self) -> Vector:
-        """Where it was armed last, or will be."""
+        """Position at the last arming, or the present one before the first."""
         north, east, down = self.autopilot.flight.home_ned_m.tolist()
         return north, east, down
 
@@ -169,7 +169,7 @@ class View:
 
     @property
     def reset_counter(self) -> int:
-        """How often the estimate jumped, modulo 256; PX4's filter has jumped a dozen times before it rests."""
+        """Number of jumps of the estimate, modulo 256; PX4's filter has jumped a dozen times before it rests."""
         return self.emulator.estimator.reset_counter(self.index)
 
     def accelerometer(self) -> Vector:

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sitl.px4.battery import BatteryStage
-from sitl.px4.modes import Need
+from sitl.px4.battery import ChargeState
+from sitl.px4.modes import ModeCondition
 
 BOOT_S = 4.3
 
 
 @dataclass(frozen=True, slots=True)
 class Readiness:
-    """What the checks look at.
+    """Inputs of the checks.
 
     Attributes:
         since_boot_s: age of this autopilot.
@@ -25,9 +25,9 @@ class Readiness:
     """
 
     since_boot_s: float
-    needs: Need
-    missing: Need
-    battery: BatteryStage
+    needs: ModeCondition
+    missing: ModeCondition
+    battery: ChargeState
     needs_ground: bool
     has_ground: bool
     faults: tuple[str, ...]
@@ -43,16 +43,16 @@ class Check:
 
 CHECKS: tuple[Check, ...] = (
     Check("system is still starting", lambda r: r.since_boot_s < BOOT_S),
-    Check("no offboard setpoints", lambda r: Need.SETPOINTS in r.missing),
-    Check("no local position", lambda r: Need.LOCAL_POSITION in r.missing),
-    Check("no global position for this mode", lambda r: Need.GLOBAL_POSITION in r.missing),
-    Check("no mission", lambda r: Need.MISSION in r.missing),
-    Check("this mode cannot be armed in", lambda r: Need.ARMING in r.needs),
-    Check("battery too low", lambda r: r.battery.value >= BatteryStage.CRITICAL.value),
+    Check("no offboard setpoints", lambda r: ModeCondition.SETPOINTS in r.missing),
+    Check("no local position", lambda r: ModeCondition.LOCAL_POSITION in r.missing),
+    Check("no global position for this mode", lambda r: ModeCondition.GLOBAL_POSITION in r.missing),
+    Check("no mission", lambda r: ModeCondition.MISSION in r.missing),
+    Check("this mode cannot be armed in", lambda r: ModeCondition.ARMING in r.needs),
+    Check("battery too low", lambda r: r.battery.value >= ChargeState.CRITICAL.value),
     Check("no connection to the ground station", lambda r: r.needs_ground and not r.has_ground),
 )
 
 
 def obstacles(readiness: Readiness) -> list[str]:
-    """Why arming would be denied now; empty when it would not."""
+    """Return the reasons against arming now; empty when there are none."""
     return [check.sentence for check in CHECKS if check.fails(readiness)] + list(readiness.faults)

@@ -13,8 +13,8 @@ _REFILL_S = 4.0
 # SIM_BAT_DRAIN seconds are for a whole charge; PX4's simulator was measured to take half of it for half a charge.
 
 
-class BatteryStage(Enum):
-    """How empty the battery is; the numbers are those of BATTERY_STATUS.charge_state."""
+class ChargeState(Enum):
+    """Stages of an emptying battery; the numbers are those of BATTERY_STATUS.charge_state."""
 
     OK = 1
     LOW = 2
@@ -23,19 +23,19 @@ class BatteryStage(Enum):
 
 
 # From the emptiest: parameter of the threshold, stage.
-STAGES: tuple[tuple[str, BatteryStage], ...] = (
-    ("BAT_EMERGEN_THR", BatteryStage.EMERGENCY),
-    ("BAT_CRIT_THR", BatteryStage.CRITICAL),
-    ("BAT_LOW_THR", BatteryStage.LOW),
+STAGES: tuple[tuple[str, ChargeState], ...] = (
+    ("BAT_EMERGEN_THR", ChargeState.EMERGENCY),
+    ("BAT_CRIT_THR", ChargeState.CRITICAL),
+    ("BAT_LOW_THR", ChargeState.LOW),
 )
 
 
-def stage_of(charge_frac: float, params: Parameters) -> BatteryStage:
+def charge_state_of(charge_frac: float, params: Parameters) -> ChargeState:
     """The stage of a state of charge."""
-    for parameter, stage in STAGES:
+    for parameter, charge_state in STAGES:
         if charge_frac <= params[parameter]:
-            return stage
-    return BatteryStage.OK
+            return charge_state
+    return ChargeState.OK
 
 
 @dataclass(slots=True)

@@ -14,12 +14,12 @@ from dataclasses import dataclass, field
 from sitl.physics.frames import euler, uprightness
 from sitl.px4 import arming_checks, modes
 from sitl.px4.arming_checks import BOOT_S, Readiness
-from sitl.px4.battery import Battery, BatteryStage, stage_of
+from sitl.px4.battery import Battery, ChargeState, charge_state_of
 from sitl.px4.events import REASONS, Journal
 from sitl.px4.failsafes import ACTION_MODE, Action, Facts, Failsafe
 from sitl.px4.land_detector import LandDetector
 from sitl.px4.mode_control import TICK_S, Flight
-from sitl.px4.modes import MODES, Landed, Mode, Need, Result, SystemStatus
+from sitl.px4.modes import MODES, Landed, Mode, ModeCondition, Result, SystemStatus
 from sitl.px4.parameters import Parameters
 from sitl.px4.position_control import Goal
 from sitl.px4.signals import Actuation, Setpoint, SetpointKind, Situation, Text
@@ -27,10 +27,10 @@ from sitl.px4.signals import Actuation, Setpoint, SetpointKind, Situation, Text
 __all__ = ["BOOT_S", "TICK_S", "Autopilot"]
 
 _FORCE_MAGIC = 21196.0
-_SAID_OF_BATTERY: dict[BatteryStage, str] = {
-    BatteryStage.LOW: "battery low",
-    BatteryStage.CRITICAL: "battery critical",
-    BatteryStage.EMERGENCY: "battery emergency",
+_SAID_OF_BATTERY: dict[ChargeState, str] = {
+    ChargeState.LOW: "battery low",
+    ChargeState.CRITICAL: "battery critical",
+    ChargeState.EMERGENCY: "battery emergency",
 }
 
 
@@ -53,7 +53,7 @@ class Autopilot:
     mode: Mode = Mode.LOITER
     is_armed: bool = False
     setpoint: Setpoint | None = None
-    battery_stage: BatteryStage = BatteryStage.OK
+    charge_state: ChargeState = ChargeState.OK
     faults: list[str] = field(default_factory=list)
     ground_time_s: float = -math.inf
     tunes: int = 0
@@ -81,12 +81,12 @@ class Autopilot:
 
     @property
     def actuation(self) -> Actuation:
-        """What the vehicle is to do now."""
+        """Actuation of the vehicle at this tick."""
         return self.flight.actuation
 
     @property
     def goal(self) -> Goal | None:
-        """Where PX4's own control flies to."""
+        """Goal of PX4's own position control."""
         return self.flight.goal
 
     @property
@@ -101,13 +101,13 @@ class Autopilot:
         return not self.setpoint.needs_position or (self._last is not None and self._last.has_local_position)
 
     def arming_obstacles(self, now_s: float) -> list[str]:
-        """Why this vehicle cannot be armed now; empty when it can."""
+        """Return the reasons against arming now; empty when there are none."""
         needs = MODES[self.intent].needs
         readiness = Readiness(
             since_boot_s=now_s - self.boot_time_s if self._last is not None else 0.0,
             needs=needs,
             missing=needs & ~self._available(now_s),
-            battery=stage_of(self.battery.remaining_frac, self.params),
+            battery=charge_state_of(self.battery.remaining_frac, self.params),
             needs_ground=self.params.integer("NAV_DLL_ACT") > 0,
             has_ground=now_s - self.ground_time_s <= self.params["COM_DL_LOSS_T"],
             faults=tuple(self.faults),
@@ -168,15 +168,15 @@ class Autopilot:
             said: what PX4 says when it accepts; by default what belongs to the mode.
         """
         # A landing is always begun: without a position it becomes a level descent.
-        needs = Need.NOTHING if mode is Mode.LAND else MODES[mode].needs & ~Need.ARMING
+        needs = ModeCondition.NOTHING if mode is Mode.LAND else MODES[mode].needs & ~ModeCondition.ARMING
         if self.is_armed and needs & ~self._available(now_s):
             return Result.TEMPORARILY_REJECTED
         said = said or ("landing" if mode is Mode.LAND else None)
         if said is not None:
             self.journal.say(now_s, said)
         self._intend(mode)
-        self.failsafe.mode_asked()
-        self._choose_mode(now_s)
+        self.failsafe.commanded_mode()
+        self._select_mode(now_s)
         return Result.ACCEPTED
 
     def request_takeoff(self, now_s: float, height_m: float) -> Result:
@@ -197,7 +197,7 @@ class Autopilot:
         if not self.is_armed:
             return Result.DENIED
         self.intent = Mode.TERMINATION
-        self._choose_mode(now_s)
+        self._select_mode(now_s)
         self.flight.terminate()
         return Result.ACCEPTED
 
@@ -220,11 +220,11 @@ class Autopilot:
             floor_pct=self.params["SIM_BAT_MIN_PCT"],
         )
         if not self.is_armed:
-            self._choose_mode(now)
+            self._select_mode(now)
             return
         self._watch_battery(now)
         self._watch_attitude(situation)
-        self._choose_mode(now)
+        self._select_mode(now)
         if not self.is_armed:
             return
         said = self.land_detector.step(situation, self.mode, self.actuation.thrust_frac, self.params)
@@ -234,20 +234,20 @@ class Autopilot:
         if self.is_armed and self.flight.step(situation, self.mode, self.landed, self.params, self.setpoint):
             self._intend(Mode.LOITER)
 
-    def _available(self, now_s: float) -> Need:
-        have = Need.NOTHING
+    def _available(self, now_s: float) -> ModeCondition:
+        have = ModeCondition.NOTHING
         if self._last is not None and self._last.has_local_position:
-            have |= Need.LOCAL_POSITION
+            have |= ModeCondition.LOCAL_POSITION
         if self._last is not None and self._last.has_global_position:
-            have |= Need.GLOBAL_POSITION
+            have |= ModeCondition.GLOBAL_POSITION
         if self.has_fresh_setpoint(now_s):
-            have |= Need.SETPOINTS
+            have |= ModeCondition.SETPOINTS
         return have
 
     def _intend(self, mode: Mode) -> None:
         self.intent = mode
         # A mode that nobody can arm in is not what a vehicle goes back to when it is disarmed.
-        if Need.ARMING not in MODES[mode].needs:
+        if ModeCondition.ARMING not in MODES[mode].needs:
             self._after_disarm = mode
 
     def _arm(self, now_s: float) -> None:
@@ -255,7 +255,7 @@ class Autopilot:
         self._armed_time_s = now_s
         self._has_failed = False
         self._tilted_since_s = math.inf
-        self.battery_stage = BatteryStage.OK
+        self.charge_state = ChargeState.OK
         self.failsafe.reset()
         self.land_detector.disarmed()
         self.flight.armed(now_s, self._last, self.params)
@@ -263,15 +263,15 @@ class Autopilot:
         self.journal.say(now_s, "armed", number, why=why)
         if self.intent is Mode.TAKEOFF:
             self._say_takeoff_height(now_s)
-        self._choose_mode(now_s)
+        self._select_mode(now_s)
         if self.mode is Mode.OFFBOARD and self.setpoint is not None:
             self.flight.take_setpoint(self.setpoint)
 
     def _say_takeoff_height(self, now_s: float) -> None:
-        least_m, asked_m = self.params["MIS_TAKEOFF_ALT"], self.flight.takeoff_height_m
-        if asked_m is None:
+        least_m, ordered_m = self.params["MIS_TAKEOFF_ALT"], self.flight.takeoff_height_m
+        if ordered_m is None:
             self.journal.say(now_s, "takeoff height", height=least_m)
-        elif asked_m < least_m:
+        elif ordered_m < least_m:
             self.flight.takeoff_height_m = None
             self.journal.say(now_s, "least takeoff height", height=least_m)
 
@@ -283,10 +283,10 @@ class Autopilot:
         why, number = REASONS[reason]
         self.journal.say(now_s, "disarmed", number, why=why)
         self.flight.takeoff_height_m = None
-        self._choose_mode(now_s)
+        self._select_mode(now_s)
         self.flight.disarmed()
 
-    def _choose_mode(self, now_s: float) -> None:
+    def _select_mode(self, now_s: float) -> None:
         mode = self.intent
         if self.is_armed:
             self._watch(now_s)
@@ -316,7 +316,7 @@ class Autopilot:
     def _watch(self, now_s: float) -> None:
         facts = Facts(
             has_offboard_signal=self.intent is not Mode.OFFBOARD or self.has_fresh_setpoint(now_s),
-            battery=self.battery_stage,
+            battery=self.charge_state,
             attitude_failed=self._has_failed,
             from_home_m=self._from_home_m(),
             ground_silent_s=now_s - self.ground_time_s,
@@ -338,12 +338,12 @@ class Autopilot:
         return math.hypot(north, east), -down
 
     def _watch_battery(self, now_s: float) -> None:
-        stage = stage_of(self.battery.remaining_frac, self.params)
+        charge_state = charge_state_of(self.battery.remaining_frac, self.params)
         # While armed a battery does not recover.
-        if stage.value > self.battery_stage.value:
-            self.battery_stage = stage
-            self.journal.say(now_s, _SAID_OF_BATTERY[stage])
-            if stage is BatteryStage.EMERGENCY:
+        if charge_state.value > self.charge_state.value:
+            self.charge_state = charge_state
+            self.journal.say(now_s, _SAID_OF_BATTERY[charge_state])
+            if charge_state is ChargeState.EMERGENCY:
                 self.journal.say(now_s, "no shutdown")
 
     def _watch_attitude(self, situation: Situation) -> None:

@@ -1,4 +1,4 @@
-"""What the autopilot believes about its own state: not an EKF, but an estimate that errs as PX4's does.
+"""The autopilot's estimate of its own state: not an EKF, but an estimate that errs as PX4's does.
 
 Each vehicle has its own local origin. Position and velocity carry the slow errors of `errors.py`, sized by the source:
 satellites, external vision, nothing. Without satellites the estimate follows vision, right or wrong: a jump sideways at

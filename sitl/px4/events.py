@@ -1,4 +1,4 @@
-"""What a PX4 tells people: STATUSTEXTs (for ground stations) and the EVENTs that say the same to everybody.
+"""Messages of a PX4 for people: STATUSTEXTs (for ground stations) and the EVENTs with the same content.
 
 PX4's texts end in a tab when an event says the same, so that a ground station that reads events can drop them.
 """
@@ -165,10 +165,10 @@ class Journal:
 
     @property
     def texts_said(self) -> int:
-        """How many texts there have been."""
+        """Number of texts so far."""
         return self.texts_before + len(self.texts)
 
     @property
     def events_said(self) -> int:
-        """How many events there have been."""
+        """Number of events so far."""
         return self.events_before + len(self.events)

@@ -12,7 +12,7 @@ from enum import Enum, IntEnum
 
 from msgspec import Struct
 
-from sitl.px4.battery import BatteryStage
+from sitl.px4.battery import ChargeState
 from sitl.px4.modes import Mode
 from sitl.px4.parameters import Parameters
 
@@ -20,7 +20,7 @@ FLIGHT_TERMINATION_OFF = 121212
 
 
 class Action(IntEnum):
-    """What a failsafe does, in PX4's order of severity and with its numbers."""
+    """Actions of a failsafe in PX4's order of severity and with its numbers."""
 
     NONE = 0
     WARN = 1
@@ -49,7 +49,7 @@ ACTION_MODE: dict[Action, Mode] = {
 
 
 class Facts(Struct, frozen=True):
-    """What the failsafes look at.
+    """Inputs of the failsafes.
 
     Attributes:
         has_offboard_signal: False when OFFBOARD is wanted and its setpoints do not come.
@@ -60,14 +60,14 @@ class Facts(Struct, frozen=True):
     """
 
     has_offboard_signal: bool
-    battery: BatteryStage
+    battery: ChargeState
     attitude_failed: bool
     from_home_m: tuple[float, float]
     ground_silent_s: float
 
 
 class Clears(Enum):
-    """When an action ends."""
+    """Conditions under which an action ends."""
 
     WITH_CONDITION = "when the condition is gone"
     BY_MODE_CHANGE = "when somebody asks for a mode, or on disarming"
@@ -95,7 +95,7 @@ class Condition:
     clears: Clears = Clears.WITH_CONDITION
 
     def action(self, params: Parameters) -> Action:
-        """What the parameters make of it."""
+        """Return the action that the parameters select."""
         return (
             self.otherwise
             if self.parameter is None
@@ -125,10 +125,10 @@ CONDITIONS: tuple[Condition, ...] = (
         },
         Action.POSCTL,
     ),
-    Condition("battery low", lambda facts, _: facts.battery is BatteryStage.LOW, None, {}, Action.WARN),
+    Condition("battery low", lambda facts, _: facts.battery is ChargeState.LOW, None, {}, Action.WARN),
     Condition(
         "battery critical",
-        lambda facts, _: facts.battery is BatteryStage.CRITICAL,
+        lambda facts, _: facts.battery is ChargeState.CRITICAL,
         "COM_LOW_BAT_ACT",
         {0: Action.WARN, 1: Action.RETURN, 2: Action.LAND, 3: Action.RETURN},
         Action.WARN,
@@ -136,7 +136,7 @@ CONDITIONS: tuple[Condition, ...] = (
     ),
     Condition(
         "battery at emergency level",
-        lambda facts, _: facts.battery is BatteryStage.EMERGENCY,
+        lambda facts, _: facts.battery is ChargeState.EMERGENCY,
         "COM_LOW_BAT_ACT",
         {0: Action.WARN, 1: Action.RETURN, 2: Action.LAND, 3: Action.LAND},
         Action.WARN,
@@ -198,7 +198,7 @@ class Failsafe:
         self._latched.clear()
         self._waiting_since_s = math.inf
 
-    def mode_asked(self) -> None:
+    def commanded_mode(self) -> None:
         """Somebody has asked for a mode."""
         for condition in CONDITIONS:
             if condition.clears is Clears.BY_MODE_CHANGE:

@@ -1,4 +1,4 @@
-"""What a PX4 flies in each of its own modes, and in OFFBOARD: from a situation to an actuation."""
+"""Control of a PX4 in each of its own modes and in OFFBOARD: from a situation to an actuation."""
 
 from __future__ import annotations
 
@@ -135,17 +135,17 @@ class Flight:
         if since_s < 0.0:
             self._idle(yaw)
             return
-        place = np.array([self.home_ned_m[0], self.home_ned_m[1], self._takeoff_down_m(params)])
+        position = np.array([self.home_ned_m[0], self.home_ned_m[1], self._takeoff_down_m(params)])
         # The climb begins gently, and from the ground at once.
         share = min(1.0, _FIRST_SHARE + since_s / max(params["MPC_TKO_RAMP_T"], 0.1))
-        self._fly(situation, Goal(place, _STILL, yaw), params, up_m_s=share * params["MPC_TKO_SPEED"])
+        self._fly(situation, Goal(position, _STILL, yaw), params, up_m_s=share * params["MPC_TKO_SPEED"])
 
     def _hold(self, situation: Situation, params: Parameters) -> None:
         start = self._start(situation)
-        place = start.position_ned_m
+        position = start.position_ned_m
         if self._hold_ned_m is not None:
-            place = np.where(np.isfinite(self._hold_ned_m), self._hold_ned_m, place)
-        self._fly(situation, Goal(place, _STILL, start.yaw_rad), params)
+            position = np.where(np.isfinite(self._hold_ned_m), self._hold_ned_m, position)
+        self._fly(situation, Goal(position, _STILL, start.yaw_rad), params)
 
     def _land(self, situation: Situation, params: Parameters) -> None:
         start = self._start(situation)
@@ -174,9 +174,9 @@ class Flight:
         return float(self.home_ned_m[2]) - height_m
 
     def _descend(self, situation: Situation, at_ned_m: Array, yaw_rad: float, params: Parameters) -> None:
-        place = np.array([at_ned_m[0], at_ned_m[1], math.nan])
+        position = np.array([at_ned_m[0], at_ned_m[1], math.nan])
         speed = np.array([0.0, 0.0, params["MPC_LAND_SPEED"]])
-        self._fly(situation, Goal(place, speed, yaw_rad), params, is_level=not situation.has_local_position)
+        self._fly(situation, Goal(position, speed, yaw_rad), params, is_level=not situation.has_local_position)
 
     def _fly(
         self,

@@ -51,8 +51,8 @@ class Result(IntEnum):
     FAILED = 4
 
 
-class Need(Flag):
-    """What has to be there for a mode: to be armed in (all of it), to be changed to in the air (without ARMING)."""
+class ModeCondition(Flag):
+    """Conditions of a mode: all to be armed in it, all but ARMING to be changed to it in the air."""
 
     NOTHING = 0
     LOCAL_POSITION = auto()
@@ -64,7 +64,7 @@ class Need(Flag):
 
 @dataclass(frozen=True, slots=True)
 class ModeRow:
-    """How a mode looks on the wire, and what it needs.
+    """MAVLink numbers of a mode, and its conditions.
 
     Attributes:
         main, sub: of HEARTBEAT.custom_mode.
@@ -78,7 +78,7 @@ class ModeRow:
     sub: int
     base_mode: int
     standard_mode: int
-    needs: Need
+    needs: ModeCondition
     is_selectable: bool = True
 
     @property
@@ -87,22 +87,22 @@ class ModeRow:
         return self.main << 16 | self.sub << 24
 
 
-_GLOBAL = Need.LOCAL_POSITION | Need.GLOBAL_POSITION
+_GLOBAL = ModeCondition.LOCAL_POSITION | ModeCondition.GLOBAL_POSITION
 
 MODES: dict[Mode, ModeRow] = {
-    Mode.MANUAL: ModeRow(1, 0, 65, 0, Need.NOTHING),
-    Mode.ALTCTL: ModeRow(2, 0, 81, 4, Need.NOTHING),
-    Mode.POSCTL: ModeRow(3, 0, 81, 1, Need.LOCAL_POSITION),
-    Mode.STABILIZED: ModeRow(7, 0, 81, 0, Need.NOTHING),
-    Mode.OFFBOARD: ModeRow(6, 0, 17, 0, Need.SETPOINTS),
+    Mode.MANUAL: ModeRow(1, 0, 65, 0, ModeCondition.NOTHING),
+    Mode.ALTCTL: ModeRow(2, 0, 81, 4, ModeCondition.NOTHING),
+    Mode.POSCTL: ModeRow(3, 0, 81, 1, ModeCondition.LOCAL_POSITION),
+    Mode.STABILIZED: ModeRow(7, 0, 81, 0, ModeCondition.NOTHING),
+    Mode.OFFBOARD: ModeRow(6, 0, 17, 0, ModeCondition.SETPOINTS),
     Mode.TAKEOFF: ModeRow(4, 2, 29, 8, _GLOBAL),
     Mode.LOITER: ModeRow(4, 3, 29, 0, _GLOBAL),
-    Mode.MISSION: ModeRow(4, 4, 29, 6, _GLOBAL | Need.MISSION),
-    Mode.RTL: ModeRow(4, 5, 29, 5, _GLOBAL | Need.ARMING),
-    Mode.LAND: ModeRow(4, 6, 29, 7, Need.LOCAL_POSITION | Need.ARMING),
+    Mode.MISSION: ModeRow(4, 4, 29, 6, _GLOBAL | ModeCondition.MISSION),
+    Mode.RTL: ModeRow(4, 5, 29, 5, _GLOBAL | ModeCondition.ARMING),
+    Mode.LAND: ModeRow(4, 6, 29, 7, ModeCondition.LOCAL_POSITION | ModeCondition.ARMING),
     # PX4 shows a descent without position as AUTO.LAND, and a terminated flight as MANUAL.
-    Mode.DESCEND: ModeRow(4, 6, 29, 7, Need.ARMING, is_selectable=False),
-    Mode.TERMINATION: ModeRow(1, 0, 65, 0, Need.ARMING, is_selectable=False),
+    Mode.DESCEND: ModeRow(4, 6, 29, 7, ModeCondition.ARMING, is_selectable=False),
+    Mode.TERMINATION: ModeRow(1, 0, 65, 0, ModeCondition.ARMING, is_selectable=False),
 }
 ARMED_BIT = 128
 OFFBOARD_WITHOUT_SETPOINTS_BASE_MODE = 1

@@ -173,7 +173,7 @@ _SYSTEM: dict[str, int | float] = {
 }
 DEFAULTS: dict[str, int | float] = dict(sorted((_COMMANDER | _BATTERY | _ESTIMATOR | _CONTROL | _SYSTEM).items()))
 _NAMES: tuple[str, ...] = tuple(DEFAULTS)
-_PLACES: dict[str, int] = {name: place for place, name in enumerate(_NAMES)}
+_INDICES: dict[str, int] = {name: index for index, name in enumerate(_NAMES)}
 
 
 @dataclass(slots=True)
@@ -193,15 +193,15 @@ class Parameters:
         """All names in PX4's order (alphabetical)."""
         return list(_NAMES)
 
-    def place(self, name: str) -> int:
-        """Where a known parameter stands in that order."""
-        return _PLACES[name]
+    def index(self, name: str) -> int:
+        """Index of a known parameter in that order."""
+        return _INDICES[name]
 
     def kind(self, name: str) -> int:
         """MAV_PARAM_TYPE of a known parameter."""
         return MAV_PARAM_TYPE_INT32 if isinstance(DEFAULTS[name], int) else MAV_PARAM_TYPE_REAL32
 
-    def wire_value(self, name: str) -> float:
+    def encoded_value(self, name: str) -> float:
         """The value as MAVLink's float field carries it: integers bytewise, not converted."""
         value = self.values[name]
         if isinstance(DEFAULTS[name], int):
@@ -217,12 +217,12 @@ class Parameters:
         # One bit is given away so that the four bytes are never a NaN, which does not survive being a float.
         return float(struct.unpack("<f", struct.pack("<I", checksum & 0xBFFFFFFF))[0])
 
-    def set_from_wire(self, name: str, wire: float, kind: int) -> bool:
+    def set_encoded(self, name: str, encoded: float, kind: int) -> bool:
         """Take a PARAM_SET; False when name or type is not one that PX4 would accept. NaN leaves the value."""
         if name not in self.values or kind != self.kind(name):
             return False
         if kind == MAV_PARAM_TYPE_INT32:
-            self.values[name] = int(struct.unpack("<i", struct.pack("<f", wire))[0])
-        elif math.isfinite(wire):
-            self.values[name] = float(wire)
+            self.values[name] = int(struct.unpack("<i", struct.pack("<f", encoded))[0])
+        elif math.isfinite(encoded):
+            self.values[name] = float(encoded)
         return True

@@ -28,7 +28,9 @@ def _nothing() -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """What to fly to, local NED. NaN leaves an axis to the next quantity: position, then velocity, then acceleration.
+    """Goal of the position control, local NED.
+
+    NaN leaves an axis to the next quantity: position, then velocity, then acceleration.
 
     Attributes:
         position_ned_m, velocity_ned_m_s, acceleration_ned_m_s2: (3,) setpoints; where several are given, the later
@@ -46,7 +48,7 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the parameters allow: speeds [m/s] horizontally, up and down, and the tilt [rad]."""
+    """Limits from the parameters: speeds [m/s] horizontally, up and down, and the tilt [rad]."""
 
     speed_m_s: float
     up_m_s: float
@@ -111,11 +113,11 @@ class PositionControl:
 def _velocity(goal: Goal, here: list[float], limits: Limits) -> list[float]:
     """Velocity that position and velocity ask for together, within the limits; NaN on axes without either."""
     out = [math.nan] * 3
-    for axis, (place, speed) in enumerate(
+    for axis, (position, speed) in enumerate(
         zip(goal.position_ned_m.tolist(), goal.velocity_ned_m_s.tolist(), strict=True)
     ):
-        if math.isfinite(place):
-            out[axis] = _POSITION_GAIN_1_S * (place - here[axis]) + (speed if math.isfinite(speed) else 0.0)
+        if math.isfinite(position):
+            out[axis] = _POSITION_GAIN_1_S * (position - here[axis]) + (speed if math.isfinite(speed) else 0.0)
         elif math.isfinite(speed):
             out[axis] = speed
     horizontal = math.hypot(*(c for c in out[:2] if math.isfinite(c)))

@@ -47,8 +47,8 @@ def from_attitude(
         ignored = (_IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_YAW_RATE)
         rate = np.array(
             [
-                0.0 if type_mask & bit or math.isnan(asked) else min(most, max(-most, asked))
-                for asked, bit, most in zip(rate_rad_s, ignored, _MOST_RATE_RAD_S, strict=True)
+                0.0 if type_mask & bit or math.isnan(commanded) else min(most, max(-most, commanded))
+                for commanded, bit, most in zip(rate_rad_s, ignored, _MOST_RATE_RAD_S, strict=True)
             ]
         )
         return Setpoint(SetpointKind.RATE, now_s, None, rate, thrust)
@@ -86,8 +86,8 @@ def from_global(
 ) -> Setpoint | str:
     """SET_POSITION_TARGET_GLOBAL_INT, its place already turned into the local frame by the caller."""
     mask = int(fields["type_mask"])
-    place = {"x": position_ned_m[0], "y": position_ned_m[1], "z": position_ned_m[2]}
-    position = _axes(place, ("x", "y", "z"), mask)
+    local = {"x": position_ned_m[0], "y": position_ned_m[1], "z": position_ned_m[2]}
+    position = _axes(local, ("x", "y", "z"), mask)
     velocity = _axes(fields, ("vx", "vy", "vz"), mask >> 3)
     return _setpoint(fields, mask, position, velocity, _axes(fields, ("afx", "afy", "afz"), mask >> 6), now_s)
 

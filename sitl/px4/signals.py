@@ -1,4 +1,4 @@
-"""What flows between an emulated autopilot and the rest of the emulator, one way each."""
+"""Values that flow between an emulated autopilot and the rest of the emulator, one direction each."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sitl.px4.position_control import Goal
 
 
 class SetpointKind(Enum):
-    """What the newest OFFBOARD setpoint asks for."""
+    """Kind of the newest OFFBOARD setpoint."""
 
     ATTITUDE = "attitude"
     RATE = "rate"
@@ -43,7 +43,7 @@ class Setpoint(Struct, frozen=True):
 
 
 class Situation(Struct, frozen=True):
-    """What the autopilot knows of its vehicle at one tick, in its own local NED frame."""
+    """Knowledge of the autopilot about its vehicle at one tick, in its own local NED frame."""
 
     time_s: float
     position_ned_m: Array
@@ -56,7 +56,7 @@ class Situation(Struct, frozen=True):
 
 
 class Actuation(Struct, frozen=True):
-    """What the vehicle is to do now; attitude in the frame that the autopilot believes in."""
+    """Command to the vehicle at this tick; attitude in the frame that the autopilot believes in."""
 
     attitude: Array
     rate_rad_s: Array

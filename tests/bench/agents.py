@@ -75,7 +75,7 @@ class Result:
     with_precedence: int
 
     def problems(self) -> list[str]:
-        """What is not as asked, in words."""
+        """Sentences for the values that are past their limits."""
         found = []
         count = len(self.agents)
         off_ms = next((off for size, off in P99_OFF_MS.items() if count <= size), max(P99_OFF_MS.values()))

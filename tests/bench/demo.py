@@ -28,7 +28,7 @@ AIRBORNE_HEIGHT_M = 0.10
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """What one flight gave: distances in metres from ground truth, CPU in cores, time in seconds of wall clock."""
+    """Results of one flight: distances in metres from ground truth, CPU in cores, time in seconds of wall clock."""
 
     seed: int
     exit_status: int

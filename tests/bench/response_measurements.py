@@ -1,4 +1,4 @@
-"""What the emulated vehicle does, measured as PX4 was: steps, climb, closed loop, errors of the estimate."""
+"""Responses of the emulated vehicle, measured as PX4 was: steps, climb, closed loop, errors of the estimate."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def step_response(axis: int, size_deg: float, profile: VehicleProfile = SIH) -> 
 
 
 def first_s(times: Array, shares: Array, level: float) -> float:
-    """When a share is first reached."""
+    """Time at which a share is first reached."""
     return float(times[np.argmax(shares >= level)])
 
 

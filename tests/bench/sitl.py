@@ -1,4 +1,4 @@
-"""What the emulator costs: `make bench-sitl` runs it beside a listening client and reads the processor's clock."""
+"""Cost of the emulator: `make bench-sitl` runs it beside a listening client and reads the processor's clock."""
 
 from __future__ import annotations
 

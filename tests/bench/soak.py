@@ -50,7 +50,7 @@ class LateTick:
 
 @dataclass(frozen=True, slots=True)
 class Soak:
-    """What was found.
+    """Results of a soak.
 
     time_s: of each sample. memory_mib: of each process at these times. growth_mib: see above. orders, missed: how many
     were given, and the sentences of those that did not end as done.
@@ -65,7 +65,7 @@ class Soak:
     late: list[LateTick]
 
     def problems(self) -> list[str]:
-        """What is not as asked, in words."""
+        """Sentences for the values that are past their limits."""
         found = [
             f"{name} grew by {grown:.2f} MiB, asked are less than {GROWTH_MIB:g}"
             for name, grown in self.growth_mib.items()

@@ -1,4 +1,4 @@
-"""All alarms with duration and advice: what holds, what was acknowledged, what is over."""
+"""All alarms with duration and advice: open, acknowledged and past ones."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ class AlarmsScreen(LiveScreen):
         self._list.show(now_ns)
 
     def action_acknowledge(self) -> None:
-        """The one under the cursor has been seen."""
+        """Acknowledge the alarm under the cursor."""
         self._list.acknowledge()
 
 
 class AlarmList(ScrollView, can_focus=True):
-    """Each alarm as a sentence with its advice below; what is over at the end, faint."""
+    """Each alarm as a sentence with its advice below; past alarms at the end, faint."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up,k", "cursor(-1)", "up", show=False),
@@ -64,7 +64,7 @@ class AlarmList(ScrollView, can_focus=True):
         self.alarms = alarms
         self.cursor = 0
         self._holding: list[Line] = []
-        self._rows: list[tuple[int, list[Segment]]] = []  # place of the alarm (-1: none), one line of the screen
+        self._rows: list[tuple[int, list[Segment]]] = []  # index of the alarm (-1: none), one line of the screen
         self.border_title = "alarms"
         self.border_subtitle = "a acknowledges · esc back"
 
@@ -76,8 +76,8 @@ class AlarmList(ScrollView, can_focus=True):
         self.border_title = f"alarms: {open_count} open, {len(self._holding) - open_count} acknowledged"
         width = max(20, self.size.width)
         rows: list[tuple[int, list[Segment]]] = []
-        for place, line in enumerate(self._holding):
-            rows += [(place, segments) for segments in self._holds(place, line, now_ns, width)]
+        for index, line in enumerate(self._holding):
+            rows += [(index, segments) for segments in self._open_alarm(index, line, now_ns, width)]
         if not self._holding:
             rows.append((-1, [Segment("  ● all well", theme.style(GOOD))]))
         over = self.alarms.over
@@ -92,14 +92,14 @@ class AlarmList(ScrollView, can_focus=True):
         self.refresh()
 
     def acknowledge(self) -> None:
-        """The alarm under the cursor has been seen."""
+        """Acknowledge the alarm under the cursor."""
         if self._holding:
             self.alarms.acknowledge(self._holding[self.cursor])
 
     def action_cursor(self, step: int) -> None:
-        """Move by ``step`` alarms; what does not fit scrolls."""
+        """Move by ``step`` alarms; the list scrolls."""
         self.cursor = max(0, min(len(self._holding) - 1, self.cursor + step))
-        lines = [y for y, (place, _) in enumerate(self._rows) if place == self.cursor]
+        lines = [y for y, (index, _) in enumerate(self._rows) if index == self.cursor]
         if lines:
             self.scroll_to_region(Region(0, lines[0], 1, len(lines)), animate=False)
         self.refresh()
@@ -110,11 +110,11 @@ class AlarmList(ScrollView, can_focus=True):
         segments = self._rows[row][1] if row < len(self._rows) else []
         return Strip(segments).adjust_cell_length(self.size.width).apply_style(self.rich_style)
 
-    def _holds(self, place: int, line: Line, now_ns: int, width: int) -> list[list[Segment]]:
+    def _open_alarm(self, index: int, line: Line, now_ns: int, width: int) -> list[list[Segment]]:
         sign, colour = SEVERITY[line.alarm.severity]
         if line.is_acknowledged:
             sign, colour = "✓", FAINT
-        mark = "▌" if place == self.cursor else " "
+        mark = "▌" if index == self.cursor else " "
         head = f"{mark} {sign} {lasting(line.duration_s(now_ns)):<{_SINCE_WIDTH}}"
         rows = _wrapped(head, clean(line.alarm.sentence), width, colour, bold=not line.is_acknowledged)
         advice = TEXT if not line.is_acknowledged else FAINT

@@ -1,4 +1,4 @@
-"""What may stand before the console, whole screens and dialogs: the worst alarm is on the last line of each."""
+"""Bases of the screens and dialogs over the console: the worst alarm is on the last line of each."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ Answer = TypeVar("Answer")
 
 
 class Dialog(ModalScreen[Answer]):
-    """A box over the console. What lies below is not drawn: to shade it costs as much as to draw it, each time anew,
-    and an emergency key would wait for that.
+    """A box over the console.
+
+    The console below is not drawn: to shade it costs as much as to draw it, and an emergency key would wait for that.
     """
 
     def __init__(self) -> None:
@@ -42,7 +43,7 @@ class LiveScreen(Screen[None]):
         self._status_bar = StatusBar("status")
 
     def body(self) -> Widget:
-        """What fills the screen above the last line."""
+        """Return the widget above the last line."""
         raise NotImplementedError
 
     def compose(self) -> ComposeResult:

@@ -1,4 +1,4 @@
-"""The page of one vehicle: the one under the fleet table's cursor, so that the kill key means who is shown."""
+"""The page of one vehicle: the one under the fleet table's cursor, so that the kill key means the vehicle shown."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from textual.widget import Widget
 
 from groundstation.alarms.alarms import Alarms
 from groundstation.console.screens.live import LiveScreen
-from groundstation.console.vehicle_drawing import Subject, blocks, heading
+from groundstation.console.vehicle_drawing import blocks, heading
+from groundstation.console.vehicle_subject import VehicleSubject
 from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.lines import Lines
 from groundstation.fleet.state import FleetState
@@ -34,11 +35,11 @@ class VehicleScreen(LiveScreen):
     ]
 
     def __init__(
-        self, fleet: FleetConfig, alarms: Alarms, ticks: TickStream, table: FleetTable, time_text: Callable[[int], str]
+        self, fleet: FleetConfig, alarms: Alarms, stream: TickStream, table: FleetTable, time_text: Callable[[int], str]
     ) -> None:
         super().__init__(alarms)
-        self._ticks, self._table = ticks, table
-        self._page = VehiclePage(fleet, alarms, ticks, time_text)
+        self._stream, self._table = stream, table
+        self._page = VehiclePage(fleet, alarms, stream, time_text)
 
     def body(self) -> Widget:
         """The page."""
@@ -49,14 +50,14 @@ class VehicleScreen(LiveScreen):
         self._page.focus()
 
     def on_unmount(self) -> None:
-        """Nobody looks any more."""
-        self._ticks.follow(None)
+        """Stop the vehicle's stream of ticks."""
+        self._stream.follow(None)
 
     def show_fleet(self, state: FleetState, now_ns: int, kill: str | None = None, *, can_order: bool = True) -> None:
         """Draw the vehicle as it is now."""
         super().show_fleet(state, now_ns, kill, can_order=can_order)
         name = self._table.selected
-        self._ticks.follow(name)
+        self._stream.follow(name)
         self._page.show(name, state, now_ns)
 
     def action_back(self) -> None:
@@ -73,16 +74,16 @@ class VehiclePage(Lines, ScrollView, can_focus=True):
     """Blocks in one, two or three columns; what does not fit scrolls."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("down,j", "look(1, False)", "down", show=False),
-        Binding("up,k", "look(-1, False)", "up", show=False),
-        Binding("pagedown,space", "look(1, True)", "page down", show=False),
-        Binding("pageup", "look(-1, True)", "page up", show=False),
+        Binding("down,j", "scroll_page(1, False)", "down", show=False),
+        Binding("up,k", "scroll_page(-1, False)", "up", show=False),
+        Binding("pagedown,space", "scroll_page(1, True)", "page down", show=False),
+        Binding("pageup", "scroll_page(-1, True)", "page up", show=False),
     ]
 
-    def __init__(self, fleet: FleetConfig, alarms: Alarms, ticks: TickStream, time_text: Callable[[int], str]) -> None:
+    def __init__(self, fleet: FleetConfig, alarms: Alarms, stream: TickStream, time_text: Callable[[int], str]) -> None:
         super().__init__(id="vehicle")
-        self._fleet, self._alarms, self._ticks, self._time_text = fleet, alarms, ticks, time_text
-        self._subject: Subject | None = None
+        self._fleet, self._alarms, self._stream, self._time_text = fleet, alarms, stream, time_text
+        self._subject: VehicleSubject | None = None
 
     def show(self, name: str | None, state: FleetState, now_ns: int) -> None:
         """Draw this vehicle."""
@@ -90,22 +91,22 @@ class VehiclePage(Lines, ScrollView, can_focus=True):
         if view is None:
             self._subject, self.border_title = None, "no vehicle"
         else:
-            place = list(state.vehicles).index(view.name)
-            lines = self._alarms.of(view.name)
-            ticks = list(self._ticks.values)
-            rows = 5 if self.size.height < 45 else 9
-            self._subject = Subject(view, place, state, self._fleet, now_ns, ticks, lines, self._time_text, rows)
+            index, samples = list(state.vehicles).index(view.name), list(self._stream.values)
+            alarms, rows = self._alarms.of(view.name), 5 if self.size.height < 45 else 9
+            self._subject = VehicleSubject(
+                view, index, state, self._fleet, now_ns, samples, alarms, self._time_text, rows
+            )
             self.border_title = "".join(text for text, _ in heading(self._subject)).replace("[", "(")
         self.redraw()
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """The whole page, also what lies below the window."""
+        """Draw the whole page, and return the part in the window."""
         if self._subject is None:
             return []
         count = max(1, min(3, width // _COLUMN_WIDTH))
         each = (width - 2 * (count - 1)) // count
         parts = blocks(self._subject, each)
-        columns = [[line for place in places for line in parts[place]] for places in _ORDERS[count]]
+        columns = [[line for block in order for line in parts[block]] for order in _ORDERS[count]]
         rows = []
         for y in range(max(map(len, columns))):
             cells = [column[y] if y < len(column) else Strip.blank(each) for column in columns]
@@ -118,15 +119,14 @@ class VehiclePage(Lines, ScrollView, can_focus=True):
         return rows[top : top + height]
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """The page has the whole screen already: escape belongs to the screen, which goes back."""
+        """Leave escape to the screen, which goes back: the page has all the room already."""
         return action not in ("alone", "together")
 
-    def action_look(self, step: int, is_page: bool) -> None:
+    def action_scroll_page(self, step: int, is_page: bool) -> None:
         """Scroll by lines or by pages."""
         self.scroll_relative(y=step * (max(1, self.size.height - 2) if is_page else 1), animate=False, force=True)
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
-        """Another part of the page is in the window."""
+        """Show another part of the page."""
         super().watch_scroll_y(old_value, new_value)
-        self._drawn = None
-        self.refresh()
+        self.forget_picture()

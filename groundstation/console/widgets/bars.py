@@ -1,4 +1,4 @@
-"""The single lines: title, results of the last order, worst alarm with the keys."""
+"""The single lines: title, and worst alarm with the keys."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from groundstation.console import theme
 from groundstation.console.layout import NARROW
 from groundstation.console.theme import BAD, CALM, FAINT, GOOD, KILL, TEXT, WARN, clean
 
-# What the last line names, as there is room for: where orders are given, in a question, where nothing can be ordered.
+# The keys on the last line, as there is room for them: of a console, of a question, where nothing can be ordered.
 KEYS = ("ctrl+l LAND ALL   ctrl+o HOLD ALL   : order   ? help   q quit", "^l LAND ALL  ? help", "^l LAND ALL")
 URGENT_KEYS = ("ctrl+l LAND ALL   ctrl+o HOLD ALL", "^l LAND ALL", "^l LAND ALL")
 VIEW_KEYS = ("? help   q quit", "? help", "? help")
@@ -34,13 +34,13 @@ class Bar(Widget):
             self.refresh()
 
     def render_line(self, y: int) -> Strip:
-        """The line."""
+        """Return one line."""
         line = Strip(self._lines[y] if y < len(self._lines) else []).adjust_cell_length(self.size.width)
         return line.apply_style(self.rich_style)
 
 
 class TitleBar(Bar):
-    """Who is there, and how the mission goes."""
+    """The fleet, its vehicles that are heard and that fly, and the mission."""
 
     def show(self, title: str, heard: int, of: int, flying: int, right: str) -> None:
         """Update the line."""

@@ -1,7 +1,7 @@
-"""A row per vehicle: what it does, how it is, who is near, and why it cannot fly; sorted, filtered, marked.
+"""The fleet table: a row per vehicle, sorted, filtered and marked.
 
-A ScrollView with its own ``render_line``: a stock table costs ten times as much at 10 Hz. Cursor and marks belong to
-vehicles and not to rows: a row that moves takes them along.
+A ScrollView with its own ``render_line``: Textual's DataTable took 57 % of a core for 100 rows at 10 Hz. Cursor and
+marks belong to vehicles and not to rows: a row that moves takes them along.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from textual.strip import Strip
 from groundstation.console import theme
 from groundstation.console.history import History
 from groundstation.console.theme import FAINT, WARN, clean
-from groundstation.console.widgets.fleet_choice import is_wanted, sort_key
-from groundstation.console.widgets.fleet_columns import SORTS, Row
-from groundstation.console.widgets.fleet_rows import Layout, Marks, draw_row
+from groundstation.console.widgets.fleet_choice import is_match, sort_key
+from groundstation.console.widgets.fleet_columns import SORTS, VehicleRow
+from groundstation.console.widgets.fleet_marks import FleetMarks
+from groundstation.console.widgets.fleet_rows import RowLayout, RowMarks, draw_row
 from groundstation.console.widgets.lines import Lines
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.config.fleet import ConfigError, FleetConfig
 
 SORT_S = 1.0  # rows that change places many times a second cannot be read
-ALL_MARKED_S = 5.0  # a selection of everybody is forgotten by itself
 BLINK_S, BLINK_PERIOD_S = 4.0, 0.6
 
 
 class FleetTable(Lines, ScrollView, can_focus=True):
-    """The fleet, one line each; the cursor's row is the vehicle that the kill key means, marks are who orders mean."""
+    """One line for each vehicle; the kill key means the one under the cursor, order keys mean the marked ones."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up,k", "cursor(-1)", "up", show=False),
@@ -57,18 +57,17 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self.filter = ""
         self.sort, self.is_reversed = "place", False
         self._cursor = ""
-        self._marks: set[str] = set()
-        self._forget_s = math.inf
-        self._typing, self._typed, self._refusal = "", "", ""
+        self._marks = FleetMarks()
+        self._typing, self._typed, self._refusal = "", "", ""  # "filter" or "mark"; its text; why it was refused
         self._views: list[VehicleView] = [VehicleView(name) for name in fleet.enabled_names]
         self._rows: list[VehicleView] = list(self._views)
-        self._places = {view.name: place for place, view in enumerate(self._views)}
+        self._indices = {name: index for index, name in enumerate(fleet.enabled_names)}
         self._sorted_s = -math.inf
         self._has_nodes = False
         self._now_ns = 0
         self._titles = ("", "")
         self._blink_until_s: dict[str, float] = {}
-        self._say()
+        self._update_titles()
 
     @property
     def _now_s(self) -> float:
@@ -88,42 +87,36 @@ class FleetTable(Lines, ScrollView, can_focus=True):
     @property
     def marked(self) -> tuple[str, ...]:
         """Marked vehicles, in the order of the fleet file, also those that the filter hides."""
-        return tuple(view.name for view in self._views if view.name in self._marks)
+        return tuple(view.name for view in self._views if view.name in self._marks.names)
 
     @property
     def is_writing(self) -> bool:
-        """Whether a filter or a list of places is being written: every key belongs to it."""
+        """Whether a filter or a list of vehicles is being written: every key belongs to it."""
         return bool(self._typing)
 
     def mark(self, names: Iterable[str]) -> None:
-        """Mark these and nobody else; unknown names are left out. Marks of everybody are forgotten after 5 s."""
-        known = {view.name for view in self._views}
-        self._marks = known & set(names)
-        is_all = len(self._marks) > 1 and self._marks == known
-        self._forget_s = self._now_s + ALL_MARKED_S if is_all else math.inf
-        self._say()
+        """Mark these vehicles and no others; unknown names are left out."""
+        self._marks.set(names, self._indices, self._now_s)
+        self._update_titles()
         self.redraw()
 
     def blink(self, name: str) -> None:
-        """Let a row blink for a while: this vehicle is showing itself."""
+        """Let a row blink for a while: this vehicle shows itself."""
         self._blink_until_s[name] = self._now_s + BLINK_S
 
     def keep_marks(self) -> None:
-        """Count the 5 s of a selection of everybody from now: the operator is still about it."""
-        if math.isfinite(self._forget_s):
-            self._forget_s = self._now_s + ALL_MARKED_S
+        """Keep marks on all vehicles for another five seconds."""
+        self._marks.keep(self._now_s)
 
     def show(self, state: FleetState, now_ns: int) -> None:
         """Draw this state."""
         self._views, self._now_ns, self._has_nodes = list(state.vehicles.values()), now_ns, bool(state.nodes)
-        if list(self._places) != list(state.vehicles):
-            self._places = {name: place for place, name in enumerate(state.vehicles)}
-            self._marks &= self._places.keys()
-        if self._now_s >= self._forget_s:
-            self._marks, self._forget_s = set(), math.inf
-        if self.is_due(now_ns, [_gist(view, now_ns) for view in self._views]):
+        if list(self._indices) != list(state.vehicles):
+            self._indices = {name: index for index, name in enumerate(state.vehicles)}
+        self._marks.update(self._indices, self._now_s)
+        if self.is_due(now_ns, [_urgent_values(view, now_ns) for view in self._views]):
             self._arrange()
-            self._say()
+            self._update_titles()
             self.redraw()
 
     # -- keys --------------------------------------------------------------------------------------------------------
@@ -133,25 +126,25 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._move_to(self.cursor + step)
 
     def action_mark(self) -> None:
-        """Mark the vehicle under the cursor, or not any more, and go on to the next."""
+        """Mark or unmark the vehicle under the cursor, and go to the next."""
         name = self.selected
         if name is not None:
-            self.mark(self._marks ^ {name})
+            self.mark(self._marks.names ^ {name})
             self.action_cursor(1)
 
     def action_mark_along(self, step: int) -> None:
-        """Mark from here to the next row: a range, row by row."""
+        """Mark this row and the next one, and go there."""
         names = [view.name for view in self._rows]
         if names:
             here = self.cursor
             there = max(0, min(len(names) - 1, here + step))
             self._move_to(there)
-            self.mark(self._marks | {names[here], names[there]})
+            self.mark(self._marks.names | {names[here], names[there]})
 
     def action_mark_all(self) -> None:
-        """Mark all that are shown; when they are, mark nobody."""
-        shown = {view.name for view in self._rows}
-        self.mark(() if shown <= self._marks else self._marks | shown)
+        """Mark all that are shown; when they are marked already, mark none."""
+        shown, marked = {view.name for view in self._rows}, self._marks.names
+        self.mark(() if shown <= marked else marked | shown)
 
     def action_sort(self, step: int) -> None:
         """Sort by the next column."""
@@ -159,20 +152,20 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._resort()
 
     def action_turn_sort(self) -> None:
-        """Sort the other way round."""
+        """Sort in the other direction."""
         self.is_reversed = not self.is_reversed
         self._resort()
 
-    def action_type(self, what: str) -> None:
-        """Write a filter, or names and places to mark, in the table's own title; enter takes it, escape leaves."""
-        self._typing, self._typed, self._refusal = what, self.filter if what == "filter" else "", ""
-        self._say()
+    def action_type(self, purpose: str) -> None:
+        """Write a ``filter``, or vehicles to ``mark``, into the table's own title; enter takes it, escape leaves."""
+        self._typing, self._typed, self._refusal = purpose, self.filter if purpose == "filter" else "", ""
+        self._update_titles()
 
     def on_key(self, event: events.Key) -> None:
-        """While something is written every key belongs to it; a digit begins a list of places to mark."""
+        """Add a key to what is being written; a digit begins a list of vehicles to mark."""
         if not self._typing:
             if event.character is None or not event.character.isdigit():
-                if event.key == "escape" and (self.filter or self._marks):
+                if event.key == "escape" and (self.filter or self._marks.names):
                     event.stop()
                     self.filter = ""
                     self.mark(())
@@ -185,7 +178,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
             self.filter = "" if self._typing == "filter" else self.filter
             self._typing = ""
         elif event.key == "enter":
-            self._take()
+            self._accept()
         elif event.key in ("backspace", "ctrl+h"):
             self._typed = self._typed[:-1]
         elif event.key == "ctrl+u":
@@ -197,23 +190,23 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._resort()
 
     def on_click(self, event: events.Click) -> None:
-        """A click chooses the vehicle."""
+        """Move the cursor to the vehicle."""
         offset = event.get_content_offset(self)
         if offset is not None and offset.y > 0:
             self._move_to(offset.y - 1 + self.scroll_offset.y)
 
     def on_blur(self) -> None:
-        """What is half written is dropped."""
+        """Drop what is half written."""
         self._typing = ""
-        self._say()
+        self._update_titles()
         self.redraw()
 
     def on_focus(self) -> None:
-        """The cursor shows it."""
+        """Show by the cursor that keys go here."""
         self.redraw()
 
-    def _take(self) -> None:
-        """Enter: the filter stays; the list of places and names is marked, or a sentence says why not."""
+    def _accept(self) -> None:
+        """Keep the filter, or mark the vehicles that were written; a sentence says why not."""
         if self._typing == "mark" and self._typed.strip():
             try:
                 names = self.fleet.select(self._typed.strip())
@@ -222,7 +215,8 @@ class FleetTable(Lines, ScrollView, can_focus=True):
                 return
             self._typing = ""
             self.mark(names)
-            self._move_to(next((row for row, view in enumerate(self._rows) if view.name in self._marks), self.cursor))
+            marked = self._marks.names
+            self._move_to(next((row for row, view in enumerate(self._rows) if view.name in marked), self.cursor))
         self._typing = ""
 
     def _move_to(self, row: int) -> None:
@@ -235,17 +229,17 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self.scroll_to(y=top, animate=False, force=True)
         self.redraw()
 
-    # -- order and choice --------------------------------------------------------------------------------------------
+    # -- rows and titles ---------------------------------------------------------------------------------------------
 
     def _resort(self) -> None:
         self._sorted_s = -math.inf
         self._arrange()
-        self._say()
+        self._update_titles()
         self.redraw()
 
     def _arrange(self) -> None:
-        """Which rows are shown, and in which order; sorted once a second at most."""
-        by_name = {view.name: view for view in self._views if not self.filter or self._is_wanted(view)}
+        """Filter and sort the rows; sorted once a second at most."""
+        by_name = {view.name: view for view in self._views if not self.filter or self._is_match(view)}
         now_s = self._now_s
         if now_s - self._sorted_s >= SORT_S or {view.name for view in self._rows} != by_name.keys():
             self._sorted_s = now_s
@@ -258,61 +252,51 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         if self.virtual_size.height != height:
             self.virtual_size = Size(self.size.width, height)
 
-    def _is_wanted(self, view: VehicleView) -> bool:
-        return is_wanted(self._row(view), view.name, self._places.get(view.name, 0), self.filter)
+    def _is_match(self, view: VehicleView) -> bool:
+        return is_match(self._row(view), view.name, self._indices.get(view.name, 0), self.filter)
 
     def _key(self, view: VehicleView) -> tuple[bool, float, str, int]:
-        place = self._places.get(view.name, 0)
-        return sort_key(self._row(view), view.name, place, self.sort, self.is_reversed)
+        index = self._indices.get(view.name, 0)
+        return sort_key(self._row(view), view.name, index, self.sort, self.is_reversed)
 
-    def _row(self, view: VehicleView) -> Row | None:
+    def _row(self, view: VehicleView) -> VehicleRow | None:
         if view.telemetry is None:
             return None
         drain = self.history.drains.get(view.name)
         is_stale = not view.is_fresh(self._now_ns)
-        return Row(view, view.telemetry, self.fleet, drain, view.age_s(self._now_ns), is_stale)
+        return VehicleRow(view, view.telemetry, self.fleet, drain, view.age_s(self._now_ns), is_stale)
 
-    def _say(self) -> None:
-        """The border tells what is written, filtered, sorted and marked."""
+    def _update_titles(self) -> None:
+        """Show in the border what is written, filtered, sorted and marked."""
         title = "fleet" if len(self._views) < 10 else f"fleet of {len(self._views)}"
         if self._typing:
             title = f"{self._typing}: {self._typed}▏"
             title += f" {self._refusal}" if self._refusal else ""
         elif self.filter:
             title += f" · filter {self.filter}: {len(self._rows)} of {len(self._views)}"
-        marks = self.marked
-        said = ""
-        if marks:
-            shown = {view.name for view in self._rows}
-            hidden = sum(name not in shown for name in marks)
-            said = f"{len(marks)} marked" if len(marks) < len(self._views) or len(marks) < 2 else "ALL marked"
-            said += f", {hidden} hidden by the filter" if hidden else ""
-            left_s = self._forget_s - self._now_s
-            said += f", {math.ceil(max(0.0, left_s))} s" if math.isfinite(left_s) else ""
+        below = self._marks.text(len(self._views), [view.name for view in self._rows], self._now_s)
         if self.sort != "place" or self.is_reversed:
-            said += f"{' · ' if said else ''}by {self.sort} {'↓' if self.is_reversed else '↑'}"
-        if self._titles != (title, said):
-            self._titles = title, said
-            self.border_title, self.border_subtitle = _plain(title), _plain(said)
+            below += f"{' · ' if below else ''}by {self.sort} {'↓' if self.is_reversed else '↑'}"
+        if self._titles != (title, below):
+            self._titles = title, below
+            self.border_title, self.border_subtitle = title.replace("[", "\\["), below.replace("[", "\\[")
 
     # -- drawing -----------------------------------------------------------------------------------------------------
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """The heading stays on the first line; the rows scroll below it."""
-        layout = Layout.of([view.name for view in self._views], width)
-        # on a low terminal there is no border to show what is written or marked
-        is_bare = self.size == self.outer_size and (self._typing or self._marks)
+        """Return the heading, which stays on the first line, and the rows in the window below it."""
+        layout = RowLayout.of([view.name for view in self._views], width)
+        # A low terminal has no border to show what is written or marked.
+        is_bare = self.size == self.outer_size and (self._typing or self._marks.names)
         heading = " ".join(reversed(self._titles)) if is_bare else layout.heading()
         lines = [Strip([Segment(theme.fit(heading, width), theme.style(FAINT))], width)]
-        top, here, now_s = round(self.scroll_offset.y), self.selected, self._now_s
+        top, selected, now_s = round(self.scroll_offset.y), self.selected, self._now_s
+        is_lit = int(now_s * 2.0 / BLINK_PERIOD_S) % 2 == 1
         for view in self._rows[top : top + height - 1]:
-            is_blinking = (
-                now_s < self._blink_until_s.get(view.name, -math.inf) and int(now_s * 2.0 / BLINK_PERIOD_S) % 2
-            )
-            marks = Marks(
-                view.name == here, view.name in self._marks, bool(is_blinking), self.has_focus, self._has_nodes
-            )
-            segments = draw_row(layout, view, self._row(view), self._places.get(view.name, 0), marks)
+            name = view.name
+            is_blinking = is_lit and now_s < self._blink_until_s.get(name, -math.inf)
+            marks = RowMarks(name == selected, name in self._marks.names, is_blinking, self.has_focus, self._has_nodes)
+            segments = draw_row(layout, view, self._row(view), self._indices.get(name, 0), marks)
             lines.append(Strip(segments).adjust_cell_length(width))
         if not self._rows and height > 1:
             empty = f"nobody matches '{clean(self.filter, 40)}'; esc shows all" if self.filter else "no vehicles"
@@ -320,19 +304,13 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         return lines
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
-        """Other rows are seen."""
+        """Draw the rows that have come into the window."""
         super().watch_scroll_y(old_value, new_value)
         self.redraw()
 
 
-def _gist(view: VehicleView, now_ns: int) -> tuple[object, ...]:
-    """What is worth a new picture at once; numbers can wait a little."""
-    told = view.telemetry
-    if told is None:
-        return (view.is_alive,)
-    return told.state, told.order_phase, told.not_ready, view.is_alive, view.is_fresh(now_ns), view.is_disarmed_by_px4
-
-
-def _plain(text: str) -> str:
-    """Border titles read markup; what is written there is none."""
-    return text.replace("[", "\\[")
+def _urgent_values(view: VehicleView, now_ns: int) -> tuple[object, ...]:
+    """Return the values whose change is drawn at once; numbers can wait a little."""
+    last = view.telemetry
+    values = () if last is None else (last.state, last.order_phase, last.not_ready, view.is_disarmed_by_px4)
+    return view.is_alive, view.is_fresh(now_ns), *values

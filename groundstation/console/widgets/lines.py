@@ -16,29 +16,29 @@ _PACE_NS = 150_000_000  # of pictures, in which nothing is read that moves faste
 
 
 class Lines(Widget):
-    """Draws what :meth:`draw` gives, and asks the screen for the changed lines only."""
+    """Draws the lines that :meth:`draw` returns; only changed lines go to the terminal."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("z", "alone", "this alone", show=False),
         Binding("escape", "together", "all panels", show=False),
     ]
 
-    _lines: list[Strip]  # as drawn, without the widget's ground
-    _drawn: Size | None = None
-    _shown: tuple[int, object] = (0, None)
-    _on_ground: dict[Style | None, Style]
-    _ground: Style | None = None  # the widget's own colours, which cost too much to look up for every line
+    _lines: list[Strip]  # as drawn, without the widget's background
+    _drawn_size: Size | None = None
+    _shown: tuple[int, object] = (0, None)  # time of the last picture, and the urgent values in it
+    _styles: dict[Style | None, Style]  # on the widget's background
+    _background: Style | None = None  # costs too much to look up for every line
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """The lines of a picture of this size, each ``width`` cells long; fewer lines leave the rest empty."""
+        """Return the lines of a picture of this size, each ``width`` cells long; missing lines stay empty."""
         raise NotImplementedError
 
-    def is_due(self, now_ns: int, seen: object) -> bool:
-        """Whether to draw again: five times a second, and at once when what is ``seen`` is another thing."""
+    def is_due(self, now_ns: int, urgent: object) -> bool:
+        """Whether to draw again: five times a second, and at once when the ``urgent`` values have changed."""
         last_ns, last = self._shown
-        if 0 < now_ns - last_ns < _PACE_NS and seen == last:
+        if 0 < now_ns - last_ns < _PACE_NS and urgent == last:
             return False
-        self._shown = now_ns, seen
+        self._shown = now_ns, urgent
         return True
 
     class Alone(Message):
@@ -64,17 +64,17 @@ class Lines(Widget):
             await self.app.run_action("back")
 
     def redraw(self) -> None:
-        """Draw now; what looks as before costs the terminal nothing."""
+        """Draw now; a line that is as before costs the terminal nothing."""
         size = self.size
         if not size.width or not size.height or not self.is_mounted:
             return
-        before = self._lines if self._drawn == size else []
-        self._lines, self._drawn = self.draw(size.width, size.height), size
+        before = self._lines if self._drawn_size == size else []
+        self._lines, self._drawn_size = self.draw(size.width, size.height), size
         if not before:
             self.refresh()
             return
         changed = [y for y in range(size.height) if _line(before, y) != _line(self._lines, y)]
-        # Whole lines with the border: what is asked for in part is cut out line by line, which costs more.
+        # Whole lines with the border: a part would be cut out line by line, which costs more.
         left, width = -self.gutter.left, size.width + self.gutter.width
         regions: list[Region] = []
         for y in changed:
@@ -86,26 +86,31 @@ class Lines(Widget):
             self.refresh(*regions)
 
     def render_line(self, y: int) -> Strip:
-        """One line, ``y`` counted from the top of what is seen."""
-        if self._drawn != self.size:
-            self._lines, self._drawn = self.draw(*self.size), self.size
-        if self._ground is None:
-            self._ground, self._on_ground = self.rich_style, {}
+        """Return one line, ``y`` counted from the top of the window."""
+        if self._drawn_size != self.size:
+            self._lines, self._drawn_size = self.draw(*self.size), self.size
+        if self._background is None:
+            self._background, self._styles = self.rich_style, {}
         line = _line(self._lines, y)
         if line is None:
-            return Strip.blank(self.size.width, self._ground)
-        return Strip([Segment(text, self._grounded(style)) for text, style, _ in line], line.cell_length)
+            return Strip.blank(self.size.width, self._background)
+        return Strip([Segment(text, self._on_background(style)) for text, style, _ in line], line.cell_length)
 
-    def _grounded(self, style: Style | None) -> Style | None:
-        """A style on this widget's ground; there are few, and adding them anew for every piece costs most of a line."""
-        found = self._on_ground.get(style)
-        if found is None:
-            found = self._on_ground[style] = (self._ground or Style.null()) + style
-        return found
+    def forget_picture(self) -> None:
+        """Draw all lines anew at the next chance."""
+        self._drawn_size = None
+        self.refresh()
+
+    def _on_background(self, style: Style | None) -> Style:
+        """Return a style on this widget's background; kept, since adding styles costs most of a line."""
+        full = self._styles.get(style)
+        if full is None:
+            full = self._styles[style] = (self._background or Style.null()) + style
+        return full
 
     def notify_style_update(self) -> None:
-        """Another ground, perhaps."""
-        self._ground = None
+        """Look the background up again."""
+        self._background = None
         super().notify_style_update()
 
 

@@ -1,4 +1,4 @@
-"""The fleet from above: which part of it is seen, and the keys that change that."""
+"""The fleet from above: the visible part, and the keys that change it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from textual.strip import Strip
 
 from groundstation.console.canvas import Canvas
 from groundstation.console.history import FAR_M, History
-from groundstation.console.plan_drawing import Spot, Window, draw_fleet, ground, spot_of
+from groundstation.console.plan_drawing import PlanScene, Spot, Window, draw_background, draw_fleet, spot_of
 from groundstation.console.theme import clean
 from groundstation.console.widgets.lines import Lines
 from groundstation.fleet.state import FleetState, VehicleView
@@ -25,8 +25,7 @@ _PAN = 0.15  # of the picture, a key press
 class PlanView(Lines, can_focus=True):
     """East to the right, north up. Circles have half the safety distance: where two touch, the limit is reached.
 
-    By itself it shows the part of the fence that the fleet uses. ``follows``: "" nobody, "*" the fleet's middle, else
-    the vehicle of this name.
+    Without keys it shows the part of the fence that the fleet uses.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -44,11 +43,11 @@ class PlanView(Lines, can_focus=True):
         self.history = history
         self.zoom = 1.0
         self.is_whole_fence = False
-        self.follows = ""
+        self.follows = ""  # "*" the middle of the fleet, else the vehicle of this name
         self._middle: tuple[float, float] | None = None
         starts = [fleet.vehicles[name].start_enu_m for name in fleet.enabled_names] or [(0.0, 0.0, 0.0)]
         self._spans = _around([start[0] for start in starts]), _around([start[1] for start in starts])
-        self._standing: tuple[Window, Canvas] | None = None
+        self._background_picture: tuple[Window, Canvas] | None = None
         self._views: list[VehicleView] = []
         self._spots: dict[str, Spot] = {}
         self._selected: str | None = None
@@ -67,8 +66,8 @@ class PlanView(Lines, can_focus=True):
         self.redraw()
 
     def redraw(self) -> None:
-        """Draw now, and say what is seen."""
-        self._say(self._window(*self.size))
+        """Draw now, and name the visible part."""
+        self._update_titles(self._window(*self.size))
         super().redraw()
 
     def change_zoom(self, factor: float) -> None:
@@ -84,7 +83,7 @@ class PlanView(Lines, can_focus=True):
         self.change_zoom(0.0)
 
     def action_pan(self, east: int, north: int) -> None:
-        """Look further east or north; nobody is followed any more."""
+        """Move the window east or north, and follow no vehicle."""
         window = self._window(*self.size)
         self.follows = ""
         step_m = _PAN * 2.0 * min(window.width, 2 * window.height) / window.scale
@@ -94,9 +93,9 @@ class PlanView(Lines, can_focus=True):
         self.redraw()
 
     def action_follow(self) -> None:
-        """Follow the vehicle under the fleet's cursor; then the middle of the fleet; then nobody."""
-        chosen = self._selected or "*"
-        self.follows = chosen if self.follows not in (chosen, "*") else "*" if self.follows != "*" else ""
+        """Follow the vehicle under the fleet's cursor; then the middle of the fleet; then none."""
+        name = self._selected or "*"
+        self.follows = name if self.follows not in (name, "*") else "*" if self.follows != "*" else ""
         self._middle = None
         self.redraw()
 
@@ -122,27 +121,20 @@ class PlanView(Lines, can_focus=True):
             self.redraw()
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """The picture; what stands still is drawn once for each part that is looked at."""
+        """Return the picture; the background is drawn once for each window."""
         if width < 1 or height < 1:
             return []
         window = self._window(width, height)
-        if self._standing is None or self._standing[0] != window:
-            self._standing = window, ground(window, self.fleet)
-        canvas = self._standing[1].copy()
-        draw_fleet(
-            canvas,
-            window,
-            self.fleet,
-            self.history,
-            self._views,
-            self._spots,
-            self._now_ns,
-            self._selected,
-            self._marked,
-        )
+        if self._background_picture is None or self._background_picture[0] != window:
+            self._background_picture = window, draw_background(window, self.fleet)
+        canvas = self._background_picture[1].copy()
+        marked = frozenset(self._marked)
+        views, spots, now_ns = self._views, self._spots, self._now_ns
+        scene = PlanScene(window, self.fleet, self.history, views, spots, now_ns, self._selected, marked)
+        draw_fleet(canvas, scene)
         return canvas.strips()
 
-    def _say(self, window: Window) -> None:
+    def _update_titles(self, window: Window) -> None:
         title = "plan"
         if self.follows:
             title += f" · follows {'the fleet' if self.follows == '*' else clean(self.follows, 40)}"
@@ -164,9 +156,9 @@ class PlanView(Lines, can_focus=True):
         return Window(middle[0], middle[1], scale * self.zoom, width, height)
 
     def _widen(self) -> None:
-        """What the picture shows by itself (x, y in metres): the part of the fence that the fleet uses.
+        """Widen the visible part (x, y in metres) to all vehicles and goals.
 
-        The part only grows: a picture that breathes with every move cannot be read.
+        It only grows: a picture whose scale changes with every move cannot be read.
         """
         fence = self.fleet.fleet.geofence_m
         points: list[tuple[float, ...]] = [spot[:2] for spot in self._spots.values()]
@@ -183,7 +175,7 @@ class PlanView(Lines, can_focus=True):
         self._spans = (spans[0], spans[1])
 
     def _followed(self) -> tuple[float, float] | None:
-        """The place that is followed; zoomed in without a choice it is the fleet's middle."""
+        """Return the followed point; zoomed in without a choice it is the middle of the fleet."""
         if not (self.follows or self.zoom != 1.0) or not self._spots:
             return None
         one = self._spots.get(self.follows)

@@ -29,11 +29,11 @@ class ResultLines(Static):
     def __init__(self) -> None:
         super().__init__(id="result", classes="empty")
 
-    def show_order(self, handle: OrderResult, text: str) -> None:
+    def show_order(self, order: OrderResult, text: str) -> None:
         """Show the order's words and the results as they stand."""
         words = clean(text, 60)
         line = Text.assemble((f" {theme.fit(words, min(34, cell_len(words)))} ", theme.style(TEXT, bold=True)))
-        results = handle.results
+        results = order.results
         width = (self.size.width or 80) - line.cell_len
         parts = [(f"{name} {{}} {one.phase}", str(one.phase)) for name, one in results.items()]
         if sum(cell_len(words) + 1 for words, _ in parts) > width:

@@ -1,4 +1,4 @@
-"""How close they are: the closest pairs and when they meet, the smallest distance so far, a strip chart, the timing."""
+"""Separation of the vehicles: the closest pairs, the smallest distance so far, a strip chart, the timing."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from onboard.config.fleet import FleetConfig
 
 WINDOW_S = 120.0
 SOON_S = 3.0
-_FORESIGHT_S = 10.0  # nobody goes on as now for longer
+_FORESIGHT_S = 10.0  # velocities do not stay as they are for longer
 _MARGIN = 5  # cells for the scale at the left
 _LEAST_CHART = 3
-_PERIOD_TOP_MS, _AGE_TOP_MS = 40.0, 200.0  # what fills a spark: two periods, and news that is too old
+_PERIOD_TOP_MS, _AGE_TOP_MS = 40.0, 200.0  # values that fill a spark: two periods, and a message that is too old
 
 
 class SeparationView(Lines, can_focus=True):
-    """Horizontal distances between centres, in metres, as the vehicles report them, and the truth where told."""
+    """Horizontal distances between centres, in metres, as the vehicles report them, and the truth where it is known."""
 
     def __init__(self, fleet: FleetConfig, history: History) -> None:
         super().__init__(id="separation")
@@ -44,7 +44,7 @@ class SeparationView(Lines, can_focus=True):
             self.redraw()
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """Now and the least so far; further pairs, chart and timing as there is room."""
+        """Return the closest pair now and so far; further pairs, chart and timing as there is room."""
         timing = self._timing(width) if height >= 2 + _LEAST_CHART + 3 else []
         rest = height - 2 - len(timing)
         pairs = self.history.pairs[1 : 1 + max(0, (rest - 5) // 2)]
@@ -76,7 +76,7 @@ class SeparationView(Lines, can_focus=True):
         return [*segments, *self._approach(pair)]
 
     def _approach(self, pair: Pair) -> list[Segment]:
-        """When they will be closest, and how close, if both go on as they do."""
+        """Return time and distance of their closest approach at their present velocities."""
         if not pair.is_flying:
             return []
         if not math.isfinite(pair.approach_s) or pair.approach_s > _FORESIGHT_S:
@@ -94,7 +94,7 @@ class SeparationView(Lines, can_focus=True):
         return ("▲", WARN) if distance_m < 1.1 * limit_m else ("●", GOOD)
 
     def _timing(self, width: int) -> list[list[Segment]]:
-        """The slowest control loop and the oldest news between agents, now and over the last minutes."""
+        """Return the slowest control loop and the oldest message between agents, now and over the last minutes."""
         lines = []
         for label, values, name, top in (
             ("loop p99", self.history.periods_ms, self.history.slowest, _PERIOD_TOP_MS),
@@ -115,7 +115,7 @@ class SeparationView(Lines, can_focus=True):
         return lines
 
     def _strip_chart(self, width: int, height: int) -> list[Strip]:
-        """Drawn twice a second: nothing in it moves faster."""
+        """Return the chart; drawn twice a second, since nothing in it moves faster."""
         key = (width, height, int(2.0 * self._now_s))
         if self._chart is None or self._chart[0] != key:
             self._chart = key, self._draw_chart(width, height).strips()
@@ -158,10 +158,10 @@ class SeparationView(Lines, can_focus=True):
     def _nearest(
         self, points: Sequence[tuple[float, float]], columns: int
     ) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """The closest sample of each column: a near miss must not fall between two dots."""
+        """Return the closest sample of each column: a near miss must not fall between two dots."""
         nearest = np.full(columns, np.inf)
         if points:
             times_s, distances_m = np.array(points).T
-            places = ((1.0 - (self._now_s - times_s) / WINDOW_S) * (columns - 1)).astype(np.int64)
-            np.minimum.at(nearest, np.clip(places, 0, columns - 1), distances_m)
+            indices = ((1.0 - (self._now_s - times_s) / WINDOW_S) * (columns - 1)).astype(np.int64)
+            np.minimum.at(nearest, np.clip(indices, 0, columns - 1), distances_m)
         return nearest

@@ -1,7 +1,7 @@
 """``covey mocap --check``: whether each vehicle has its own body, axes and stamps, by tilting it. Listens only.
 
-Who tilts a vehicle by hand, propellers off, sees it tilt twice: in its PX4 and in one body. Agents and the mocap's
-source must run.
+A vehicle that is tilted by hand, propellers off, tilts twice: in its PX4 and in one body. Agents and the mocap's source
+must run.
 """
 
 from __future__ import annotations
@@ -25,33 +25,37 @@ from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.mocap.relay import latency
 from onboard.mocap.relay.latency import Array
 from onboard.mocap.relay.relay import bodies_of
-from onboard.mocap.relay.statistics import Report
+from onboard.mocap.relay.statistics import MocapStatistics
 
 GOOD_LAG_S = 0.015
-_MOST_SAMPLES = 6000
+_MAX_SAMPLES = 6000
 _QUARTERS = (90, 180, 270)
 
 Samples = deque[tuple[float, Vec4]]  # time [s] on our clock, quaternion
-Curve = tuple[Array, Array]  # times (n,) and what gravity looks like at them (n, 2)
+Curve = tuple[Array, Array]  # times (n,) [s], and latency.gravity (n, 2) at them
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
-    """What is known of one vehicle's body; ``is_ok`` None while it has not been tilted enough."""
+class BodyFinding:
+    """Result for one vehicle's body."""
 
     vehicle: str
-    is_ok: bool | None
+    is_ok: bool | None  # None while it has not been tilted enough
     sentence: str
 
 
 def judge(
     vehicles: Mapping[str, str], bodies: Mapping[str, Samples], px4s: Mapping[str, Samples], *, latency_s: float
-) -> Iterator[Finding]:
-    """One finding for each vehicle.
+) -> Iterator[BodyFinding]:
+    """Compare the tilts of bodies and vehicles.
 
     Args:
-        vehicles: vehicle -> body. bodies, px4s: attitudes by body, and by vehicle as its PX4 measures them.
-        latency_s: what the stamps already allow for.
+        vehicles: vehicle -> body.
+        bodies: body -> attitudes that the mocap measured.
+        px4s: vehicle -> attitudes that its PX4 measured.
+        latency_s: latency that the stamps already account for.
+    Yields:
+        one finding for each vehicle.
     """
     curves = {name: _curve(samples) for name, samples in bodies.items()}
     for vehicle, body in vehicles.items():
@@ -59,17 +63,19 @@ def judge(
         yield _finding(vehicle, body, curves, px4, latency_s)
 
 
-def _finding(vehicle: str, body: str, curves: Mapping[str, Curve], px4: Curve, latency_s: float) -> Finding:
-    fits = {name: found for name, curve in curves.items() if (found := latency.fit(*curve, *px4)) is not None}
+def _finding(vehicle: str, body: str, curves: Mapping[str, Curve], px4: Curve, latency_s: float) -> BodyFinding:
+    fits = {name: fit for name, curve in curves.items() if (fit := latency.fit(*curve, *px4)) is not None}
     if not px4[0].size:
-        return Finding(vehicle, None, "its agent tells no attitude. Start the agent, with its PX4.")
+        return BodyFinding(vehicle, None, "its agent publishes no attitude. Start the agent, with its PX4.")
     if not fits:
-        return Finding(
-            vehicle, None, "not tilted yet: tilt it by hand by 20° to and fro for some seconds, propellers off."
+        return BodyFinding(
+            vehicle,
+            None,
+            "not tilted yet. Take the propellers off and tilt it by hand by 20° in all directions for some seconds.",
         )
     best = max(fits, key=lambda name: fits[name].correlation)
     if best != body and fits[best].is_same:
-        return Finding(
+        return BodyFinding(
             vehicle,
             False,
             f"its PX4 tilts as body '{best}' does, not as '{body}'. Exchange the names in the mocap's software, or set "
@@ -77,39 +83,45 @@ def _finding(vehicle: str, body: str, curves: Mapping[str, Curve], px4: Curve, l
         )
     own = fits.get(body)
     if own is None:
-        return Finding(vehicle, False, f"body '{body}' was not seen while it tilted. Are its markers in sight?")
+        return BodyFinding(
+            vehicle,
+            False,
+            f"body '{body}' was not tracked while the vehicle tilted. Check that the cameras see its markers.",
+        )
     if not own.is_same:
         quarter = _turned(curves[body], px4)
         if quarter is not None:
-            return Finding(
+            return BodyFinding(
                 vehicle,
                 False,
                 f"the axes of body '{body}' are turned by about {quarter}° against the vehicle. Point its nose along "
                 "the mocap's x axis and reset the body's orientation in the mocap's software.",
             )
-        return Finding(
+        return BodyFinding(
             vehicle,
             False,
-            f"body '{body}' does not tilt as its PX4 does, nor does any other (correlation {own.correlation:.2f}). Is "
-            "the body's z axis up, mocap.up right, and are the markers fixed to the frame?",
+            f"body '{body}' does not tilt as its PX4 does, nor does any other (correlation {own.correlation:.2f}). "
+            "Check the body's z axis, mocap.up, and that the markers are fixed to the frame.",
         )
     lag_ms = 1e3 * own.lag_s
     if abs(own.lag_s) > GOOD_LAG_S:
-        return Finding(
+        return BodyFinding(
             vehicle,
             False,
             f"body '{body}' is right, but its stamps are {lag_ms:+.0f} ms off the motion. Set mocap.latency_s = "
             f"{max(0.0, latency_s + own.lag_s):.3f} (now {latency_s:.3f}).",
         )
-    return Finding(vehicle, True, f"body '{body}' tilts as its PX4 does, stamps right to {lag_ms:+.0f} ms.")
+    return BodyFinding(
+        vehicle, True, f"body '{body}' tilts as its PX4 does, and its stamps are right to {lag_ms:+.0f} ms."
+    )
 
 
 def _turned(body: Curve, px4: Curve) -> int | None:
-    """By how many degrees the body's axes are turned about up, if that is all that is wrong."""
+    """Return by how many degrees the body's axes are turned about up; None if that is not the only fault."""
     for degrees in _QUARTERS:
         c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-        found = latency.fit(body[0], body[1] @ np.array([[c, s], [-s, c]]), *px4)
-        if found is not None and found.is_same:
+        fit = latency.fit(body[0], body[1] @ np.array([[c, s], [-s, c]]), *px4)
+        if fit is not None and fit.is_same:
             return degrees
     return None
 
@@ -122,12 +134,12 @@ def _curve(samples: Samples) -> Curve:
 
 
 @dataclass(slots=True)
-class Check:
+class MocapCheck:
     """One run of the check on the bus of a fleet."""
 
     fleet: FleetConfig
-    say: Callable[[str], None]
-    report: Report = field(init=False)
+    say: Callable[[str], None]  # prints a line for a person
+    statistics: MocapStatistics = field(init=False)
     _bus: BusSession = field(init=False)
     _clock: ClockNode = field(init=False)
     _bodies: dict[str, Samples] = field(default_factory=dict)
@@ -135,7 +147,7 @@ class Check:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
-        self.report = Report(bodies_of(self.fleet))
+        self.statistics = MocapStatistics(bodies_of(self.fleet))
         agents = [self.fleet.vehicles[name].agent for name in self.fleet.enabled_names]
         self._bus = BusSession(
             namespace=self.fleet.namespace,
@@ -145,9 +157,9 @@ class Check:
         self._clock = ClockNode(self._bus)
 
     def run(self, *, seconds: float | None, every_s: float, stopped: threading.Event) -> int:
-        """Listen until all is right, ``stopped``, or for ``seconds``; exit status."""
+        """Listen until everything is right, ``stopped``, or for ``seconds``; return the exit status."""
         self._bus.start()
-        began_s = told_s = time.monotonic()
+        began_s = printed_s = time.monotonic()
         status = EXIT_NO_ANSWER
         try:
             self._clock.start()
@@ -157,54 +169,54 @@ class Check:
                 self._clock.beat()
                 now_s = time.monotonic()
                 is_over = seconds is not None and now_s - began_s >= seconds
-                if is_over or now_s - told_s >= every_s:
-                    told_s, status = now_s, self._tell()
+                if is_over or now_s - printed_s >= every_s:
+                    printed_s, status = now_s, self._print()
                 if is_over or status == EXIT_OK:
                     break
         finally:
             self._bus.stop()
         return status
 
-    def _tell(self) -> int:
+    def _print(self) -> int:
         with self._lock:
-            self.report.close_window(time.monotonic_ns())
+            self.statistics.close_window(time.monotonic_ns())
             bodies = {name: samples.copy() for name, samples in self._bodies.items()}
             px4s = {name: samples.copy() for name, samples in self._px4s.items()}
-            wrong = list(self.report.findings())
+            wrong = list(self.statistics.findings())
         latency_s = self.fleet.mocap.latency_s if self.fleet.mocap.source == "motioncapture" else 0.0
-        found = list(judge(self.report.vehicles, bodies, px4s, latency_s=latency_s))
+        findings = list(judge(self.statistics.vehicles, bodies, px4s, latency_s=latency_s))
         self.say(time.strftime("%H:%M:%S"))
-        for finding in found:
+        for finding in findings:
             mark = {True: "ok", False: "WRONG", None: "..."}[finding.is_ok]
             self.say(f"  {mark:<5} {finding.vehicle}: {finding.sentence}")
         for sentence in wrong:
             self.say(f"  ! {sentence}")
         if not bodies:
             return EXIT_NO_ANSWER
-        return EXIT_OK if all(finding.is_ok for finding in found) and not wrong else EXIT_FAILED
+        return EXIT_OK if all(finding.is_ok for finding in findings) and not wrong else EXIT_FAILED
 
     def _hear_pose(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
         if not isinstance(message, MocapPose):
             return
         own_s = self._own_s(message.source, message.stamp_ns)
         with self._lock:
-            self.report.add(message)
+            self.statistics.add(message)
             if message.is_tracked and own_s is not None:
-                samples = self._bodies.setdefault(message.body, deque(maxlen=_MOST_SAMPLES))
+                samples = self._bodies.setdefault(message.body, deque(maxlen=_MAX_SAMPLES))
                 samples.append((own_s, message.quaternion_enu_flu_wxyz))
 
     def _hear_ticks(self, _topic: Topic, name: str, message: Message | Malformed) -> None:
         if not isinstance(message, TickBatch):
             return
         with self._lock:
-            samples = self._px4s.setdefault(name, deque(maxlen=_MOST_SAMPLES))
+            samples = self._px4s.setdefault(name, deque(maxlen=_MAX_SAMPLES))
             for tick in message.ticks:
                 own_s = self._own_s(name, tick.stamp_ns)
                 if own_s is not None:
                     samples.append((own_s - tick.attitude_age_s, tick.attitude_quaternion_enu_flu_wxyz))
 
     def _own_s(self, node: str, stamp_ns: int) -> float | None:
-        """A stamp on our clock, in the middle of what it can mean; None while that is not known."""
+        """Return a stamp on our clock, in the middle of its bounds; None while they are not known."""
         if not node:
             return stamp_ns * 1e-9
         offset = self._clock.clocks.offset_s(node, time.monotonic_ns())

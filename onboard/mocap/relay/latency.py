@@ -1,8 +1,8 @@
-"""By how much a body's stamps lag the motion, and whose body it is: its tilt beside the attitude that PX4 measures.
+"""Lag of a body's stamps behind its motion, and the vehicle of a body: its tilt compared with PX4's attitude.
 
-PX4 measures with a gyroscope, so that its attitude is right in time but for a few milliseconds of link. Both see the
-direction of gravity in the body's own axes, which no heading and no frame of the room enters. The shift in time at
-which both curves fit best is what the stamps are late; the body whose curve fits is the one that this PX4 sits on.
+PX4 measures with a gyroscope, so its attitude is right in time except for a few milliseconds of link. Both measure the
+direction of gravity in the body's own axes, which depends neither on a heading nor on the frame of the room. The time
+shift at which both curves fit best is the lag of the stamps; the body whose curve fits belongs to this PX4.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ _FITS = 0.85
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """How two curves of tilt fit: at which shift best, and how well (correlation, 1 at most)."""
+    """Best fit of two curves of tilt."""
 
-    lag_s: float
-    correlation: float
+    lag_s: float  # time shift of the best fit
+    correlation: float  # at most 1
 
     @property
     def is_same(self) -> bool:
@@ -38,16 +38,21 @@ class Fit:
 
 
 def gravity(quaternions_wxyz: Sequence[Vec4]) -> Array:
-    """Horizontal components (n, 2) of the vertical, seen in the body's axes."""
+    """Return the horizontal components (n, 2) of the vertical, in the body's axes."""
     w, x, y, z = np.array(quaternions_wxyz, dtype=np.float64).reshape(-1, 4).T
     return np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x)], axis=-1)
 
 
 def fit(body_s: Array, body: Array, px4_s: Array, px4: Array) -> Fit | None:
-    """Where a body's tilt fits PX4's best; None when there is too little of it to say.
+    """Fit a body's tilt to PX4's.
 
     Args:
-        body_s, px4_s: times (n,), (m,) of the samples, rising. body, px4: :func:`gravity` (n, 2), (m, 2) at them.
+        body_s: times (n,) [s] of the body's samples, rising.
+        body: :func:`gravity` (n, 2) at them.
+        px4_s: times (m,) [s] of PX4's samples, rising.
+        px4: :func:`gravity` (m, 2) at them.
+    Returns:
+        the best fit; None if there is too little motion.
     """
     if body_s.size < 10 or px4_s.size < 10:
         return None
@@ -56,17 +61,17 @@ def fit(body_s: Array, body: Array, px4_s: Array, px4: Array) -> Fit | None:
         return None
     times_s = np.arange(begin, end, _STEP_S)
     lags_s = np.arange(_EARLIEST_S, _LATEST_S + 0.5 * _STEP_S, _STEP_S)
-    wanted = _at(times_s, px4_s, px4)
-    if float(np.sqrt(np.square(wanted).mean())) < _SMALLEST_TILT_RAD:
+    reference = _at(times_s, px4_s, px4)
+    if float(np.sqrt(np.square(reference).mean())) < _SMALLEST_TILT_RAD:
         return None
-    found = np.array([_correlation(_at(times_s + lag_s, body_s, body), wanted) for lag_s in lags_s])
-    best = int(found.argmax())
-    return Fit(float(lags_s[best]) + _STEP_S * _vertex(found, best), float(found[best]))
+    correlations = np.array([_correlation(_at(times_s + lag_s, body_s, body), reference) for lag_s in lags_s])
+    best = int(correlations.argmax())
+    return Fit(float(lags_s[best]) + _STEP_S * _vertex(correlations, best), float(correlations[best]))
 
 
 def _at(times_s: Array, samples_s: Array, samples: Array) -> Array:
     values = np.stack([np.interp(times_s, samples_s, samples[:, axis]) for axis in range(2)], axis=-1)
-    return np.asarray(values - values.mean(axis=0))  # markers are never quite level with the autopilot
+    return np.asarray(values - values.mean(axis=0))  # markers are never exactly level with the autopilot
 
 
 def _correlation(one: Array, other: Array) -> float:
@@ -74,10 +79,10 @@ def _correlation(one: Array, other: Array) -> float:
     return float((one * other).sum()) / size if size > 0.0 else 0.0
 
 
-def _vertex(values: Array, place: int) -> float:
-    """Where between its neighbours the top lies, in steps, by a parabola."""
-    if not 0 < place < values.size - 1:
+def _vertex(values: Array, index: int) -> float:
+    """Return the offset of the maximum from an index, in steps, by a parabola through three values."""
+    if not 0 < index < values.size - 1:
         return 0.0
-    before, top, after = values[place - 1 : place + 2].tolist()
+    before, top, after = values[index - 1 : index + 2].tolist()
     bend = before - 2.0 * top + after
     return 0.5 * (before - after) / bend if bend < 0.0 else 0.0

@@ -1,7 +1,7 @@
-"""``covey mocap``: one process that reads the motion capture and gives all its bodies to the fleet's bus.
+"""``covey mocap``: one process that reads the motion capture and publishes all its bodies on the fleet's bus.
 
-All bodies are published, vehicles or not; agents listen to those of the fleet file only. The relay judges nothing: who
-flies does. It stands on the bus where the emulator would, so that there can only be one of both.
+All bodies are published, vehicles or not; agents listen to those of the fleet file only. The relay does not judge
+poses; the agents do. It listens at the emulator's endpoint, so that there can only be one of both.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from onboard.config.mocap import BODY_NAME
 from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
-from onboard.mocap.relay.statistics import Report
-from onboard.mocap.sdk_source import CapturedMocap
+from onboard.mocap.relay.statistics import MocapStatistics
+from onboard.mocap.sdk_source import SdkMocap
 
 NODE = "mocap"
 
 
 def bodies_of(fleet: FleetConfig) -> dict[str, str]:
-    """Vehicle -> body, for all that take part and need a mocap."""
-    found = {name: fleet.vehicles[name].body for name in fleet.enabled_names}
-    return {name: body for name, body in found.items() if body is not None and fleet.vehicles[name].mocap_required}
+    """Return vehicle -> body, for all that take part and require a mocap."""
+    bodies = {name: fleet.vehicles[name].body for name in fleet.enabled_names}
+    return {name: body for name, body in bodies.items() if body is not None and fleet.vehicles[name].mocap_required}
 
 
 def mock_options(fleet: FleetConfig) -> dict[str, str]:
-    """For the type ``mock``: a body for each vehicle, at its start, standing still."""
+    """Return options for the type ``mock``: a body for each vehicle, standing still at its take-off spot."""
     rows = [
         f"{body}({','.join(f'{value:g}' for value in fleet.vehicles[name].start_enu_m)},1,0,0,0)"
         for name, body in bodies_of(fleet).items()
@@ -44,25 +44,25 @@ def mock_options(fleet: FleetConfig) -> dict[str, str]:
 
 @dataclass(slots=True)
 class Relay:
-    """One run of the relay: source, bus and report. ``say`` takes lines for a person."""
+    """One run of the relay."""
 
     fleet: FleetConfig
-    say: Callable[[str], None]
-    report: Report = field(init=False)
+    say: Callable[[str], None]  # prints a line for a person
+    statistics: MocapStatistics = field(init=False)
     _bus: BusSession = field(init=False)
     _clock: ClockNode = field(init=False)
-    _source: CapturedMocap = field(init=False)
+    _source: SdkMocap = field(init=False)
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _unnameable: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
-        self.report = Report(bodies_of(self.fleet))
+        self.statistics = MocapStatistics(bodies_of(self.fleet))
         agents = [self.fleet.vehicles[name].agent for name in self.fleet.enabled_names]
         self._bus = BusSession(
             namespace=self.fleet.namespace, node=NODE, listen=[self.fleet.simulator_endpoint], connect=agents
         )
         self._clock = ClockNode(self._bus)
-        self._source = CapturedMocap(
+        self._source = SdkMocap(
             self.fleet.mocap,
             "*",
             self._pass_on,
@@ -72,52 +72,53 @@ class Relay:
         )
 
     def run(self, *, seconds: float | None, every_s: float, stopped: threading.Event) -> int:
-        """Relay until ``stopped`` or for ``seconds``; exit status.
+        """Relay until ``stopped`` or for ``seconds``; return the exit status.
 
         Raises:
-            BusError: the place on the bus is taken.
+            BusError: another relay or an emulator listens at the endpoint.
         """
         self._bus.start()
         mocap = self.fleet.mocap
         self.say(
             f"mocap: {mocap.type} at {mocap.hostname or 'this computer'} -> bus {self.fleet.namespace}/mocap/*, "
-            f"{mocap.latency_s * 1e3:.0f} ms taken off each stamp. Ctrl-C ends."
+            f"{mocap.latency_s * 1e3:.0f} ms subtracted from each stamp. Ctrl-C ends."
         )
         if mocap.direct:
             self.say("  ! mocap.direct is true: the agents read the system themselves and do not listen to this relay.")
-        began_s = told_s = time.monotonic()
+        began_s = printed_s = time.monotonic()
         was_complete = False
         try:
             self._clock.start()
             self._source.start()
-            self.report.close_window(time.monotonic_ns())
+            self.statistics.close_window(time.monotonic_ns())
             while not stopped.wait(min(BEAT_S, every_s)):
                 self._clock.beat()
                 now_s = time.monotonic()
                 is_over = seconds is not None and now_s - began_s >= seconds
-                if is_over or now_s - told_s >= every_s:
-                    told_s, was_complete = now_s, self._tell(was_complete)
+                if is_over or now_s - printed_s >= every_s:
+                    printed_s, was_complete = now_s, self._print(was_complete)
                 if is_over:
                     break
         finally:
             self._source.stop()
             self._bus.stop()
-        if not self.report.bodies:
+        if not self.statistics.bodies:
             return EXIT_NO_ANSWER
-        return EXIT_OK if seconds is None or self.report.is_complete else EXIT_FAILED
+        return EXIT_OK if seconds is None or self.statistics.is_complete else EXIT_FAILED
 
-    def _tell(self, was_complete: bool) -> bool:
+    def _print(self, was_complete: bool) -> bool:
         with self._lock:
-            self.report.close_window(time.monotonic_ns())
-            rows = list(self.report.rows()) if self.report.bodies else ["  nothing has come yet"]
-            is_complete = self.report.is_complete
+            self.statistics.close_window(time.monotonic_ns())
+            rows = list(self.statistics.rows()) if self.statistics.bodies else ["  no pose has arrived yet"]
+            is_complete = self.statistics.is_complete
             bad = sorted(self._unnameable)
-        here, all_ = len(self.report.bodies), len(self.report.vehicles)
+        here, all_ = len(self.statistics.bodies), len(self.statistics.vehicles)
         self.say(f"{time.strftime('%H:%M:%S')} {here} bodies, {all_} vehicles")
         for row in rows:
             self.say(row)
         if bad:
-            self.say(f"  ! Left out, for their names cannot be keys on the bus: {', '.join(map(repr, bad))}. Rename.")
+            names = ", ".join(map(repr, bad))
+            self.say(f"  ! Not published, because these names cannot be keys on the bus: {names}. Rename them.")
         if self._source.problem:
             self.say(f"  ! {self._source.problem}")
         if is_complete and not was_complete:
@@ -130,11 +131,11 @@ class Relay:
             return
         self._bus.publish(Topic.MOCAP, pose.body, pose)
         with self._lock:
-            self.report.add(pose)
+            self.statistics.add(pose)
 
 
 def with_source(fleet: FleetConfig, *, type_: str | None, hostname: str | None) -> FleetConfig:
-    """The fleet with another system than its file names, for a relay only.
+    """Return the fleet with another system than its file names, for a relay only.
 
     Raises:
         msgspec.ValidationError: there is no such type.

@@ -1,4 +1,4 @@
-"""What a relay tells about the bodies that pass through it: facts and sentences, no judgement."""
+"""Statistics of the bodies that pass through a relay, as numbers and sentences."""
 
 from __future__ import annotations
 
@@ -15,24 +15,20 @@ _GONE_S = 1.0
 
 
 @dataclass(slots=True)
-class Body:
-    """What came of one body. ``rate_hz`` is of the last finished window, the counts are since the start.
-
-    flips: attitudes that turned faster than a vehicle does, which markers that look alike from several sides cause.
-    still_s: for so long the very same numbers have come; a body that is really measured always has noise.
-    """
+class BodyStatistics:
+    """Statistics of one body; counts are since the start."""
 
     name: str
     position_enu_m: Vec3 = (math.nan, math.nan, math.nan)
     heading_deg: float = math.nan
-    rate_hz: float = 0.0
+    rate_hz: float = 0.0  # in the last finished window
     samples: int = 0
     jumps: int = 0
-    flips: int = 0
+    flips: int = 0  # turns faster than a vehicle's, caused by markers that look alike from several sides
     losses: int = 0
     longest_gap_s: float = 0.0
     age_s: float = 0.0
-    still_s: float = 0.0
+    still_s: float = 0.0  # for so long the same numbers have come; a body that is measured always has noise
     is_tracked: bool = False
     _quaternion: Vec4 = (0.0, 0.0, 0.0, 0.0)
     _stamp_ns: int = 0
@@ -40,14 +36,14 @@ class Body:
     _in_window: int = 0
 
     def add(self, pose: MocapPose) -> None:
-        """Take a pose."""
+        """Count a pose."""
         if not pose.is_tracked:
             self.losses += int(self.is_tracked)
             self.is_tracked = False
             return
         gap_s = (pose.stamp_ns - self._stamp_ns) * 1e-9 if self.samples else 0.0
         step_m = math.dist(pose.position_enu_m, self.position_enu_m) if self.samples else 0.0
-        # what is not finite is a jump as well
+        # a value that is not finite is a jump as well
         self.jumps += int(not step_m <= _NOISE_M + _JUMP_M_S * gap_s)
         cosine = abs(sum(a * b for a, b in zip(pose.quaternion_enu_flu_wxyz, self._quaternion, strict=True)))
         turn_rad = 2.0 * math.acos(min(1.0, cosine)) if self.samples else 0.0
@@ -64,32 +60,28 @@ class Body:
         self._in_window += 1
 
     def close_window(self, now_ns: int, window_s: float) -> None:
-        """End a window of counting."""
+        """Finish a window of counting."""
         self.rate_hz, self._in_window = self._in_window / window_s, 0
         self.age_s = (now_ns - self._stamp_ns) * 1e-9 if self._stamp_ns else math.inf
 
 
 @dataclass(slots=True)
-class Report:
-    """All bodies of a source.
+class MocapStatistics:
+    """Statistics of all bodies of a source."""
 
-    Args:
-        vehicles: vehicle of the fleet file -> its body, for those that need a mocap.
-    """
-
-    vehicles: Mapping[str, str]
-    bodies: dict[str, Body] = field(default_factory=dict)
+    vehicles: Mapping[str, str]  # vehicle -> its body, for those that require a mocap
+    bodies: dict[str, BodyStatistics] = field(default_factory=dict)
     _window_ns: int = 0
 
     def add(self, pose: MocapPose) -> None:
-        """Take a pose of any body."""
+        """Count a pose of any body."""
         body = self.bodies.get(pose.body)
         if body is None:
-            body = self.bodies[pose.body] = Body(pose.body)
+            body = self.bodies[pose.body] = BodyStatistics(pose.body)
         body.add(pose)
 
     def close_window(self, now_ns: int) -> None:
-        """End a window of counting."""
+        """Finish a window of counting."""
         window_s = max(1e-3, (now_ns - self._window_ns) * 1e-9)
         for body in self.bodies.values():
             body.close_window(now_ns, window_s)
@@ -98,11 +90,11 @@ class Report:
     @property
     def is_complete(self) -> bool:
         """Whether every vehicle's body is tracked now."""
-        found = [self.bodies.get(body) for body in self.vehicles.values()]
-        return all(body is not None and body.is_tracked and body.age_s < _GONE_S for body in found)
+        bodies = [self.bodies.get(body) for body in self.vehicles.values()]
+        return all(body is not None and body.is_tracked and body.age_s < _GONE_S for body in bodies)
 
     def rows(self) -> Iterator[str]:
-        """A line for each body, vehicles first, and one for each thing that is wrong."""
+        """Yield a line for each body, vehicles first, and one for each finding."""
         owner = {body: vehicle for vehicle, body in self.vehicles.items()}
         for name in sorted(self.bodies, key=lambda name: (name not in owner, name)):
             body = self.bodies[name]
@@ -116,12 +108,12 @@ class Report:
         yield from (f"  ! {sentence}" for sentence in self.findings())
 
     def findings(self) -> Iterator[str]:
-        """What a person has to look at, as sentences."""
+        """Yield a sentence for each fault."""
         for flipped in self.bodies.values():
             if flipped.flips:
                 yield (
-                    f"body '{flipped.name}' turned {flipped.flips} times faster than anything flies: its markers look "
-                    "alike from several sides. Move one: no two distances between markers may be equal."
+                    f"body '{flipped.name}' turned {flipped.flips} times faster than a vehicle can: its markers look "
+                    "alike from several sides. Move one marker, so that all distances between markers differ."
                 )
         others = sorted(set(self.bodies) - set(self.vehicles.values()))
         for vehicle, name in self.vehicles.items():
@@ -129,13 +121,13 @@ class Report:
             if body is None:
                 known = f" Bodies that are no vehicle here: {', '.join(others)}." if others else ""
                 yield (
-                    f"{vehicle}: the mocap has not shown a body '{name}' yet.{known} Switch it on in the mocap's "
+                    f"{vehicle}: the mocap has sent no body '{name}' yet.{known} Switch it on in the mocap's "
                     f"software, rename it, or set vehicles.{vehicle}.mocap_body."
                 )
             elif not body.is_tracked or body.age_s > _GONE_S:
-                yield f"{vehicle}: body '{name}' is not tracked now. Are its markers covered or out of sight?"
+                yield f"{vehicle}: body '{name}' is not tracked now. Check that the cameras see its markers."
             elif body.still_s > _STILL_S:
                 yield (
-                    f"{vehicle}: body '{name}' has given the very same numbers for {body.still_s:.0f} s. A measured "
-                    "body has noise: agents will not believe it."
+                    f"{vehicle}: body '{name}' has sent the same numbers for {body.still_s:.0f} s. A measured body "
+                    "has noise, so agents will reject it."
                 )

@@ -1,4 +1,4 @@
-"""Where contestants fly: the simulated campaigns, with a contestant's controller in the place of the product's."""
+"""Flights of contestants in the simulated campaigns, with a contestant's controller in the place of the product's."""
 
 from __future__ import annotations
 

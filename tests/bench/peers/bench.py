@@ -43,7 +43,7 @@ class Cell:
     errors: str
 
     def contestant(self) -> Contestant:
-        """Who flies."""
+        """Contestant of this cell."""
         if self.group == "tune":
             values = dict(self.values)
             return ring(values) if self.key == "ring" else peer(METHODS[self.key], values)

@@ -1,4 +1,4 @@
-"""Who flies: Covey's law, the same without one of its ideas, the paper's ring, or a peer in the law's place.
+"""Contestants: Covey's law, the same without one of its ideas, the paper's ring, or a peer in the law's place.
 
 The pipeline around the law, from the estimate to the attitude, is the product's own for all of them.
 """

@@ -1,4 +1,4 @@
-"""What every avoidance method is given, and the right-hand rule that those without a turn rule of their own get."""
+"""Inputs of every avoidance method, and the right-hand rule that those without a turn rule of their own get."""
 
 from __future__ import annotations
 

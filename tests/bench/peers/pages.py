@@ -21,7 +21,7 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What was run, for the page to say."""
+    """Settings of a run, as the page names them."""
 
     command: str
     seeds: tuple[int, int]
@@ -29,7 +29,7 @@ class Run:
     errors: str
 
     def sentence(self) -> str:
-        """How to get the same again."""
+        """Sentence with the command that repeats the run."""
         return (
             f"Written by `{self.command} --out docs`: seeds {self.seeds[0]} to {self.seeds[1] - 1} of "
             f"{', '.join(self.scenarios)}; estimate errors `{self.errors}`."

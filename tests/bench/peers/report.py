@@ -43,7 +43,7 @@ class Summary:
 
     @property
     def order(self) -> tuple[float, float, float]:
-        """What makes one better than the other: fewer violations, then more successes, then a smaller ratio."""
+        """Return the sorting key, better first: fewer violations, then more successes, then a smaller ratio."""
         return (self.violations / self.flights, -self.successes / self.flights, self.ratio)
 
 

@@ -29,14 +29,16 @@ def rows_of(markdown: str) -> dict[str, list[str]]:
 
 
 @pytest.mark.timeout(600)
-def test_the_quick_bench_flies_everybody_and_its_table_says_who_kept_the_distance(tmp_path, capsys):
+def test_the_quick_bench_flies_everybody_and_its_table_says_who_kept_the_distance(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(bench, "QUICK", ("swap4",))
     (tmp_path / "law.md").write_text("before\n<!-- bench: comparison -->\nold\n<!-- end -->\nafter\n")
     assert bench.main(["--quick", "--seeds", "0:1", "--jobs", "1", "--out", str(tmp_path)]) == 0
     page = (tmp_path / "law-bench.md").read_text()
     rows = rows_of(page)
     assert list(rows) == [contestant.title for contestant in PEERS.values()]
     flights, success, below, _, worst = rows["Covey"][:5]
-    assert (flights, success, below) == ("2", "100 %", "0 % (0-78)")
+    assert (flights, success) == ("1", "100 %")
+    assert below.startswith("0 %")
     assert float(worst) > 0.8
     assert rows["no avoidance"][2].startswith("100 %")
     assert 'make bench-law ARGS="--quick --seeds 0:1 --out docs"' in page

@@ -70,7 +70,7 @@ CASES = (
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What the listener saw of one case.
+    """Observations of the listener in one case.
 
     silent_after_ms: from the fault to the last setpoint. longest_gap_ms: between two setpoints of the 2 s before the
     fault. resumed: setpoints after the part was free again. has_landed: PX4 disarmed. is_right: the verdict.

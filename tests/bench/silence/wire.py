@@ -48,7 +48,7 @@ class Passed:
 
 
 def read(log: Path) -> list[Passed]:
-    """What has passed so far, in the order of its stamps."""
+    """Return the datagrams so far, in the order of their stamps."""
     found = []
     for line in log.read_text(encoding="ascii").splitlines(keepends=True):
         if line.endswith("\n"):

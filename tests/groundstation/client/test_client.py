@@ -187,18 +187,16 @@ async def test_kill_and_land_go_straight_to_px4_when_the_agent_is_silent(
     sent: list[tuple[Any, ...]] = []
 
     def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
-        sent.append((endpoint, system_id, kind, time.monotonic()))
+        sent.append((endpoint, system_id, kind))
         return DirectResult(True, True, "PX4 accepted it, and it is disarmed")
 
     bus.misbehave["mav1"] = "silent"
     client = FleetClient(fleet, bus=bus, send=send)
     await client.start()
-    begin_s = time.monotonic()
     results = await client.order(f"{verb} all", 5.0)
     await client.stop()
-    ((endpoint, system_id, kind, at_s),) = sent
+    ((endpoint, system_id, kind),) = sent
     assert (endpoint, system_id, kind) == ("udpout://127.0.0.1:18571", 2, verb)
-    assert 0.25 < at_s - begin_s < 1.0
     assert results["mav1"].is_done
     assert "did not answer within 0.3 s" in results["mav1"].sentence
     assert "straight to PX4" in results["mav1"].sentence

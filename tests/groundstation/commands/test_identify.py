@@ -36,7 +36,9 @@ def edited(kind: str, **types: float) -> FleetConfig:
     ("kind", "wrong"),
     [
         ("ardrone", {"hover_thrust_frac": 0.81, "drag_1_s": 0.7, "attitude_wn_rad_s": 8.5}),
-        ("sih", {"hover_thrust_frac": 0.45, "drag_1_s": 0.4, "attitude_wn_rad_s": 7.0}),
+        pytest.param(
+            "sih", {"hover_thrust_frac": 0.45, "drag_1_s": 0.4, "attitude_wn_rad_s": 7.0}, marks=pytest.mark.long
+        ),
     ],
 )
 def test_a_vehicle_that_the_fleet_file_has_wrong_is_identified_from_its_flight(

@@ -111,7 +111,7 @@ def test_the_arrays_are_what_was_flown(tmp_path: Path) -> None:
     np.testing.assert_allclose(track.time_s[at], 5.0, atol=1e-9)
     np.testing.assert_allclose(track.position_enu_m[at], place(1, 5.0 + LIFTED_S, 0.25), atol=1e-9)
     wave_deg = 4.0 * math.sin(1.3 * (5.0 + LIFTED_S) + 1)
-    np.testing.assert_allclose(track.asked_deg[at], [wave_deg, -wave_deg / 2], atol=1e-9)
+    np.testing.assert_allclose(track.commanded_deg[at], [wave_deg, -wave_deg / 2], atol=1e-9)
     np.testing.assert_allclose(track.flown_deg[at], [0.9 * wave_deg, -0.4 * wave_deg], atol=1e-9)
     np.testing.assert_allclose(track.slots_enu_m, [[*GOALS[1], 1.0]])
     assert np.isnan(track.thrust_safe_enu_m_s2).any(axis=-1).sum() == 1
@@ -137,7 +137,7 @@ def test_time_counts_from_when_the_first_leaves_the_ground_and_not_from_its_moto
     write_flight(tmp_path)
     flight = flight_of(tmp_path)
     for track in flight.tracks:
-        height_m = np.interp(0.0, track.place_time_s, track.place_enu_m[:, 2])
+        height_m = np.interp(0.0, track.path_time_s, track.path_enu_m[:, 2])
         assert 0.04 < height_m < 0.08
     assert flight.grid_s[0] == pytest.approx(-1.0)
 

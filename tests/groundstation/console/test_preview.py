@@ -19,7 +19,7 @@ async def test_take_off_is_shown_first_and_sent_by_enter(rig: Rig) -> None:
         rig.stand()
         await rig.preview(pilot, "colon", *"takeoff all 1.2", "enter")
         assert rig.client.ordered == []
-        shown = words(rig.app, "who")
+        shown = words(rig.app, "vehicles")
         assert "1 mav1  → 0.00 0.00 1.20 m" in shown
         assert "closest: 0.95 m, mav0 and mav1, after 2.0 s" in shown
         assert "takes about 7 s" in shown
@@ -114,7 +114,7 @@ async def test_a_fleet_that_moved_meanwhile_is_computed_again_before_anything_is
         await pilot.press("enter")
         assert rig.client.ordered == []
         assert screen.is_computing
-        assert "mav1 has moved: computed again" in words(rig.app, "who")
+        assert "mav1 has moved: computed again" in words(rig.app, "vehicles")
         rig.oracle.told = FINE
         await pilot.pause(0.2)
         assert rig.oracle.asked[-1]["mav1"].start_enu_m[1] == pytest.approx(0.9, abs=0.02)

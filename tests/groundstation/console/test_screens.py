@@ -12,10 +12,10 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 
 from groundstation.console.app import ConsoleApp
+from groundstation.console.pipeline_drawing import euler_deg
 from groundstation.console.replay import ReplayApp, clock
 from groundstation.console.screens.alarms import AlarmList, AlarmsScreen
 from groundstation.console.screens.vehicle import VehiclePage, VehicleScreen
-from groundstation.console.vehicle_drawing import euler_deg
 from groundstation.console.widgets.bars import StatusBar
 from groundstation.recording.replay import Replay, open_flight
 from groundstation.recording.writer import RecordFiles

@@ -11,7 +11,7 @@ from rich.cells import cell_len
 from groundstation.console.app import ConsoleApp
 from groundstation.console.history import History
 from groundstation.console.screens.vehicle import VehiclePage
-from groundstation.console.widgets.fleet_columns import COLUMNS, choose_columns
+from groundstation.console.widgets.fleet_columns import COLUMNS, fit_columns
 from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.plan_view import PlanView
 from groundstation.fleet.state import DIRECT_DISARMED, fold
@@ -62,7 +62,7 @@ async def test_a_filter_shows_some_and_says_what_it_hides_of_the_marked() -> Non
 
 
 @pytest.mark.parametrize(
-    ("wish", "names"),
+    ("filter_text", "names"),
     [
         ("2-3", ("v002", "v003")),
         ("flying !3 !silent", ("v000", "v004")),
@@ -74,7 +74,7 @@ async def test_a_filter_shows_some_and_says_what_it_hides_of_the_marked() -> Non
         ("4-2", ()),
     ],
 )
-async def test_a_filter_knows_names_places_states_and_conditions(wish: str, names: tuple[str, ...]) -> None:
+async def test_a_filter_knows_names_places_states_and_conditions(filter_text: str, names: tuple[str, ...]) -> None:
     client = SteadyClient(crowd(6))
     ground_and_sky(client)
     client.clock_ns += 3_000_000_000
@@ -86,7 +86,7 @@ async def test_a_filter_knows_names_places_states_and_conditions(wish: str, name
         client.hear(name, **fields)
     app = ConsoleApp(client.fleet, client)
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.press("slash", *wish, "enter")
+        await pilot.press("slash", *filter_text, "enter")
         shown = [line for line in lines(app, FleetTable) if line[5:].startswith("v00")]
         assert tuple(line[5:9] for line in shown) == names
 
@@ -210,11 +210,11 @@ async def test_the_reason_why_a_vehicle_is_not_ready_is_read_at_every_size(size:
 
 
 def test_all_columns_have_room_at_200_and_the_vital_ones_at_60() -> None:
-    assert choose_columns(198 - 30)[0] == COLUMNS
-    assert choose_columns(198 - 30)[1] >= 24
-    vital = {column.title for column in choose_columns(60 - 12)[0]}
+    assert fit_columns(198 - 30)[0] == COLUMNS
+    assert fit_columns(198 - 30)[1] >= 24
+    vital = {column.title for column in fit_columns(60 - 12)[0]}
     assert {"state", "bat", "z m", "near m"} <= vital
-    assert choose_columns(0) == ((), 0)
+    assert fit_columns(0) == ((), 0)
 
 
 async def test_a_battery_says_how_long_it_lasts_until_it_has_to_land() -> None:

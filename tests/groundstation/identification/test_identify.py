@@ -115,7 +115,7 @@ def misses(found: Identified, truth: Truth) -> dict[str, tuple[float, bool]]:
 @pytest.mark.parametrize("truth", [Truth(), WEAK], ids=["sih", "weak"])
 def test_values_are_recovered_and_intervals_cover_the_truth_about_as_often_as_they_say(truth: Truth) -> None:
     covered: dict[str, list[bool]] = {}
-    for log in logs(truth, range(16)):
+    for log in logs(truth, range(8)):
         for name, (miss, is_covered) in misses(identify(log), truth).items():
             bound = {"hover_thrust_frac": 0.01 * truth.hover_frac, "lag_s": 0.02, "drag_1_s": 0.2, "static_gain": 0.02}
             assert abs(miss) < bound.get(name, 0.35), name

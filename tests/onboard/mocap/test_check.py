@@ -8,8 +8,8 @@ from collections import deque
 import numpy as np
 import pytest
 
-from onboard.mocap.relay.check import Finding, Samples, judge
-from onboard.mocap.relay.statistics import Report
+from onboard.mocap.relay.check import BodyFinding, Samples, judge
+from onboard.mocap.relay.statistics import MocapStatistics
 from tests.onboard.mocap.test_latency import quaternions, smooth
 from tests.onboard.mocap.test_relay import body_pose
 
@@ -26,7 +26,7 @@ def _tilted(seed: int, *, lag_s: float = 0.0, turned_deg: float = 0.0, size_deg:
     return deque(zip(times.tolist(), quaternions(tilts, 0.7), strict=True))
 
 
-def _judge(a: Samples, b: Samples, *, latency_s: float = 0.010) -> dict[str, Finding]:
+def _judge(a: Samples, b: Samples, *, latency_s: float = 0.010) -> dict[str, BodyFinding]:
     px4s = {"mav0": _tilted(1), "mav1": _tilted(2)}
     return {found.vehicle: found for found in judge(_VEHICLES, {"a": a, "b": b}, px4s, latency_s=latency_s)}
 
@@ -77,11 +77,11 @@ def test_what_was_not_tilted_and_who_is_not_there_is_not_judged() -> None:
 def test_a_body_that_is_not_seen_while_its_vehicle_tilts_is_wrong() -> None:
     found = _judge(deque(), _tilted(2))
     assert found["mav0"].is_ok is False
-    assert "was not seen" in found["mav0"].sentence
+    assert "was not tracked" in found["mav0"].sentence
 
 
 def test_markers_that_look_alike_from_two_sides_are_named() -> None:
-    report = Report({"mav0": "a"})
+    report = MocapStatistics({"mav0": "a"})
     for n in range(50):
         half = math.pi / 4 if n in (20, 21, 30) else 0.0
         report.add(body_pose(0.02 * n, 1e-4 * n, quaternion=(math.cos(half), 0.0, 0.0, math.sin(half))))

@@ -16,7 +16,7 @@ from onboard.bus.schema import MocapPose
 from onboard.config.mocap import MocapConfig
 from onboard.mocap import sdk_source
 from onboard.mocap.sdk_process import RawFrame
-from onboard.mocap.sdk_source import CapturedMocap, Poses
+from onboard.mocap.sdk_source import PoseConverter, SdkMocap
 from tests.onboard.mocap.natnet import NatNetServer, Pose
 
 needs_package = pytest.mark.skipif(
@@ -32,15 +32,15 @@ def _frame(at_ms: int, *bodies: str) -> RawFrame:
 
 
 def test_the_systems_latency_comes_off_the_arrival() -> None:
-    poses = Poses(msgspec.structs.replace(_MOCK, latency_s=0.012), boot_id=7)
-    (pose,) = poses.of(_frame(500, "a"))
+    poses = PoseConverter(msgspec.structs.replace(_MOCK, latency_s=0.012), boot_id=7)
+    (pose,) = poses.poses(_frame(500, "a"))
     assert pose.stamp_ns == 488 * _MS
     assert (pose.boot_id, pose.sequence, pose.is_tracked) == (7, 1, True)
 
 
 def test_a_body_that_leaves_the_frames_is_told_as_lost_where_it_was_and_then_forgotten() -> None:
-    poses = Poses(_MOCK, boot_id=7)
-    told = {at: poses.of(_frame(at, "a", *(["b"] if at < 100 else []))) for at in range(0, 12_000, 20)}
+    poses = PoseConverter(_MOCK, boot_id=7)
+    told = {at: poses.poses(_frame(at, "a", *(["b"] if at < 100 else []))) for at in range(0, 12_000, 20)}
     of_b = {at: [pose for pose in found if pose.body == "b"] for at, found in told.items()}
     assert all(pose.is_tracked for at in range(0, 100, 20) for pose in of_b[at])
     assert not of_b[140]  # a frame without it now and then says nothing
@@ -52,16 +52,16 @@ def test_a_body_that_leaves_the_frames_is_told_as_lost_where_it_was_and_then_for
 
 
 def test_frames_beyond_the_highest_rate_are_left_out_evenly() -> None:
-    poses = Poses(msgspec.structs.replace(_MOCK, max_rate_hz=100.0), boot_id=7)
-    taken = [at for at in range(0, 1000, 4) if poses.of(_frame(at, "a"))]
+    poses = PoseConverter(msgspec.structs.replace(_MOCK, max_rate_hz=100.0), boot_id=7)
+    taken = [at for at in range(0, 1000, 4) if poses.poses(_frame(at, "a"))]
     assert 95 <= len(taken) <= 101
     assert max(b - a for a, b in itertools.pairwise(taken)) <= 12
 
 
 def test_a_frame_that_comes_a_little_early_is_not_left_out() -> None:
-    poses = Poses(msgspec.structs.replace(_MOCK, max_rate_hz=100.0), boot_id=7)
+    poses = PoseConverter(msgspec.structs.replace(_MOCK, max_rate_hz=100.0), boot_id=7)
     stamps = [at * 10 * _MS + (at % 3 - 1) * _MS // 2 for at in range(100)]
-    assert all(poses.of(RawFrame(stamp, {"a": ((0.0, 0.0, 0.0), _LEVEL)})) for stamp in stamps)
+    assert all(poses.poses(RawFrame(stamp, {"a": ((0.0, 0.0, 0.0), _LEVEL)})) for stamp in stamps)
 
 
 class _Listener:
@@ -70,7 +70,7 @@ class _Listener:
     def __init__(self, mocap: MocapConfig, body: str = "*", **options: str) -> None:
         self.poses: list[tuple[MocapPose, int]] = []
         self.malformed = 0
-        self.source = CapturedMocap(
+        self.source = SdkMocap(
             mocap, body, lambda pose, at_ns: self.poses.append((pose, at_ns)), self._count, default_options=options
         )
 

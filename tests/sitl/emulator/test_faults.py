@@ -82,9 +82,9 @@ def test_every_fault_of_the_table_has_a_sentence_and_can_begin_and_end() -> None
         fault = emu.inject(Fault(name, "v0", 0.1, 0.0 if kind.is_instant else 0.1, values))
         assert "{" not in fault.sentence
         run_for(emu, 0.4)
-        news = emu.disturbances.take_news()
-        assert news[0] == f"fault: {fault.sentence}"
-        assert len(news) == (1 if kind.is_instant else 2)
+        notices = emu.disturbances.take_notices()
+        assert notices[0] == f"fault: {fault.sentence}"
+        assert len(notices) == (1 if kind.is_instant else 2)
         assert not emu.disturbances.plan.acting
         assert name in listing()
 

@@ -9,40 +9,40 @@ import pytest
 
 from sitl.emulator.emulator import Emulator
 from sitl.faults.catalogue import parse
-from sitl.faults.lossy_channel import NO_FAULTS, Wire, WireFaults
+from sitl.faults.lossy_channel import NO_FAULTS, ChannelFaults, LossyChannel
 from sitl.mavlink.codec import Decoder, Message
-from sitl.mavlink.lossy_link import WiredLink
+from sitl.mavlink.lossy_link import LossyLink
 from sitl.mavlink.streams import ONBOARD_RATES_HZ
 from tests.sitl.sitl_flying import CLIENT, emulator
 
 STEP_S = 0.004
 
 
-def through(faults: WireFaults, count: int = 4000, seed: int = 1) -> list[tuple[float, int]]:
+def through(faults: ChannelFaults, count: int = 4000, seed: int = 1) -> list[tuple[float, int]]:
     """(arrival, number) of numbers that are sent one per step."""
-    wire: Wire[int] = Wire(seed)
-    wire.faults = faults
+    channel: LossyChannel[int] = LossyChannel(seed)
+    channel.faults = faults
     out = []
     for k in range(count + 1000):
         if k < count:
-            wire.push(k * STEP_S, k)
-        out += [(k * STEP_S, number) for number in wire.pop(k * STEP_S)]
+            channel.push(k * STEP_S, k)
+        out += [(k * STEP_S, number) for number in channel.pop(k * STEP_S)]
     return out
 
 
 def test_without_faults_everything_comes_out_at_once_and_in_order() -> None:
     assert through(NO_FAULTS) == [(k * STEP_S, k) for k in range(4000)]
-    assert Wire[int]().is_clear
+    assert LossyChannel[int]().is_clear
 
 
 def test_the_share_that_is_lost_or_comes_twice_is_as_asked() -> None:
-    assert len(through(WireFaults(loss=0.3))) / 4000 == pytest.approx(0.7, abs=0.03)
-    assert len(through(WireFaults(duplicate=0.25))) / 4000 == pytest.approx(1.25, abs=0.03)
-    assert through(WireFaults(loss=1.0)) == []
+    assert len(through(ChannelFaults(loss=0.3))) / 4000 == pytest.approx(0.7, abs=0.03)
+    assert len(through(ChannelFaults(duplicate=0.25))) / 4000 == pytest.approx(1.25, abs=0.03)
+    assert through(ChannelFaults(loss=1.0)) == []
 
 
 def test_delay_and_jitter_keep_the_order() -> None:
-    out = through(WireFaults(delay_s=0.1, jitter_s=0.05))
+    out = through(ChannelFaults(delay_s=0.1, jitter_s=0.05))
     late_s = np.array([arrival - number * STEP_S for arrival, number in out])
     assert late_s.min() >= 0.1 - 1e-9
     assert late_s.max() <= 0.155
@@ -50,34 +50,34 @@ def test_delay_and_jitter_keep_the_order() -> None:
 
 
 def test_reordering_lets_some_be_overtaken() -> None:
-    order = [number for _, number in through(WireFaults(reorder=0.2, reorder_s=0.02))]
+    order = [number for _, number in through(ChannelFaults(reorder=0.2, reorder_s=0.02))]
     overtaken = sum(1 for a, b in itertools.pairwise(order) if b < a)
     assert sorted(order) == list(range(4000))
     assert 400 < overtaken < 1000
 
 
 def test_equal_seeds_give_equal_chance() -> None:
-    faults = WireFaults(0.1, 0.02, 0.01, 0.1, 0.1)
+    faults = ChannelFaults(0.1, 0.02, 0.01, 0.1, 0.1)
     assert through(faults) == through(faults)
     assert through(faults) != through(faults, seed=2)
 
 
 def test_a_wire_that_is_held_gives_all_out_in_order_when_it_goes_on() -> None:
-    wire: Wire[int] = Wire()
-    wire.is_held = True
+    channel: LossyChannel[int] = LossyChannel()
+    channel.is_held = True
     for k in range(5):
-        wire.push(k * STEP_S, k)
-    assert wire.pop(10.0) == []
-    wire.is_held = False
-    assert wire.pop(10.0) == [0, 1, 2, 3, 4]
+        channel.push(k * STEP_S, k)
+    assert channel.pop(10.0) == []
+    channel.is_held = False
+    assert channel.pop(10.0) == [0, 1, 2, 3, 4]
 
 
 def test_a_wire_does_not_grow_without_end() -> None:
-    wire: Wire[int] = Wire()
-    wire.faults = WireFaults(delay_s=10.0)
+    channel: LossyChannel[int] = LossyChannel()
+    channel.faults = ChannelFaults(delay_s=10.0)
     for k in range(30_000):
-        wire.push(0.0, k)
-    assert len(wire.pop(11.0)) == 10_000
+        channel.push(0.0, k)
+    assert len(channel.pop(11.0)) == 10_000
 
 
 class Client:
@@ -85,7 +85,7 @@ class Client:
 
     def __init__(self, emu: Emulator) -> None:
         self.emulator = emu
-        self.link = WiredLink(emu, 0, ONBOARD_RATES_HZ, "companion")
+        self.link = LossyLink(emu, 0, ONBOARD_RATES_HZ, "companion")
         self._decoder = Decoder()
 
     def send(self, name: str, **fields: object) -> list[Message]:

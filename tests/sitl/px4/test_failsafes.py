@@ -7,15 +7,15 @@ import math
 import pytest
 from msgspec.structs import replace
 
-from sitl.px4.battery import BatteryStage
+from sitl.px4.battery import ChargeState
 from sitl.px4.events import SAYINGS, Journal, event_id
 from sitl.px4.failsafes import CONDITIONS, Action, Facts, Failsafe
-from sitl.px4.modes import BY_NUMBERS, MODES, Landed, Mode, Need, Result, SystemStatus, mode_of
+from sitl.px4.modes import BY_NUMBERS, MODES, Landed, Mode, ModeCondition, Result, SystemStatus, mode_of
 from sitl.px4.parameters import DEFAULTS, Parameters
 from tests.sitl.px4.test_commander import offboard_at_height
 from tests.sitl.sitl_flying import EAST_WXYZ, emulator, height_m, run_for, streamer, until
 
-CALM = Facts(True, BatteryStage.OK, False, (0.0, 0.0), 0.0)
+CALM = Facts(True, ChargeState.OK, False, (0.0, 0.0), 0.0)
 
 
 def decided(facts: Facts, **values: float) -> Action:
@@ -49,22 +49,22 @@ def test_each_value_of_com_obl_rc_act_has_its_action(value: int, action: Action)
 @pytest.mark.parametrize(
     ("stage", "value", "action"),
     [
-        (BatteryStage.LOW, 3, Action.WARN),
-        (BatteryStage.CRITICAL, 0, Action.WARN),
-        (BatteryStage.CRITICAL, 2, Action.LAND),
-        (BatteryStage.CRITICAL, 3, Action.RETURN),
-        (BatteryStage.EMERGENCY, 0, Action.WARN),
-        (BatteryStage.EMERGENCY, 2, Action.LAND),
-        (BatteryStage.EMERGENCY, 3, Action.LAND),
+        (ChargeState.LOW, 3, Action.WARN),
+        (ChargeState.CRITICAL, 0, Action.WARN),
+        (ChargeState.CRITICAL, 2, Action.LAND),
+        (ChargeState.CRITICAL, 3, Action.RETURN),
+        (ChargeState.EMERGENCY, 0, Action.WARN),
+        (ChargeState.EMERGENCY, 2, Action.LAND),
+        (ChargeState.EMERGENCY, 3, Action.LAND),
     ],
 )
-def test_each_value_of_com_low_bat_act_has_its_action(stage: BatteryStage, value: int, action: Action) -> None:
+def test_each_value_of_com_low_bat_act_has_its_action(stage: ChargeState, value: int, action: Action) -> None:
     assert decided(replace(CALM, battery=stage), COM_LOW_BAT_ACT=value) is action
 
 
 def test_a_patient_action_waits_in_hold_and_an_urgent_one_does_not() -> None:
     params, failsafe = Parameters(), Failsafe()
-    empty = replace(CALM, battery=BatteryStage.EMERGENCY)
+    empty = replace(CALM, battery=ChargeState.EMERGENCY)
     assert failsafe.step(10.0, empty, params)
     assert (failsafe.action, failsafe.delayed) == (Action.HOLD, Action.LAND)
     assert not failsafe.step(14.9, empty, params)
@@ -87,7 +87,7 @@ def test_a_fence_is_left_by_asking_for_a_mode_and_a_lost_signal_by_its_return() 
     assert failsafe.action is Action.RETURN
     failsafe.step(1.0, CALM, params)
     assert failsafe.action is Action.RETURN
-    failsafe.mode_asked()
+    failsafe.commanded_mode()
     failsafe.step(2.0, CALM, params)
     assert failsafe.action is Action.NONE
     failsafe.step(3.0, replace(CALM, has_offboard_signal=False), params)
@@ -195,7 +195,7 @@ def test_modes_are_found_by_px4s_numbers() -> None:
     assert mode_of(1, 9, 0) is None
     assert MODES[Mode.LOITER].custom_mode == 50593792
     assert MODES[Mode.OFFBOARD].custom_mode == 393216
-    assert Need.ARMING in MODES[Mode.LAND].needs
+    assert ModeCondition.ARMING in MODES[Mode.LAND].needs
 
 
 def test_the_journal_forgets_the_old_but_not_how_much_there_was() -> None:

@@ -1,16 +1,16 @@
-"""A client of one vehicle: speaks, listens, sends setpoints on time, remembers every parameter it changed."""
+"""A client of one vehicle: sends and receives messages, and sends setpoints on time."""
 
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from pymavlink.dialects.v20 import common
 
-from sitl.conformance.endpoint import Packet, Port, Recording, VehicleClock
+from sitl.conformance.endpoint import Port, Recording, VehicleClock
+from sitl.conformance.parameter_client import ParameterClient
 
 MODES = {
     65536: "MANUAL",
@@ -46,7 +46,6 @@ _SILENT_S = 5.0
 _ANSWER_S = 0.3
 # Rounding a wait down to nothing would make the loop spin; rounding it up would make setpoints late.
 _SHORTEST_WAIT_S = 0.0002
-_TYPES = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 _CLASSES = {kind.msgname: kind for kind in common.mavlink_map.values()}
 
 Quaternion = tuple[float, float, float, float]
@@ -87,17 +86,17 @@ def wrap(angle_rad: float) -> float:
     return math.atan2(math.sin(angle_rad), math.cos(angle_rad))
 
 
-class Pilot:
-    """Flies and asks. Times are the vehicle's own, whatever pace its simulator runs at.
+class VehicleClient:
+    """Flies one vehicle and sends requests. Times are the vehicle's own, whatever pace its simulator runs at.
 
     Args:
-        port: the way to the vehicle.
+        port: datagrams to and from the vehicle.
     """
 
     def __init__(self, port: Port) -> None:
         self.port = port
         self.clock = VehicleClock()
-        self.seen = Recording()
+        self.received = Recording()
         self.system_id = 0
         self.is_ground_station = False
         self.moves_first_sender = False
@@ -106,7 +105,7 @@ class Pilot:
         self.vision_duty = Duty(0.02)
         self._heard_s = port.now_s()
         self._sequence = 0
-        self._originals: dict[str, tuple[float, int]] = {}
+        self.params = ParameterClient(self)
 
     # -- time ---------------------------------------------------------------------------------------------------
 
@@ -153,13 +152,13 @@ class Pilot:
         datagrams = self.port.receive(min(timeout_s, 0.2))
         port_s = self.port.now_s()
         for datagram in datagrams:
-            self.seen.take(datagram, self.clock, port_s)
+            self.received.take(datagram, self.clock, port_s)
         if datagrams:
             self._heard_s = port_s
-        elif port_s - self._heard_s > _SILENT_S and self.seen.datagrams:
+        elif port_s - self._heard_s > _SILENT_S and self.received.datagrams:
             raise Gone
 
-    # -- what the vehicle shows ---------------------------------------------------------------------------------
+    # -- state of the vehicle ---------------------------------------------------------------------------------
 
     def newest(self, name: str) -> Any:
         """Newest message of a kind.
@@ -167,7 +166,7 @@ class Pilot:
         Raises:
             Stuck: none has come yet.
         """
-        packet = self.seen.newest(name)
+        packet = self.received.newest(name)
         if packet is None:
             raise Stuck(f"no {name} came")
         return packet.message
@@ -196,24 +195,24 @@ class Pilot:
 
     def shows_ready(self) -> bool:
         """Whether SYS_STATUS has the prearm bit."""
-        packet = self.seen.newest("SYS_STATUS")
+        packet = self.received.newest("SYS_STATUS")
         return packet is not None and bool(packet.message.onboard_control_sensors_health & _PREARM)
 
     def next_heartbeat(self, count: int = 1) -> None:
         """Wait for heartbeats that are newer than now."""
         since_s, wanted = self.now_s, count
-        self.spend(1.4 * count, lambda: len(self.seen.of("HEARTBEAT", since_s)) >= wanted)
+        self.spend(1.4 * count, lambda: len(self.received.of("HEARTBEAT", since_s)) >= wanted)
 
     def texts(self, since_s: float) -> list[tuple[float, int, str, int]]:
         """STATUSTEXTs: time of the first piece, severity, whole text, pieces."""
         texts: list[tuple[float, int, str, int]] = []
         pieces: dict[int, int] = {}
-        for packet in self.seen.of("STATUSTEXT", since_s):
+        for packet in self.received.of("STATUSTEXT", since_s):
             message = packet.message
             if message.id and message.id in pieces:
-                place = pieces[message.id]
-                at_s, severity, text, count = texts[place]
-                texts[place] = (at_s, severity, text + message.text, count + 1)
+                index = pieces[message.id]
+                at_s, severity, text, count = texts[index]
+                texts[index] = (at_s, severity, text + message.text, count + 1)
                 continue
             pieces[message.id] = len(texts)
             texts.append((packet.at_s, message.severity, message.text, 1))
@@ -223,7 +222,7 @@ class Pilot:
         """First text that begins so."""
         return next((text for text in self.texts(since_s) if text[2].startswith(start)), None)
 
-    # -- speaking -----------------------------------------------------------------------------------------------
+    # -- sending -----------------------------------------------------------------------------------------------
 
     @property
     def identity(self) -> tuple[int, int]:
@@ -268,7 +267,7 @@ class Pilot:
     def send_command(self, number: int, *params: float, target: int | None = None) -> None:
         """COMMAND_LONG, without waiting."""
         values = [*params, *[0.0] * (7 - len(params))]
-        named = {f"param{place}": value for place, value in enumerate(values, start=1)}
+        named = {f"param{index}": value for index, value in enumerate(values, start=1)}
         wanted = self.system_id if target is None else target
         self.send("COMMAND_LONG", target_system=wanted, target_component=1, command=number, confirmation=0, **named)
 
@@ -276,7 +275,7 @@ class Pilot:
         """Wait, then the acknowledgements of a command since a time."""
         # Never less than what an answer takes on a busy machine, however fast the vehicle's time runs.
         self.spend(max(within_s, 0.12 * self.clock.pace))
-        answers = [packet.message for packet in self.seen.of("COMMAND_ACK", since_s)]
+        answers = [packet.message for packet in self.received.of("COMMAND_ACK", since_s)]
         results = [RESULTS.get(ack.result, str(ack.result)) for ack in answers if ack.command == number]
         return ", ".join(results) or SILENCE
 
@@ -289,73 +288,6 @@ class Pilot:
         """SET_MESSAGE_INTERVAL; 0 Hz is the default rate."""
         number = common_id(name_or_id) if isinstance(name_or_id, str) else name_or_id
         return self.command(SET_INTERVAL, float(number), 1e6 / hz if hz else 0.0, within_s=0.1)
-
-    # -- parameters ---------------------------------------------------------------------------------------------
-
-    def parameter(self, name: str) -> float | None:
-        """Read one; None when it is not answered."""
-        answer = self._read(name)
-        return None if answer is None else answer[0]
-
-    def set_parameter(self, name: str, value: float) -> float | None:
-        """Set one and remember what it was; the value that the vehicle answers with."""
-        before = self._read(name)
-        if before is None:
-            return None
-        self._originals.setdefault(name, before)
-        return self._write(name, value, before[1])
-
-    def restore_parameters(self) -> None:
-        """Put back all that was changed."""
-        while self._originals:
-            name, (value, kind) = self._originals.popitem()
-            self._write(name, value, kind)
-
-    def _read(self, name: str) -> tuple[float, int] | None:
-        for _ in range(3):
-            seen = len(self._values)
-            self.send(
-                "PARAM_REQUEST_READ",
-                target_system=self.system_id,
-                target_component=1,
-                param_id=name.encode("ascii"),
-                param_index=-1,
-            )
-            answer = self._answer(name, seen)
-            if answer is not None:
-                return answer
-        return None
-
-    def _write(self, name: str, value: float, kind: int) -> float | None:
-        raw = value if kind == 9 else struct.unpack("<f", struct.pack(_TYPES[kind], int(value)).ljust(4, b"\0"))[0]
-        seen = len(self._values)
-        self.send(
-            "PARAM_SET",
-            target_system=self.system_id,
-            target_component=1,
-            param_id=name.encode("ascii"),
-            param_value=raw,
-            param_type=kind,
-        )
-        answer = self._answer(name, seen)
-        return None if answer is None else answer[0]
-
-    @property
-    def _values(self) -> list[Packet]:
-        return self.seen.packets[common_id("PARAM_VALUE")]
-
-    def _answer(self, name: str, seen: int) -> tuple[float, int] | None:
-        found: list[tuple[float, int]] = []
-
-        def answered() -> bool:
-            for packet in self._values[seen:]:
-                if packet.message.param_id == name:
-                    found.append(parameter_value(packet.message))
-                    return True
-            return False
-
-        self.spend(max(0.5, 0.3 * self.clock.pace), answered)
-        return found[0] if found else None
 
     # -- setpoints ----------------------------------------------------------------------------------------------
 
@@ -395,12 +327,3 @@ class Pilot:
 def common_id(name: str) -> int:
     """Number of a message."""
     return int(_CLASSES[name].id)
-
-
-def parameter_value(message: Any) -> tuple[float, int]:
-    """Value and type of a PARAM_VALUE: whole numbers lie bytewise in the float."""
-    kind = int(message.param_type)
-    if kind not in _TYPES:
-        return float(message.param_value), kind
-    layout = struct.Struct(_TYPES[kind])
-    return float(layout.unpack(struct.pack("<f", message.param_value)[: layout.size])[0]), kind

@@ -1,0 +1,44 @@
+"""The marked vehicles of the fleet table. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable
+
+ALL_MARKED_S = 5.0  # a mark on all vehicles ends by itself
+
+
+class FleetMarks:
+    """Marks belong to vehicles and not to rows; marks on all vehicles end after five seconds."""
+
+    def __init__(self) -> None:
+        self.names: frozenset[str] = frozenset()
+        self._until_s = math.inf
+
+    def set(self, names: Iterable[str], known: Collection[str], now_s: float) -> None:
+        """Mark these of the ``known`` vehicles and no others."""
+        self.names = frozenset(names).intersection(known)
+        is_all = len(self.names) > 1 and len(self.names) == len(known)
+        self._until_s = now_s + ALL_MARKED_S if is_all else math.inf
+
+    def update(self, known: Collection[str], now_s: float) -> None:
+        """Drop marks that have ended, and those of vehicles that have vanished."""
+        if now_s >= self._until_s:
+            self.names, self._until_s = frozenset(), math.inf
+        self.names = self.names.intersection(known)
+
+    def keep(self, now_s: float) -> None:
+        """Count the five seconds from now: the operator is still using the marks."""
+        if math.isfinite(self._until_s):
+            self._until_s = now_s + ALL_MARKED_S
+
+    def text(self, count: int, shown: Collection[str], now_s: float) -> str:
+        """Return a few words for the border; ``count``: vehicles of the fleet."""
+        if not self.names:
+            return ""
+        marked = len(self.names)
+        words = f"{marked} marked" if marked < count or marked < 2 else "ALL marked"
+        hidden = len(self.names.difference(shown))
+        words += f", {hidden} hidden by the filter" if hidden else ""
+        left_s = self._until_s - now_s
+        return words + (f", {math.ceil(max(0.0, left_s))} s" if math.isfinite(left_s) else "")

@@ -1,0 +1,109 @@
+"""Parameters of one vehicle: read, set and put back."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, Protocol
+
+from pymavlink.dialects.v20 import common
+
+from sitl.conformance.endpoint import Packet, Recording, VehicleClock
+
+_TYPES = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
+_PARAM_VALUE = int(common.MAVLink_param_value_message.id)
+
+
+class Messenger(Protocol):
+    """The part of a vehicle's client that parameters need."""
+
+    system_id: int
+    clock: VehicleClock
+    received: Recording
+
+    def send(self, name: str, **fields: Any) -> None:
+        """Send one message."""
+
+    def spend(self, duration_s: float, until: Any = None) -> bool:
+        """Let time pass, at most until a condition holds."""
+
+
+class ParameterClient:
+    """Reads and sets parameters, and remembers every one that it changed."""
+
+    def __init__(self, client: Messenger) -> None:
+        self._client = client
+        self._originals: dict[str, tuple[float, int]] = {}  # value and type before the first change
+
+    def read(self, name: str) -> float | None:
+        """Return one parameter; None without an answer."""
+        answer = self._read(name)
+        return None if answer is None else answer[0]
+
+    def set(self, name: str, value: float) -> float | None:
+        """Set one and remember its value before; returns the value that the vehicle answers with."""
+        before = self._read(name)
+        if before is None:
+            return None
+        self._originals.setdefault(name, before)
+        return self._write(name, value, before[1])
+
+    def restore(self) -> None:
+        """Put back all that were changed."""
+        while self._originals:
+            name, (value, kind) = self._originals.popitem()
+            self._write(name, value, kind)
+
+    def _read(self, name: str) -> tuple[float, int] | None:
+        for _ in range(3):
+            count = len(self._values)
+            self._client.send(
+                "PARAM_REQUEST_READ",
+                target_system=self._client.system_id,
+                target_component=1,
+                param_id=name.encode("ascii"),
+                param_index=-1,
+            )
+            answer = self._answer(name, count)
+            if answer is not None:
+                return answer
+        return None
+
+    def _write(self, name: str, value: float, kind: int) -> float | None:
+        raw = value if kind == 9 else struct.unpack("<f", struct.pack(_TYPES[kind], int(value)).ljust(4, b"\0"))[0]
+        count = len(self._values)
+        self._client.send(
+            "PARAM_SET",
+            target_system=self._client.system_id,
+            target_component=1,
+            param_id=name.encode("ascii"),
+            param_value=raw,
+            param_type=kind,
+        )
+        answer = self._answer(name, count)
+        return None if answer is None else answer[0]
+
+    @property
+    def _values(self) -> list[Packet]:
+        return self._client.received.packets[_PARAM_VALUE]
+
+    def _answer(self, name: str, count: int) -> tuple[float, int] | None:
+        answers: list[tuple[float, int]] = []
+
+        def is_answered() -> bool:
+            for packet in self._values[count:]:
+                if packet.message.param_id == name:
+                    answers.append(parameter_value(packet.message))
+                    return True
+            return False
+
+        self._client.spend(max(0.5, 0.3 * self._client.clock.pace), is_answered)
+        return answers[0] if answers else None
+
+
+def parameter_value(message: Any) -> tuple[float, int]:
+    """Value and type of a PARAM_VALUE: whole numbers lie bytewise in the float."""
+    kind = int(message.param_type)
+    if kind not in _TYPES:
+        return float(message.param_value), kind
+    layout = struct.Struct(_TYPES[kind])
+    return float(layout.unpack(struct.pack("<f", message.param_value)[: layout.size])[0]), kind

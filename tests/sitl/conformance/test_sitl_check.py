@@ -1,0 +1,34 @@
+"""``covey sitl-check`` over UDP: a running emulator, and nobody at all."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from groundstation.cli import main
+
+
+def test_nobody_at_the_endpoint_is_exit_status_ten(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    assert main(["sitl-check", f"udpin://127.0.0.1:{port}", "--wait", "0.2"]) == 10
+    assert "nobody answered" in capsys.readouterr().out
+
+
+def test_the_command_checks_a_running_emulator_over_udp_and_prints_json(emulator_port: int) -> None:
+    facts = ["quirk.heartbeat", "quirk.odometry-frames", "param.MPC_THR_HOVER", "ack", "mode.two-acks"]
+    covey = "import sys; from groundstation.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", covey, "sitl-check", f"udpin://127.0.0.1:{emulator_port}"]
+    done = subprocess.run([*command, "--json", "--only", *facts], capture_output=True, text=True, timeout=100)
+    shown = json.loads(done.stdout)
+    wrong = [fact for fact in shown["facts"] if fact["verdict"] == "differs" and fact["name"] != "ack.latency"]
+    assert wrong == []
+    assert shown["agrees"] >= len(facts) - 1
+    assert {"name", "section", "expected", "measured", "verdict", "reason"} <= set(shown["facts"][0])
+    assert re.search(r"agrees\s+param.MPC_THR_HOVER", done.stderr)
