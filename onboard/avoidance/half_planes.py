@@ -39,6 +39,20 @@ def in_disc(u: Vec2, radius: float) -> bool:
     return u.x * u.x + u.y * u.y <= limit * limit
 
 
+def into_disc(u: Vec2, radius: float) -> Vec2:
+    """Return the vector, shortened to the radius if it is longer.
+
+    Args:
+        u: vector.
+        radius: at least 0.
+    """
+    size = length_2(u)
+    if size <= radius:
+        return u
+    share = radius / max(size, 1e-12)
+    return Vec2(share * u.x, share * u.y)
+
+
 def foot(u: Vec2, row: HalfPlane) -> Vec2:
     """Return the nearest point of one half-plane of unit length.
 

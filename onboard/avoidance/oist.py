@@ -30,7 +30,16 @@ from onboard.avoidance.constraints import (
     violation,
 )
 from onboard.avoidance.half_planes import HalfPlane
-from onboard.avoidance.pairs import NeighbourPair, Own, Surface, margin_2, nearest_pairs, nearest_surfaces
+from onboard.avoidance.interface import (
+    INFEASIBLE,
+    NOBODY,
+    NOT_A_VEHICLE,
+    Answer,
+    Baseline,
+    output_of,
+    own_at,
+)
+from onboard.avoidance.pairs import NeighbourPair, Own, Surface, nearest_pairs, nearest_surfaces
 from onboard.avoidance.params import (
     COVEY,
     JAM_IGNORE,
@@ -42,33 +51,21 @@ from onboard.avoidance.params import (
     LawParams,
 )
 from onboard.avoidance.prediction import (
-    LARGEST,
     MAX_MESSAGE_AGE_S,
     Motion,
     PastCommand,
-    bounded,
-    clipped,
     no_commands,
     predict_own,
     remembered,
 )
-from onboard.avoidance.projection import project
-from onboard.types import GRAVITY_M_S2, LawOutput, LawStatus, Neighbour, State, Thrust
-from onboard.vectors import ZERO_2, Vec2, Vec3, dot_2, horizontal, length_2
+from onboard.avoidance.projection import INACTIVE, RELAXED, project
+from onboard.types import LawOutput, Neighbour, State
+from onboard.vectors import ZERO_2, dot_2, length_2
 
 HELD_S, ROUNDABOUT_S = 3.0, 5.0  # held so long, a vehicle calls for a roundabout, for so long
-NOBODY, NOT_A_VEHICLE = -1, -2  # in place of the index of a neighbour
-_INACTIVE, _SATURATED, _RELAXED, _INFEASIBLE = (
-    int(LawStatus.INACTIVE),
-    int(LawStatus.SATURATED),
-    int(LawStatus.RELAXED),
-    int(LawStatus.INFEASIBLE),
-)
 _HELD_INTENT_2_M2_S2, _HELD_FRAC = 0.04, 0.2  # held: intends to go, and gets on with less than this share of it
 _VIOLATED_M_S2 = 1e-10
 _STANDING_M_S = 1e-6
-_LEVEL = Vec3(0.0, 0.0, GRAVITY_M_S2)
-_UNKNOWN = Vec3(math.nan, math.nan, math.nan)
 _NO_ROW = HalfPlane(ZERO_2, -math.inf)
 
 
@@ -78,24 +75,6 @@ class LawMemory(NamedTuple):
     commands: list[PastCommand]  # own past commands, newest first
     relaxed_share: float  # low-passed share of ticks whose hard rows had to be relaxed
     held_s: float  # time for which the law has held the vehicle back; negative while it calls for a roundabout
-
-
-class Baseline(NamedTuple):
-    """Input of the law: thrust and velocity that the vehicle would have if it were alone."""
-
-    thrust: Thrust
-    compensation_enu_m_s2: Vec3  # added to the safe thrust afterwards, against drag and disturbance (line O)
-    intent_enu_m_s: Vec3  # velocity straight to the goal
-
-
-class Answer(NamedTuple):
-    """Result for the horizontal thrust."""
-
-    thrust_m_s2: Vec2  # safe thrust with its compensation
-    status: int  # a LawStatus
-    slack_m_s2: float
-    crowd_count: float
-    active: int  # index of the neighbour that binds most, NOBODY or NOT_A_VEHICLE
 
 
 class Constraint(NamedTuple):
@@ -173,81 +152,15 @@ def step(
     if params.law == COVEY:
         answer = saturate(own, neighbours, obstacles, memory.held_s < 0.0, params)
     elif params.law == PAPER:
-        answer = saturate_pair(own, state, neighbours, params)
+        answer = oist_paper.saturate_pair(own, state, neighbours, params)
     else:
-        answer = Answer(own.thrust_m_s2, _INACTIVE, 0.0, 0.0, NOBODY)
+        answer = Answer(own.thrust_m_s2, INACTIVE, 0.0, 0.0, NOBODY)
     output = output_of(answer, own, baseline, predicted, params)
-    relaxed = 1.0 if output.status == _RELAXED else 0.0
+    relaxed = 1.0 if output.status == RELAXED else 0.0
     relaxed_share = memory.relaxed_share + relaxed_blend(dt_s) * (relaxed - memory.relaxed_share)
     held_s = held(memory.held_s, own, output.active_neighbour >= 0, dt_s)
     commands = remembered(memory.commands, output.commanded_acceleration_enu_m_s2, dt_s)
     return LawMemory(commands, relaxed_share, held_s), output
-
-
-def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParams) -> Own:
-    """Return this vehicle at t + L as the rows take it, with every number finite.
-
-    Args:
-        baseline: thrust, compensation and intent.
-        predicted: own motion from :func:`predict`.
-        state: its standard deviations count.
-    """
-    f, compensation = baseline.thrust.thrust_enu_m_s2, baseline.compensation_enu_m_s2
-    if not is_sound(baseline, predicted):
-        f = _LEVEL
-    s = horizontal(compensation) if is_plausible(compensation) else ZERO_2
-    radius = horizontal_limit(f.z, params)
-    return Own(
-        clipped(predicted.position_enu_m),
-        clipped(predicted.velocity_enu_m_s),
-        clipped(baseline.intent_enu_m_s),
-        margin_2(state.position_std_m, state.velocity_std_m_s, params.spacing),
-        into_disc(Vec2(f.x + s.x, f.y + s.y), radius),
-        f.z,
-        s,
-        radius,
-    )
-
-
-def output_of(answer: Answer, own: Own, baseline: Baseline, predicted: Motion, params: LawParams) -> LawOutput:
-    """Return the output for an answer; one that rests on input that cannot be used is INFEASIBLE.
-
-    Args:
-        answer: of the law.
-        own: of this tick.
-        baseline, predicted: as they came in.
-    """
-    u, s = answer.thrust_m_s2, own.compensation_m_s2
-    command = Vec3(u.x - s.x, u.y - s.y, own.thrust_z_m_s2 - GRAVITY_M_S2)
-    has_motion = is_sound(baseline, predicted)
-    is_usable = has_motion and is_plausible(baseline.compensation_enu_m_s2)
-    return LawOutput(
-        Thrust(Vec3(command.x, command.y, own.thrust_z_m_s2)),
-        predicted.position_enu_m if has_motion else _UNKNOWN,
-        predicted.velocity_enu_m_s if has_motion else _UNKNOWN,
-        command,
-        answer.status if is_usable else _INFEASIBLE,
-        length_2(Vec2(u.x - own.thrust_m_s2.x, u.y - own.thrust_m_s2.y)),
-        answer.slack_m_s2,
-        answer.crowd_count,
-        answer.active,
-        params.lead_time_s,
-        Vec3(own.intent_m_s.x, own.intent_m_s.y, bounded(baseline.intent_enu_m_s.z)),
-    )
-
-
-def is_sound(baseline: Baseline, predicted: Motion) -> bool:
-    """Whether the own motion and the baseline's thrust can be used.
-
-    Args:
-        baseline: its thrust counts.
-        predicted: own motion.
-    """
-    return (
-        is_plausible(baseline.thrust.thrust_enu_m_s2)
-        and is_plausible(predicted.position_enu_m)
-        and is_plausible(predicted.velocity_enu_m_s)
-    )
 
 
 def saturate(
@@ -275,7 +188,7 @@ def saturate(
             worst, active = constraint.violation_m_s2, constraint.table_index
     is_avoiding = active != NOBODY
     if not is_avoiding and params.policies.rotation != ROTATION_ALWAYS:
-        status = _INACTIVE if are_sound else _INFEASIBLE
+        status = INACTIVE if are_sound else INFEASIBLE
         return Answer(own.thrust_m_s2, status, 0.0, crowd_count, NOBODY)
     hard = [c.row for c in constraints if can_bind(c.row, own.radius_m_s2)]
     soft = [c.turn for c in constraints if c.is_turning]  # the last one is dropped first, the speed row never before
@@ -283,7 +196,7 @@ def saturate(
         speed = speed_row(own.velocity_m_s, params.top_speed_m_s)
         soft = [compensated(speed, own.compensation_m_s2), *soft]
     point, status, slack = project(own.thrust_m_s2, hard, soft, own.radius_m_s2)
-    return Answer(point, status if are_sound else _INFEASIBLE, slack, crowd_count, active)
+    return Answer(point, status if are_sound else INFEASIBLE, slack, crowd_count, active)
 
 
 def neighbour_constraint(own: Own, pair: NeighbourPair, crowd_count: float, params: LawParams) -> Constraint:
@@ -340,39 +253,6 @@ def is_turning(violation_m_s2: float, rotation: int) -> bool:
     return rotation == ROTATION_ALWAYS or (rotation == ROTATION_VIOLATED and violation_m_s2 > _VIOLATED_M_S2)
 
 
-def saturate_pair(own: Own, state: State, neighbours: Sequence[Neighbour], params: LawParams) -> Answer:
-    """Return the paper's thrust (22) against the ring's successor, on plain estimates and within the radius.
-
-    Args:
-        own: this vehicle; the thrust counts.
-        state: own estimate, not predicted.
-        neighbours: the ring's successor is among them, or nobody is avoided.
-    """
-    for neighbour in neighbours:
-        if neighbour.is_paper_obstacle:
-            return _saturate_pair(own, state, neighbour, params)
-    return Answer(own.thrust_m_s2, _INACTIVE, 0.0, 0.0, NOBODY)
-
-
-def _saturate_pair(own: Own, state: State, neighbour: Neighbour, params: LawParams) -> Answer:
-    s = own.compensation_m_s2
-    p, v, a = neighbour.position_enu_m, neighbour.velocity_enu_m_s, neighbour.acceleration_enu_m_s2
-    is_known = math.isfinite(p.x) and math.isfinite(p.y) and math.isfinite(v.x) and math.isfinite(v.y)
-    is_known = is_known and math.isfinite(a.x) and math.isfinite(a.y)
-    result = oist_paper.saturate_thrust(
-        oist_paper.PlanarState(clipped(state.position_enu_m), clipped(state.velocity_enu_m_s), ZERO_2),
-        Vec2(own.thrust_m_s2.x - s.x, own.thrust_m_s2.y - s.y),
-        oist_paper.PlanarState(clipped(p), clipped(v), clipped(a)),
-        params.paper,
-    )
-    if not is_known or not result.is_usable:
-        return Answer(own.thrust_m_s2, _INFEASIBLE, 0.0, 0.0, NOBODY)
-    if not result.is_changed:
-        return Answer(own.thrust_m_s2, _INACTIVE, 0.0, 0.0, NOBODY)
-    safe = into_disc(Vec2(result.thrust_m_s2.x + s.x, result.thrust_m_s2.y + s.y), own.radius_m_s2)
-    return Answer(safe, _SATURATED, 0.0, 0.0, neighbour.table_index)
-
-
 def held(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
     """Return the next ``LawMemory.held_s``: it counts while the law keeps a vehicle that intends to go from getting on.
 
@@ -394,45 +274,6 @@ def held(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
     return -ROUNDABOUT_S if count_s >= HELD_S else count_s
 
 
-def unchanged(thrust: Thrust, predicted: Motion, intent_enu_m_s: Vec3, params: LawParams) -> LawOutput:
-    """Return the output of a law that does nothing, not even limit the tilt.
-
-    Args:
-        thrust: passes as it is.
-        predicted: published as it is.
-        intent_enu_m_s: published as it is.
-    """
-    f = thrust.thrust_enu_m_s2
-    command = Vec3(f.x, f.y, f.z - GRAVITY_M_S2)
-    return LawOutput(
-        thrust,
-        predicted.position_enu_m,
-        predicted.velocity_enu_m_s,
-        command,
-        _INACTIVE,
-        0.0,
-        0.0,
-        0.0,
-        NOBODY,
-        params.lead_time_s,
-        intent_enu_m_s,
-    )
-
-
-def horizontal_limit(thrust_z_m_s2: float, params: LawParams) -> float:
-    """Return the largest horizontal thrust [m/s^2] that leaves the vertical one as it is, by tilt and by full throttle.
-
-    DEVIATION D8.
-
-    Args:
-        thrust_z_m_s2: vertical thrust.
-        params: limits of tilt and thrust.
-    """
-    vertical = min(max(thrust_z_m_s2, 0.0), params.max_thrust_m_s2)
-    by_thrust = math.sqrt(params.max_thrust_m_s2 * params.max_thrust_m_s2 - vertical * vertical)
-    return min(vertical * math.tan(params.max_tilt_rad), by_thrust)
-
-
 def relaxed_blend(dt_s: float) -> float:
     """Return how far ``LawMemory.relaxed_share`` moves in one tick; 0.07 in 20 ms (line G).
 
@@ -440,26 +281,3 @@ def relaxed_blend(dt_s: float) -> float:
         dt_s: length of the tick.
     """
     return 1.0 - math.pow(0.93, dt_s / 0.02)
-
-
-def into_disc(u: Vec2, radius: float) -> Vec2:
-    """Return the vector, shortened to the radius if it is longer.
-
-    Args:
-        u: vector.
-        radius: at least 0.
-    """
-    size = length_2(u)
-    if size <= radius:
-        return u
-    share = radius / max(size, 1e-12)
-    return Vec2(share * u.x, share * u.y)
-
-
-def is_plausible(a: Vec3) -> bool:
-    """Whether all components are finite and small enough to be squared.
-
-    Args:
-        a: of any components.
-    """
-    return abs(a.x) < LARGEST and abs(a.y) < LARGEST and abs(a.z) < LARGEST

@@ -8,10 +8,17 @@ is positive when the vehicle turns counter-clockwise about the obstacle as seen 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
-from onboard.avoidance.params import PaperParams
-from onboard.vectors import Vec2, cross_2, dot_2
+from onboard.avoidance.half_planes import into_disc
+from onboard.avoidance.interface import INFEASIBLE, NOBODY, Answer
+from onboard.avoidance.pairs import Own
+from onboard.avoidance.params import LawParams, PaperParams
+from onboard.avoidance.prediction import clipped
+from onboard.avoidance.projection import INACTIVE, SATURATED
+from onboard.types import Neighbour, State
+from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2
 
 
 class PlanarState(NamedTuple):
@@ -69,3 +76,36 @@ def saturate_thrust(own: PlanarState, thrust_m_s2: Vec2, obstacle: PlanarState, 
     along, across = 0.5 * more_1 / d_o2, p.turn_sign * more_2 / d_o2
     x, y = along * e.x - across * e.y, along * e.y + across * e.x
     return PaperResult(Vec2(thrust_m_s2.x + x, thrust_m_s2.y + y), more_1 > 0.0 or more_2 > 0.0, True)
+
+
+def saturate_pair(own: Own, state: State, neighbours: Sequence[Neighbour], params: LawParams) -> Answer:
+    """Return the paper's thrust (22) against the ring's successor, on plain estimates and within the radius.
+
+    Args:
+        own: this vehicle; the thrust counts.
+        state: own estimate, not predicted.
+        neighbours: the ring's successor is among them, or nobody is avoided.
+    """
+    for neighbour in neighbours:
+        if neighbour.is_paper_obstacle:
+            return _saturate_pair(own, state, neighbour, params)
+    return Answer(own.thrust_m_s2, INACTIVE, 0.0, 0.0, NOBODY)
+
+
+def _saturate_pair(own: Own, state: State, neighbour: Neighbour, params: LawParams) -> Answer:
+    s = own.compensation_m_s2
+    p, v, a = neighbour.position_enu_m, neighbour.velocity_enu_m_s, neighbour.acceleration_enu_m_s2
+    is_known = math.isfinite(p.x) and math.isfinite(p.y) and math.isfinite(v.x) and math.isfinite(v.y)
+    is_known = is_known and math.isfinite(a.x) and math.isfinite(a.y)
+    result = saturate_thrust(
+        PlanarState(clipped(state.position_enu_m), clipped(state.velocity_enu_m_s), ZERO_2),
+        Vec2(own.thrust_m_s2.x - s.x, own.thrust_m_s2.y - s.y),
+        PlanarState(clipped(p), clipped(v), clipped(a)),
+        params.paper,
+    )
+    if not is_known or not result.is_usable:
+        return Answer(own.thrust_m_s2, INFEASIBLE, 0.0, 0.0, NOBODY)
+    if not result.is_changed:
+        return Answer(own.thrust_m_s2, INACTIVE, 0.0, 0.0, NOBODY)
+    safe = into_disc(Vec2(result.thrust_m_s2.x + s.x, result.thrust_m_s2.y + s.y), own.radius_m_s2)
+    return Answer(safe, SATURATED, 0.0, 0.0, neighbour.table_index)

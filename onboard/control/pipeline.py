@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
-from onboard.avoidance import oist
+from onboard.avoidance import interface, oist
 from onboard.avoidance.params import PAPER, Capsule, LawParams, law_params
 from onboard.avoidance.prediction import Motion
 from onboard.config.fleet import FleetConfig
@@ -160,7 +160,7 @@ def step(
     """
     if phase == Phase.GROUND:
         return _on_ground(state, params)
-    is_usable = oist.is_plausible(state.position_enu_m) and oist.is_plausible(state.velocity_enu_m_s)
+    is_usable = interface.is_plausible(state.position_enu_m) and interface.is_plausible(state.velocity_enu_m_s)
     usable = state if is_usable else _at_rest(state, memory)
     observer, lift = _observed(memory, usable, phase, params, dt_s)
     predicted = oist.predict(memory.law, usable, params.law)
@@ -171,7 +171,7 @@ def step(
     # line O: what drag and the observed disturbance take is added after the law, so that the law commands net motion
     compensation = _compensation(predicted.velocity_enu_m_s, observer.disturbance_enu_m_s2, params)
     intended = intent(predicted.position_enu_m, goal, params.trajectory.max_speed_m_s)
-    baseline = oist.Baseline(thrust, compensation, intended)
+    baseline = interface.Baseline(thrust, compensation, intended)
     # the law must know, level out, and publish no state that is not known
     motion = predicted if is_usable else Motion(_NOWHERE, _NOWHERE)
     law_memory, law = oist.step(memory.law, baseline, motion, state, neighbours, obstacles, params.law, dt_s)
@@ -320,7 +320,7 @@ def _on_ground(state: State, params: PipelineParams) -> tuple[PipelineMemory, Ti
     given = state.position_enu_m
     position = Vec3(_or_zero(given.x), _or_zero(given.y), _or_zero(given.z))
     memory = initial(params, position)
-    law = oist.unchanged(_LEVEL, Motion(position, ZERO_3), ZERO_3, params.law)
+    law = interface.unchanged(_LEVEL, Motion(position, ZERO_3), ZERO_3, params.law)
     hover_frac = memory.hover_thrust.hover_thrust_frac
     flat = allocation.allocate(_LEVEL, params.yaw_rad, hover_frac, params.allocation)
     attitude = AttitudeSetpoint(flat.quaternion_wxyz, 0.0)

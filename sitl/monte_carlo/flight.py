@@ -157,7 +157,7 @@ class _Orders:
                 self._freezes[f, place], self._mutes[f, place] = kind != "silent", kind != "frozen"
 
     def lost(self, time_s: float) -> tuple[BoolArray, BoolArray]:
-        """Who stands still for ever, avoiding nobody, and who is never heard again, (F, N) each."""
+        """Return the vehicles that stand still and avoid nobody, and those that send nothing more, (F, N) each."""
         is_lost = np.asarray(time_s >= self._lost_at)
         return is_lost & self._freezes, is_lost & self._mutes
 

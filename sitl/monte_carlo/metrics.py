@@ -34,7 +34,7 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a flight. Separations are horizontal, between centres, over all pairs.
+    """Result of one flight. Separations are horizontal, between centres, over all pairs.
 
     makespan_s: when all had arrived; inf if that did not happen in time, and then ``reason`` says why: "deadlock"
     (those missing stand still), "livelock" (they move and get no nearer) or "time" (they were still getting nearer).

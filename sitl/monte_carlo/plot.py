@@ -194,7 +194,7 @@ def _distances(axes: Any, data: _Data) -> None:
 
 
 def _activity(axes: Any, data: _Data) -> None:
-    """Who was active when: with few vehicles in the colour of the neighbour that binds most, else by status."""
+    """Draw when each was active: for few vehicles in the colour of the neighbour that binds most, else by status."""
     status = data.status[1:].T
     edges_s = np.append(data.t_s[:-1], data.t_s[-1])
     rows = np.arange(data.count + 1) - 0.5

@@ -1,4 +1,4 @@
-"""What reaches whom, and when: messages are late, get lost per link, and senders fall silent for a while."""
+"""Messages between the vehicles: late, lost per link, and from senders that fall silent for a while."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Radio:
         self._sent.appendleft(batch.message(states, ticks))
 
     def receive(self, luck: Array, is_mute: BoolArray, is_frozen: BoolArray) -> Rows:
-        """What everybody knows of the others now.
+        """Return the newest messages (F, N, K) that each vehicle has of the others.
 
         Args:
             luck: (F, N, N) uniform in [0, 1). is_mute: (F, N) sends nothing. is_frozen: (F, N) does not cooperate.

@@ -1,4 +1,4 @@
-"""Who flies from where to where: public scenarios, each drawn from its seed alone.
+"""Starts and goals: public scenarios, each drawn from its seed alone.
 
 A name says everything: ``swap8`` (jittered) or ``swap8x`` (exact), ``rand16`` or ``rand16d4`` (4 m^2 per vehicle),
 ``cross8@180``, ``intruder6@2``, ``lost8@silent``. Positions are fleet ENU, everybody at one height.

@@ -1,4 +1,4 @@
-"""What each vehicle believes of itself: the agent's own estimator on mocap samples, or an estimate with errors."""
+"""Estimate that each vehicle has of itself: by the agent's own filter on mocap samples, or with given errors."""
 
 from __future__ import annotations
 

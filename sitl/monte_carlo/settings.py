@@ -34,7 +34,7 @@ _NOT_A_VEHICLE_VALUE = (
 
 @dataclass(frozen=True, slots=True)
 class Perturbation:
-    """What the control does not know, on top of the estimate's errors.
+    """Errors that the control does not know, beside those of the estimate.
 
     delay_s: age of a message when it arrives, in whole ticks of 20 ms, one at least. loss_share: of each link's
     messages. burst_s, burst_every_s: length and mean interval of a sender's silences (0: none). gust_m_s2: std per

@@ -23,7 +23,7 @@ _EAST_RAD = 0.5 * math.pi  # heading of body x along fleet x
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """How it really is, fleet ENU and FLU: (F, N, 3), (F, N, 4) and (F, N)."""
+    """True motion, fleet ENU and FLU: (F, N, 3), (F, N, 4) and (F, N)."""
 
     position_enu_m: Array
     velocity_enu_m_s: Array
@@ -114,7 +114,7 @@ class Physics:
 
 
 def _profile(vehicle: Vehicle, p: Perturbation, luck: Array) -> VehicleProfile:
-    """What this very vehicle is; ``luck`` (8,) uniform in [-1, 1). Dead time and 1/wn are stretched alike."""
+    """Return the profile of one vehicle; ``luck`` (8,) uniform in [-1, 1). Dead time and 1/wn are stretched alike."""
     stretch = 1.0 + p.lag_mismatch * float(luck[0])
     return VehicleProfile(
         mass_kg=vehicle.mass_kg,

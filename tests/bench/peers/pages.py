@@ -14,8 +14,8 @@ _COLUMNS = (
     "Success: everybody at the goal and slow before 5.5 times the straight-line time. Below 0.80 m: flights in which "
     "the true distance of any pair was ever smaller, with the exact 95 % interval (a collision is below the body's "
     "diameter of 0.50 m). Ratio: time until the last one has arrived over the straight-line time, mean of the flights "
-    "that succeeded. Slew: rms change of the commanded acceleration. Microseconds: the law alone, batched, without the "
-    "pipeline around it, in one process beside others; only their ratios mean something."
+    "that succeeded. Slew: rms change of the commanded acceleration. Microseconds: one call of the law, interpreted as "
+    "on a drone, without the pipeline around it, beside other programs; only their ratios mean something."
 )
 
 
@@ -69,8 +69,8 @@ def comparison(run: Run, rows: Mapping[str, Summary], outcomes: Mapping[str, Seq
             "",
             "Every method flies the same vehicles (type `sih`) with the same perturbation, baseline, design distance, "
             "tilt and thrust limits, and the same states predicted over the lag; only what turns the wanted "
-            "acceleration into the commanded one differs (`tests/peers`). The paper's ring is flown as printed, on "
-            "plain states, and each vehicle avoids one other. Peers that have no rule against standing face to face "
+            "acceleration into the commanded one differs (`tests/bench/peers`). The paper's ring is flown as printed, "
+            "on plain states, and each vehicle avoids one other. Peers that have no rule against standing face to face "
             "get one: to the right.",
             "",
             table(rows),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from onboard.avoidance import oist, pairs
+from onboard.avoidance import interface, oist, pairs
 from onboard.avoidance.params import OFF, LawParams
 from onboard.types import LawOutput, LawStatus, Thrust
 from onboard.vectors import Vec3
@@ -17,7 +17,7 @@ from tests.bench.peers.encounter import Array, Encounter, Step
 LawStep = Callable[..., tuple[oist.LawMemory, LawOutput]]
 
 
-def encounter_of(baseline: oist.Baseline, own: pairs.Own, found: pairs.Pairs, speed_m_s: float) -> Encounter:
+def encounter_of(baseline: interface.Baseline, own: pairs.Own, found: pairs.Pairs, speed_m_s: float) -> Encounter:
     """One vehicle with its nearest neighbours as the law would have them; there must be one at least."""
     x, y, _ = baseline.thrust.thrust_enu_m_s2
     return Encounter(
@@ -40,7 +40,7 @@ def law_of(step: Step, values: Mapping[str, float], speed_m_s: float) -> LawStep
         memory: Any, baseline: Any, predicted: Any, state: Any, neighbours: Any, obstacles: Any, params: LawParams,
         dt_s: float,
     ) -> tuple[oist.LawMemory, LawOutput]:  # fmt: skip
-        own = oist.own_at(baseline, predicted, state, params)
+        own = interface.own_at(baseline, predicted, state, params)
         found = pairs.nearest_pairs(own, neighbours, params)
         x, y, z = baseline.thrust.thrust_enu_m_s2
         answer: Array = np.array([x, y])

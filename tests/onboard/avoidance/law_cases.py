@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from onboard.avoidance import oist
+from onboard.avoidance import interface, oist
 from onboard.avoidance.params import Capsule, VehicleLimits, params_of
 from onboard.config.law import LawConfig
 from onboard.types import GRAVITY_M_S2, Neighbour, State, Thrust
@@ -58,7 +58,7 @@ def run(
     memory, state = oist.initial(), state_of(position, velocity, std)
     predicted = oist.predict(memory, state, params)
     intent = predicted.velocity_enu_m_s if intent is None else vec(intent)
-    baseline = oist.Baseline(thrust_of(accel), vec(compensation), intent)
+    baseline = interface.Baseline(thrust_of(accel), vec(compensation), intent)
     return oist.step(memory, baseline, predicted, state, neighbours, obstacles, params, 0.02)[1]
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from onboard.avoidance.constraints import can_bind, compensated, faded, fence_rows, obstacle_row, speed_row, violation
 from onboard.avoidance.half_planes import HalfPlane
-from onboard.avoidance.oist import NOT_A_VEHICLE
+from onboard.avoidance.interface import NOT_A_VEHICLE
 from onboard.avoidance.pairs import MAX_OBSTACLES, surface_of
 from onboard.avoidance.params import Capsule
 from onboard.types import LawStatus

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from onboard.avoidance import oist
+from onboard.avoidance import interface, oist
 from onboard.types import LawStatus
 from onboard.vectors import ZERO_3
 from tests.onboard.avoidance.law_cases import CAPSULES, FENCE, law_of, random_neighbour, state_of, thrust_of, vec
@@ -35,10 +35,10 @@ def both(own, neighbours, capsules, params):
     """Output of the law, and the oracle's answer with the compensation taken off again."""
     memory = oist.initial()._replace(held_s=own["held_s"])
     predicted = oist.predict(memory, own["state"], params)
-    baseline = oist.Baseline(thrust_of(own["accel"]), vec(own["compensation"]), vec(own["intent"]))
+    baseline = interface.Baseline(thrust_of(own["accel"]), vec(own["compensation"]), vec(own["intent"]))
     _, out = oist.step(memory, baseline, predicted, own["state"], neighbours, capsules, params, 0.02)
     shift = own["compensation"][:2]
-    radius = oist.horizontal_limit(baseline.thrust.thrust_enu_m_s2.z, params)
+    radius = interface.horizontal_limit(baseline.thrust.thrust_enu_m_s2.z, params)
     thrust = own["accel"][:2] + shift
     values = {
         "position": np.array(predicted.position_enu_m[:2]),
@@ -78,7 +78,7 @@ def test_law_equals_its_transcription_in_numpy(variant):
 def test_nothing_around_leaves_the_memory_to_the_commands():
     params = law_of()
     memory, state = oist.initial(), state_of([0, 0, 1], [0, 0, 0])
-    baseline = oist.Baseline(thrust_of([1.0, 0.5, 0.2]), ZERO_3, ZERO_3)
+    baseline = interface.Baseline(thrust_of([1.0, 0.5, 0.2]), ZERO_3, ZERO_3)
     after, out = oist.step(memory, baseline, oist.predict(memory, state, params), state, [], (), params, 0.02)
     np.testing.assert_allclose(after.commands[0].acceleration_enu_m_s2, [1.0, 0.5, 0.2])
     assert after.commands[0].duration_s == 0.02

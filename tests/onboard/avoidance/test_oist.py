@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from onboard.avoidance import oist
+from onboard.avoidance import interface, oist
 from onboard.avoidance.constraints import distance_row, rotation_row
 from onboard.avoidance.pairs import NeighbourPair
 from onboard.avoidance.prediction import Motion
@@ -43,7 +43,7 @@ def test_vehicle_flying_away_is_left_alone_bit_for_bit():
     assert out.status == LawStatus.INACTIVE
     assert out.thrust.thrust_enu_m_s2[:2] == (-1.0, 0.3)
     assert out.intervention_m_s2 == 0.0
-    assert out.active_neighbour == oist.NOBODY
+    assert out.active_neighbour == interface.NOBODY
 
 
 def test_height_is_never_touched():
@@ -159,7 +159,7 @@ def test_thrust_and_compensation_together_stay_within_the_tilt_limit():
         extra = np.random.default_rng(seed).normal(size=3)
         thrust = run(p, v, 3 * a, neighbours, PARAMS, compensation=extra).thrust.thrust_enu_m_s2
         total = horizontal(thrust) + extra[:2]
-        assert np.hypot(*total) <= oist.horizontal_limit(thrust.z, PARAMS) + 1e-6, seed
+        assert np.hypot(*total) <= interface.horizontal_limit(thrust.z, PARAMS) + 1e-6, seed
 
 
 def test_squeezed_vehicle_is_relaxed_with_its_slack_and_slows_the_pursuit_down():
@@ -167,7 +167,7 @@ def test_squeezed_vehicle_is_relaxed_with_its_slack_and_slows_the_pursuit_down()
         [[0.5, 0, 1], [-0.25, 0.43, 1], [-0.25, -0.43, 1]], [[-2.0, 0, 0], [1.0, -1.7, 0], [1.0, 1.7, 0]]
     )
     memory, state = oist.initial(), state_of([0, 0, 1], [0, 0, 0])
-    baseline = oist.Baseline(thrust_of([0, 0, 0]), ZERO_3, ZERO_3)
+    baseline = interface.Baseline(thrust_of([0, 0, 0]), ZERO_3, ZERO_3)
     for _ in range(20):
         predicted = oist.predict(memory, state, PARAMS)
         memory, out = oist.step(memory, baseline, predicted, state, around, (), PARAMS, 0.02)
@@ -186,11 +186,11 @@ def test_law_off_is_the_identity_within_the_tilt_limit():
 
 def test_unchanged_passes_everything_on():
     motion = Motion(Vec3(1.0, 2.0, 3.0), Vec3(0.1, 0.2, 0.3))
-    out = oist.unchanged(thrust_of([20.0, 0.0, 0.0]), motion, ZERO_3, PARAMS)
+    out = interface.unchanged(thrust_of([20.0, 0.0, 0.0]), motion, ZERO_3, PARAMS)
     assert out.thrust == thrust_of([20.0, 0.0, 0.0])
     assert (out.predicted_position_enu_m, out.predicted_velocity_enu_m_s) == motion
     assert out.commanded_acceleration_enu_m_s2 == Vec3(20.0, 0.0, 0.0)
-    assert (out.status, out.active_neighbour) == (LawStatus.INACTIVE, oist.NOBODY)
+    assert (out.status, out.active_neighbour) == (LawStatus.INACTIVE, interface.NOBODY)
 
 
 def test_paper_law_takes_the_ring_successor_only():
@@ -235,7 +235,7 @@ def test_no_number_of_a_message_makes_the_thrust_unbounded(seed, values):
     vectors = [Vec3(*values[3 * k : 3 * k + 3]) for k in range(7)]
     wild = neighbours[0]._replace(**dict(zip(neighbours[0]._fields, (*vectors, *values[21:]), strict=False)))
     out = run(p, v, a, [wild, *neighbours[1:]], PARAMS)
-    assert np.hypot(*out.thrust.thrust_enu_m_s2[:2]) <= oist.horizontal_limit(a[2] + GRAVITY_M_S2, PARAMS) + 1e-9
+    assert np.hypot(*out.thrust.thrust_enu_m_s2[:2]) <= interface.horizontal_limit(a[2] + GRAVITY_M_S2, PARAMS) + 1e-9
 
 
 def test_bad_own_values_level_the_thrust_and_say_so():
@@ -258,7 +258,7 @@ def test_compensation_that_is_no_number_is_left_out_and_said():
 
 def test_vehicles_that_start_inside_the_safety_distance_move_apart():
     out = run([0, 0, 1], [0, 0, 0], [0, 0, 0], neighbours_of([[0.5, 0, 1]]), PARAMS)
-    limit = oist.horizontal_limit(GRAVITY_M_S2, PARAMS)
+    limit = interface.horizontal_limit(GRAVITY_M_S2, PARAMS)
     assert out.thrust.thrust_enu_m_s2.x == pytest.approx(-limit)  # more is required than the tilt limit gives
     assert out.status == LawStatus.RELAXED
 

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from onboard.avoidance import oist
+from onboard.avoidance import interface, oist
 from onboard.avoidance.constraints import distance_row, turn_sign
 from onboard.avoidance.oist_paper import PlanarState, saturate_thrust
 from onboard.avoidance.pairs import LARGEST_MARGIN_M, NeighbourPair, design_distance, margin_2
@@ -206,7 +206,7 @@ def test_a_vehicle_held_for_long_calls_for_a_roundabout_and_one_that_gets_on_doe
     def counts(velocity):
         memory, state = oist.initial(), state_of(np.zeros(3), velocity)
         wall = [neighbour_of([0.85, 0.0, 0.0])]
-        baseline = oist.Baseline(thrust_of([3.0, 0.0, 0.0]), ZERO_3, EAST)
+        baseline = interface.Baseline(thrust_of([3.0, 0.0, 0.0]), ZERO_3, EAST)
         found = []
         for _ in range(500):
             memory, out = oist.step(memory, baseline, Motion(ZERO_3, vec(velocity)), state, wall, (), params, 0.02)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from onboard.avoidance import oist
+from onboard.avoidance import interface, oist
 from onboard.avoidance.params import Fence
 from onboard.config.fleet import load_fleet
 from onboard.control import pipeline
@@ -86,7 +86,7 @@ def test_bad_neighbours_leave_a_bounded_thrust_and_a_status_that_says_so():
         ticks = fly(neighbours)
         for tick in ticks:
             thrust = tick.law.thrust.thrust_enu_m_s2
-            limit = oist.horizontal_limit(thrust.z, PARAMS.law)
+            limit = interface.horizontal_limit(thrust.z, PARAMS.law)
             assert np.isfinite(thrust).all(), kind
             assert math.hypot(thrust.x, thrust.y) <= 1.5 * limit + 1e-6, kind  # half of it may be compensation
             assert np.isfinite(tick.attitude.quaternion_wxyz).all(), kind
@@ -153,12 +153,12 @@ def test_garbage_anywhere_is_bounded(seed):
         memory = oist.initial()
         for _ in range(2):
             predicted = oist.predict(memory, state, params)
-            baseline = oist.Baseline(Thrust(thrust), compensation, own.vector(1.0))
+            baseline = interface.Baseline(Thrust(thrust), compensation, own.vector(1.0))
             memory, out = oist.step(memory, baseline, predicted, state, neighbours, (), params, 0.02)
             safe = out.thrust.thrust_enu_m_s2
             assert np.isfinite(safe).all()
-            known = compensation if oist.is_plausible(compensation) else ZERO_3
-            limit = oist.horizontal_limit(safe.z, params)
+            known = compensation if interface.is_plausible(compensation) else ZERO_3
+            limit = interface.horizontal_limit(safe.z, params)
             assert math.hypot(safe.x + known.x, safe.y + known.y) <= limit + 1e-6
-            if not (oist.is_plausible(thrust) and oist.is_plausible(compensation)):
+            if not (interface.is_plausible(thrust) and interface.is_plausible(compensation)):
                 assert out.status == LawStatus.INFEASIBLE

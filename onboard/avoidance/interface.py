@@ -1,0 +1,151 @@
+"""From the pipeline's values to those of the law, and back: every number that enters the law is finite."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from onboard.avoidance.half_planes import into_disc
+from onboard.avoidance.pairs import Own, margin_2
+from onboard.avoidance.params import LawParams
+from onboard.avoidance.prediction import LARGEST, Motion, bounded, clipped
+from onboard.avoidance.projection import INACTIVE
+from onboard.types import GRAVITY_M_S2, LawOutput, LawStatus, State, Thrust
+from onboard.vectors import ZERO_2, Vec2, Vec3, horizontal, length_2
+
+NOBODY, NOT_A_VEHICLE = -1, -2  # in place of the index of a neighbour
+INFEASIBLE = int(LawStatus.INFEASIBLE)
+_LEVEL = Vec3(0.0, 0.0, GRAVITY_M_S2)
+_UNKNOWN = Vec3(math.nan, math.nan, math.nan)
+
+
+class Baseline(NamedTuple):
+    """Input of the law: thrust and velocity that the vehicle would have if it were alone."""
+
+    thrust: Thrust
+    compensation_enu_m_s2: Vec3  # added to the safe thrust afterwards, against drag and disturbance (line O)
+    intent_enu_m_s: Vec3  # velocity straight to the goal
+
+
+class Answer(NamedTuple):
+    """Result for the horizontal thrust."""
+
+    thrust_m_s2: Vec2  # safe thrust with its compensation
+    status: int  # a LawStatus
+    slack_m_s2: float
+    crowd_count: float
+    active: int  # index of the neighbour that binds most, NOBODY or NOT_A_VEHICLE
+
+
+def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParams) -> Own:
+    """Return this vehicle at t + L as the rows take it, with every number finite.
+
+    Args:
+        baseline: thrust, compensation and intent.
+        predicted: own motion from :func:`predict`.
+        state: its standard deviations count.
+    """
+    f, compensation = baseline.thrust.thrust_enu_m_s2, baseline.compensation_enu_m_s2
+    if not is_sound(baseline, predicted):
+        f = _LEVEL
+    s = horizontal(compensation) if is_plausible(compensation) else ZERO_2
+    radius = horizontal_limit(f.z, params)
+    return Own(
+        clipped(predicted.position_enu_m),
+        clipped(predicted.velocity_enu_m_s),
+        clipped(baseline.intent_enu_m_s),
+        margin_2(state.position_std_m, state.velocity_std_m_s, params.spacing),
+        into_disc(Vec2(f.x + s.x, f.y + s.y), radius),
+        f.z,
+        s,
+        radius,
+    )
+
+
+def output_of(answer: Answer, own: Own, baseline: Baseline, predicted: Motion, params: LawParams) -> LawOutput:
+    """Return the output for an answer; one that rests on input that cannot be used is INFEASIBLE.
+
+    Args:
+        answer: of the law.
+        own: of this tick.
+        baseline, predicted: as they came in.
+    """
+    u, s = answer.thrust_m_s2, own.compensation_m_s2
+    command = Vec3(u.x - s.x, u.y - s.y, own.thrust_z_m_s2 - GRAVITY_M_S2)
+    has_motion = is_sound(baseline, predicted)
+    is_usable = has_motion and is_plausible(baseline.compensation_enu_m_s2)
+    return LawOutput(
+        Thrust(Vec3(command.x, command.y, own.thrust_z_m_s2)),
+        predicted.position_enu_m if has_motion else _UNKNOWN,
+        predicted.velocity_enu_m_s if has_motion else _UNKNOWN,
+        command,
+        answer.status if is_usable else INFEASIBLE,
+        length_2(Vec2(u.x - own.thrust_m_s2.x, u.y - own.thrust_m_s2.y)),
+        answer.slack_m_s2,
+        answer.crowd_count,
+        answer.active,
+        params.lead_time_s,
+        Vec3(own.intent_m_s.x, own.intent_m_s.y, bounded(baseline.intent_enu_m_s.z)),
+    )
+
+
+def is_sound(baseline: Baseline, predicted: Motion) -> bool:
+    """Whether the own motion and the baseline's thrust can be used.
+
+    Args:
+        baseline: its thrust counts.
+        predicted: own motion.
+    """
+    return (
+        is_plausible(baseline.thrust.thrust_enu_m_s2)
+        and is_plausible(predicted.position_enu_m)
+        and is_plausible(predicted.velocity_enu_m_s)
+    )
+
+
+def unchanged(thrust: Thrust, predicted: Motion, intent_enu_m_s: Vec3, params: LawParams) -> LawOutput:
+    """Return the output of a law that does nothing, not even limit the tilt.
+
+    Args:
+        thrust: passes as it is.
+        predicted: published as it is.
+        intent_enu_m_s: published as it is.
+    """
+    f = thrust.thrust_enu_m_s2
+    command = Vec3(f.x, f.y, f.z - GRAVITY_M_S2)
+    return LawOutput(
+        thrust,
+        predicted.position_enu_m,
+        predicted.velocity_enu_m_s,
+        command,
+        INACTIVE,
+        0.0,
+        0.0,
+        0.0,
+        NOBODY,
+        params.lead_time_s,
+        intent_enu_m_s,
+    )
+
+
+def horizontal_limit(thrust_z_m_s2: float, params: LawParams) -> float:
+    """Return the largest horizontal thrust [m/s^2] that leaves the vertical one as it is, by tilt and by full throttle.
+
+    DEVIATION D8.
+
+    Args:
+        thrust_z_m_s2: vertical thrust.
+        params: limits of tilt and thrust.
+    """
+    vertical = min(max(thrust_z_m_s2, 0.0), params.max_thrust_m_s2)
+    by_thrust = math.sqrt(params.max_thrust_m_s2 * params.max_thrust_m_s2 - vertical * vertical)
+    return min(vertical * math.tan(params.max_tilt_rad), by_thrust)
+
+
+def is_plausible(a: Vec3) -> bool:
+    """Whether all components are finite and small enough to be squared.
+
+    Args:
+        a: of any components.
+    """
+    return abs(a.x) < LARGEST and abs(a.y) < LARGEST and abs(a.z) < LARGEST
