@@ -102,7 +102,7 @@ class AgentCore:
             ),
         )
         self._follower = NeighbourFollower(self.neighbours)
-        self._odometry = OdometryForwarder()
+        self.odometry = OdometryForwarder()
         self._mismatch = ModelMismatchReporter(self.vehicle)
         self._context = TickContext()
         self._snapshot = Snapshot()
@@ -159,7 +159,7 @@ class AgentCore:
             return []
         if not self.fleet.mocap.direct:  # a mocap that is read directly says nothing of the bus
             self.neighbours.last_heard_ns = max(self.neighbours.last_heard_ns, received_ns)
-        return list(self._odometry.take(pose, self._snapshot, now_ns))
+        return list(self.odometry.take(pose, self._snapshot, now_ns))
 
     def _order_received(self, event: OrderReceived, now_ns: int) -> list[Command]:
         view = replace(self._view, now_ns=now_ns, snapshot=self._snapshot)

@@ -1,4 +1,4 @@
-"""What a failsafe has begun ends only by something stronger or by an operator's order, whatever comes and goes."""
+"""An action that a failsafe has begun ends only by something stronger or by an operator's order, whatever comes and goes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GIVEN_UP = 8
 
 
 def course(flight: FlightContext) -> int:
-    """What the vehicle does, on the scale of the actions."""
+    """Return the vehicle's course on the scale of the actions."""
     if flight.state == "failed":
         return GIVEN_UP
     if flight.state in ("landing", "landed", "waiting", "ready"):
