@@ -1,4 +1,4 @@
-"""Injections of the fault suite: one row for each thing that can go wrong in flight, and what has to be noticed of it."""
+"""Injections of the fault suite: one row for each thing that can go wrong, and what has to be noticed of it."""
 
 from __future__ import annotations
 

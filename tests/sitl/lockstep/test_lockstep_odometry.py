@@ -14,7 +14,7 @@ _HOLD, _LAND = (4, 3), (4, 6)  # PX4's main and sub modes
 
 
 def _miss_m(flight, name: str) -> float:
-    """Return the distance of PX4's own estimate from the truth; both lie in the fleet's frame, for the mocap gives it."""
+    """Return the distance of PX4's own estimate from the truth; the mocap gives it the fleet's frame."""
     emulator, index = flight.simulation.emulator, flight.simulation.names.index(name)
     north, east, down = emulator.estimator.local(index).position_ned_m
     truth, _, _ = emulator.world.truth_enu()
