@@ -10,18 +10,24 @@ from pathlib import Path
 
 import pytest
 
+from onboard.rollout import batch
+
 _HERE = Path(__file__).parent
 _REAL_TIME = (
     "bench/silence",
+    "bench/test_bench_console.py",
     "clients",
     "flight",
     "groundstation/commands/test_px4.py",
     "groundstation/console/test_terminal.py",
     "groundstation/processes/test_supervisor.py",
+    "groundstation/web",
     "onboard/bus",
     "onboard/mocap/test_relay.py",
+    "onboard/mocap/test_sdk_source.py",
     "onboard/process",
     "onboard/px4",
+    "sitl/conformance/test_fuzz.py",
     "sitl/conformance/test_sitl_check.py",
     "sitl/test_mavsdk_client.py",
     "sitl/test_server.py",
@@ -35,6 +41,13 @@ _LONGEST = (
     "bench/peers/test_bench.py",
     "sitl/monte_carlo/test_monte_carlo.py",
 )
+
+
+@pytest.hookimpl(tryfirst=True)  # before the workers start
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile the control of batches once for all workers: on a clean clone it takes half a minute."""
+    if getattr(session.config.option, "numprocesses", None) and not hasattr(session.config, "workerinput"):
+        batch.warm_up()
 
 
 @pytest.hookimpl(tryfirst=True)  # before the groups are read

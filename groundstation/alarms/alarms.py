@@ -226,19 +226,19 @@ def _urgency(alarm: Alarm) -> tuple[int, int, str]:
     return -alarm.severity, RANKS[alarm.kind], alarm.subject
 
 
-def _alarm(kind: Kind, subject: str, *, is_flying: bool, what: str = "", who: str = "") -> Alarm:
+def _alarm(kind: Kind, subject: str, *, is_flying: bool, what: str = "", names: str = "") -> Alarm:
     row = TABLE[kind]
     severity = row.in_flight if is_flying else row.on_ground
-    return Alarm(kind, subject, severity, row.sentence.format(who=who or subject, what=what), row.advice, what)
+    return Alarm(kind, subject, severity, row.sentence.format(who=names or subject, what=what), row.advice, what)
 
 
 def _together(lines: list[Line]) -> Line:
     """One line for the same alarm of many vehicles; it lasts as long as the oldest of them."""
     first = min(lines, key=lambda line: (line.since_ns, line.alarm.subject))
     names = sorted(line.alarm.subject for line in lines)
-    who = f"{len(lines)} of them: {', '.join(names[:_SHOWN])} and {len(names) - _SHOWN} more"
+    shown = f"{len(lines)} of them: {', '.join(names[:_SHOWN])} and {len(names) - _SHOWN} more"
     what = min(line.alarm.what for line in lines) if first.alarm.kind in _NUMBERED else "each for its own reason"
-    sentence = TABLE[first.alarm.kind].sentence.format(who=who, what=what)
+    sentence = TABLE[first.alarm.kind].sentence.format(who=shown, what=what)
     return dataclasses.replace(
         first, alarm=dataclasses.replace(first.alarm, subject=_AND.join(names), sentence=sentence), count=len(lines)
     )
@@ -308,7 +308,7 @@ def _of_fleet(state: FleetState, fleet: FleetConfig, now_ns: int) -> Iterator[Al
     silent = [name for name, view in state.vehicles.items() if view.telemetry is None]
     if silent:
         more = f" and {len(silent) - _GROUPED} more" if len(silent) > _GROUPED else ""
-        yield _alarm(_G.WAITING, "", is_flying=False, who=", ".join(silent[:_GROUPED]) + more)
+        yield _alarm(_G.WAITING, "", is_flying=False, names=", ".join(silent[:_GROUPED]) + more)
     hashes = {view.telemetry.config_hash for view in state.vehicles.values() if view.telemetry is not None}
     if len(hashes) > 1:
         yield _alarm(_G.FILES_DIFFER, "", is_flying=bool(state.airborne_names))

@@ -63,16 +63,16 @@ TABLE: dict[Kind, AlarmRow] = {
         _CRIT, _WARN, "{who}: PX4 is silent", "RC switch ready. Check the cable and power between computer and PX4."
     ),
     _C.POSITION_LOST: AlarmRow(
-        _CRIT, _WARN, "{who}: own position lost", "PX4 lands it. Check mocap: is the body seen, are its markers free?"
+        _CRIT, _WARN, "{who}: own position lost", "PX4 lands it. Check whether mocap tracks the body and its markers."
     ),
     _C.NOT_FINITE_LONG: AlarmRow(
-        _CRIT, _WARN, "{who}: its law gives no numbers", "PX4 lands it. Keep its record and log."
+        _CRIT, _WARN, "{who}: its law gives no finite thrust", "PX4 lands it. Keep its record and log."
     ),
     _C.FALLEN: AlarmRow(
         _CRIT, _CRIT, "{who} is on the ground though it should fly", "Keep off until its motors stand."
     ),
     _C.COLLISION_SUSPECTED: AlarmRow(
-        _CRIT, _WARN, "{who}: touched a neighbour, it seems", "It lands. Hold the others; look at both before they fly."
+        _CRIT, _WARN, "{who}: may have touched a neighbour", "It lands. Hold the others; look at both before they fly."
     ),
     _C.DISARMED: AlarmRow(_CRIT, _NOTE, "{who}: PX4 disarmed in flight", "Keep clear. Who used the kill switch?"),
     _C.REBOOTED: AlarmRow(
@@ -94,7 +94,10 @@ TABLE: dict[Kind, AlarmRow] = {
         _CRIT, _WARN, "{who}: battery falling fast{what}", "It lands now. Change the battery."
     ),
     _C.MOCAP_SWAPPED: AlarmRow(
-        _CRIT, _WARN, "{who}: mocap takes it for another", "It holds; PX4 lands it if this lasts. Check the markers."
+        _CRIT,
+        _WARN,
+        "{who}: mocap tracks it under another name",
+        "It holds; PX4 lands it if this lasts. Check the markers.",
     ),
     _C.MOCAP_FROZEN: AlarmRow(
         _CRIT, _WARN, "{who}: mocap repeats the same pose", "It holds; PX4 lands it if this lasts. Check the source."
@@ -106,9 +109,9 @@ TABLE: dict[Kind, AlarmRow] = {
         _CRIT, _WARN, "{who}: a neighbour is silent and not seen", "It holds. Find that one; land all if in doubt."
     ),
     _C.LAW_INFEASIBLE: AlarmRow(
-        _CRIT, _NOTE, "{who}: avoidance has no answer", "It holds. Hold or land its neighbours."
+        _CRIT, _NOTE, "{who}: avoidance finds no safe thrust", "It holds. Hold or land its neighbours."
     ),
-    _C.TWIN: AlarmRow(_CRIT, _WARN, "{who}: two agents for it", "End one of them: no take-off while both run."),
+    _C.TWIN: AlarmRow(_CRIT, _WARN, "{who}: two agents run for it", "End one of them: no take-off while both run."),
     _C.SEPARATION_BREACHED: AlarmRow(
         _CRIT, _WARN, "{who}: closer to a neighbour than the limit", "The law pushes apart; hold the others."
     ),
@@ -118,19 +121,19 @@ TABLE: dict[Kind, AlarmRow] = {
         _CRIT, _WARN, "{who}: battery at the landing level{what}", "It lands now. Change the battery."
     ),
     _C.LEFT_OFFBOARD: AlarmRow(
-        _CRIT, _WARN, "{who}: PX4 left OFFBOARD{what}", "Somebody or something else flies it. Ask the RC pilot."
+        _CRIT, _WARN, "{who}: PX4 left OFFBOARD{what}", "Another pilot or program flies it. Ask the RC pilot."
     ),
     _C.PX4_FAILSAFE: AlarmRow(
         _CRIT, _WARN, "{who}: PX4 left OFFBOARD by its own failsafe", "PX4 lands it. Its status text says why."
     ),
     _C.LOOP_STALLED_LONG: AlarmRow(_CRIT, _WARN, "{who}: its loop stood still for long", "PX4 lands it. See its log."),
-    _C.BUS_LOST_LONG: AlarmRow(_CRIT, _WARN, "{who}: hears nobody for long", "It lands. Check its network."),
+    _C.BUS_LOST_LONG: AlarmRow(_CRIT, _WARN, "{who}: hears nobody on the bus for long", "It lands. Check its network."),
     _G.PROCESS_ENDED: AlarmRow(_CRIT, _WARN, "{what}", "Read its log in the flight folder."),
     _G.RECORD_ENDED: AlarmRow(_CRIT, _WARN, "{what}", "The flight goes on unrecorded: land, and free some space."),
     _C.POSITION_STALE: AlarmRow(
         _CRIT, _WARN, "{who}: own position stale", "Check mocap or GPS; it lands if this lasts."
     ),
-    _C.NOT_FINITE: AlarmRow(_WARN, _WARN, "{who}: a tick of its law was no number", "Land it if this comes back."),
+    _C.NOT_FINITE: AlarmRow(_WARN, _WARN, "{who}: its law once gave no finite thrust", "Land it if this comes back."),
     _C.CEILING: AlarmRow(_WARN, _WARN, "{who}: above the ceiling", "It comes down and holds."),
     _C.FENCE_NEAR: AlarmRow(
         _WARN, _NOTE, "{who}: about to cross the fence", "It slows down. Hold it if this comes back."
@@ -141,14 +144,22 @@ TABLE: dict[Kind, AlarmRow] = {
     _C.AUTOPILOT_BACK: AlarmRow(
         _WARN, _NOTE, "{who}: PX4 had stood still", "It holds. Land it, and look for the cause in PX4's log."
     ),
-    _C.ORDER_OVERDUE: AlarmRow(_WARN, _NOTE, "{who}: its order took too long", "It holds. What stands in its way?"),
+    _C.ORDER_OVERDUE: AlarmRow(_WARN, _NOTE, "{who}: its order took too long", "It holds. Look for what blocks it."),
     _C.LOOP_STALLED: AlarmRow(_WARN, _WARN, "{who}: its loop stood still", "It holds. Is its computer overloaded?"),
-    _C.BUS_LOST: AlarmRow(_WARN, _WARN, "{who}: hears nobody", "It holds. Check its network; it lands if this lasts."),
+    _C.BUS_LOST: AlarmRow(
+        _WARN, _WARN, "{who}: hears nobody on the bus", "It holds. Check its network; it lands if this lasts."
+    ),
     _C.NEIGHBOUR_SILENT: AlarmRow(
-        _WARN, _WARN, "{who}: a neighbour is silent", "It keeps clear of where that one must be. Land the silent one."
+        _WARN,
+        _WARN,
+        "{who}: a neighbour is silent",
+        "It keeps clear of that one's possible positions. Land the silent one.",
     ),
     _C.NEIGHBOUR_INVALID: AlarmRow(
-        _WARN, _WARN, "{who}: a neighbour knows no position", "It keeps clear of where that one must be. Check mocap."
+        _WARN,
+        _WARN,
+        "{who}: a neighbour does not know its position",
+        "It keeps clear of that one's possible positions. Check mocap.",
     ),
     _C.NEIGHBOUR_UNCOOPERATIVE: AlarmRow(
         _WARN, _WARN, "{who}: a neighbour does not fly as it says", "Look at that one; land it if this comes back."
@@ -166,7 +177,7 @@ TABLE: dict[Kind, AlarmRow] = {
         _WARN, _WARN, "{who}: mocap is late", "It slows down. Check the load of the mocap's computer."
     ),
     _C.CLOCK_JUMPED: AlarmRow(
-        _WARN, _WARN, "{who}: a clock jumped", "No take-off for a moment. Is time sync running wild?"
+        _WARN, _WARN, "{who}: a clock jumped", "No take-off for a moment. Check its time synchronisation."
     ),
     _C.DISK_FULL: AlarmRow(_WARN, _WARN, "{who}: its disk is full", "No take-off. Free some space."),
     _C.THRUST_SATURATED: AlarmRow(

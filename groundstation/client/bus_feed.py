@@ -88,7 +88,11 @@ class BusFeed:
         self._loop = None
 
     def add_sink(self, sink: Sink) -> None:
-        """Call ``sink(topic, name, message, received_ns)`` for every message, on any thread."""
+        """Add a sink for every message.
+
+        Args:
+            sink: called with topic, name, message and time of reception [ns], on any thread.
+        """
         self._sinks.append(sink)
 
     def tell_sinks(self, topic: Topic, name: str, message: Message) -> None:
@@ -104,14 +108,23 @@ class BusFeed:
             sink(topic, name, message, now_ns)
 
     def put(self, item: Message | Malformed | NodeSeen) -> None:
-        """Queue an item for the next batch; callable from any thread."""
+        """Queue an item for the next batch; callable from any thread.
+
+        Args:
+            item: a message, or a liveliness token.
+        """
         self._queue.append((item, self._clock_ns()))
         if self._loop is not None and not self._is_scheduled:
             self._is_scheduled = True
             self.call(self._drain)
 
     def call(self, function: Callable[..., None], *args: object) -> None:
-        """Call a function on the event loop; callable from any thread. Nothing is called after the loop has ended."""
+        """Call a function on the event loop; callable from any thread. Nothing is called after the loop has ended.
+
+        Args:
+            function: to call soon.
+            args: its arguments.
+        """
         loop = self._loop
         if loop is not None and not loop.is_closed():
             try:

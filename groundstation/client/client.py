@@ -93,15 +93,27 @@ class FleetClient:
         return self._clock_ns()
 
     def add_sink(self, sink: Sink) -> None:
-        """Call ``sink(topic, name, message, received_ns)`` for everything received and ordered, on any thread."""
+        """Add a sink for everything received and ordered, as a recorder.
+
+        Args:
+            sink: called with topic, name, message and time of reception [ns], on any thread.
+        """
         self._feed.add_sink(sink)
 
     def add_listener(self, listener: Callable[[FleetState], None]) -> None:
-        """Call ``listener(state)`` on the loop after each batch of messages."""
+        """Add a listener for the state.
+
+        Args:
+            listener: called on the loop after each batch of messages.
+        """
         self._listeners.append(listener)
 
     def add_event_listener(self, listener: Callable[[Event], None]) -> None:
-        """Call ``listener(event)`` on the loop for each event, the ground's own included."""
+        """Add a listener for events.
+
+        Args:
+            listener: called on the loop for each event, the ground's own included.
+        """
         self._event_listeners.append(listener)
 
     async def start(self) -> None:

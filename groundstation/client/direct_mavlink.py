@@ -149,7 +149,14 @@ class DirectParams:
         _idle_links[self.endpoint] = self._link
 
     def is_armed(self, timeout_s: float) -> bool | None:
-        """Whether PX4 is armed, by its next heartbeat; None when none came within ``timeout_s``."""
+        """Wait for PX4's next heartbeat.
+
+        Args:
+            timeout_s: longest wait [s].
+
+        Returns:
+            Whether PX4 is armed; None when no heartbeat came.
+        """
         end_s = time.monotonic() + timeout_s
         while time.monotonic() < end_s:
             _send_heartbeat(self._link)

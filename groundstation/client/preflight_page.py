@@ -99,12 +99,28 @@ def page_of(view: VehicleView, fleet: FleetConfig, now_ns: int) -> VehiclePage:
 
 
 def pages_of(state: FleetState, fleet: FleetConfig, names: Sequence[str], now_ns: int) -> tuple[VehiclePage, ...]:
-    """Make the pages of several vehicles; see :func:`page_of`."""
+    """Make the pages of several vehicles.
+
+    Args:
+        state: the fleet as known now.
+        fleet: the fleet file.
+        names: vehicles.
+        now_ns: the ground's monotonic clock [ns].
+
+    Returns:
+        A page for each, as :func:`page_of` makes it.
+    """
     return tuple(page_of(state.vehicles[name], fleet, now_ns) for name in names)
 
 
 def has_reported(state: FleetState, names: Sequence[str], now_ns: int) -> bool:
-    """Whether each vehicle has sent a report, or flies and sends none."""
+    """Whether each vehicle has sent a report, or flies and sends none.
+
+    Args:
+        state: the fleet as known now.
+        names: vehicles.
+        now_ns: the ground's monotonic clock [ns].
+    """
     views = [state.vehicles[name] for name in names]
     return all(view.has_preflight(now_ns) or (view.is_fresh(now_ns) and view.is_airborne) for view in views)
 

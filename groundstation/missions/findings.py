@@ -24,13 +24,13 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
 
     Of equal findings of several steps only the worst is listed. A Python mission's steps are not known before it flies.
     """
-    found: dict[str, list[Finding]] = {}
+    groups: dict[str, list[Finding]] = {}
     for finding in _step_findings(mission, errors):
-        found.setdefault(finding.name.partition(",")[0], []).append(finding)
+        groups.setdefault(finding.name.partition(",")[0], []).append(finding)
     expected = mission.expect.min_separation_m
     if expected is not None and mission.fleet.law.name != "off":
         promise_m = mission.fleet.fleet.safety_distance_m
-        found["expectation"] = [
+        groups["expectation"] = [
             at_most(
                 "expectation",
                 expected,
@@ -43,7 +43,7 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
     near_m = mission.expect.arrived_within_m
     if near_m is not None:
         accuracy = ACCURACIES[errors or error_class(mission.fleet)]
-        found["arrival"] = [
+        groups["arrival"] = [
             at_least(
                 "arrival",
                 near_m,
@@ -55,26 +55,33 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
                 refuse_below=0.0,
             )
         ]
-    return worst_first(worst(group) for group in found.values())
+    return worst_first(worst(group) for group in groups.values())
 
 
 def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
-    """ConfigError when the law says that a mission cannot be flown: places too near, a fleet beyond its means.
+    """Refuse a mission that the law cannot fly: vehicles too near to each other, a fleet that is too large.
 
-    Whether there is time enough is for the flight to show; other laws than Covey's may be flown in simulation.
+    Findings about time do not refuse it. Other laws than Covey's may be flown in simulation.
+
+    Args:
+        mission: loaded and checked.
+        is_simulated: whether the flight is simulated.
+
+    Raises:
+        ConfigError: the mission cannot be flown.
     """
     fleet = mission.fleet
     if not fleet.enabled_names or (is_simulated and fleet.law.name != "covey"):
         return
-    found = [
+    refused = [
         finding
         for finding in (*mission_findings(mission), *fleet_findings(fleet))
         if finding.status == "refused" and finding.name.partition(",")[0] not in _OF_THE_MISSION
     ]
-    if found:
-        more = f" ({len(found)} findings are against it)" if len(found) > 1 else ""
+    if refused:
+        more = f" ({len(refused)} findings are against it)" if len(refused) > 1 else ""
         raise ConfigError(
-            f"{mission.path}: the law says that this cannot be flown{more}. {found[0].sentence} "
+            f"{mission.path}: the law says that this cannot be flown{more}. {refused[0].sentence} "
             f"'covey check {mission.path}' tells all."
         )
 
@@ -82,7 +89,7 @@ def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
 def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Finding]:
     fleet = mission.fleet
     held = HeldFormation(default_formation(fleet))
-    spots: dict[str, Vec3] = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
+    positions: dict[str, Vec3] = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
     flying: set[str] = set()
     for index, step in enumerate(mission.steps):
         if not isinstance(step, TakeoffStep | MoveStep | FormationStep | LandStep):
@@ -90,34 +97,34 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
         intent = intent_of(step, fleet)
         planned = plan_order(intent, fleet, None, held=held, author="check", now_ns=0)
         held = planned.held
-        goals = {name: _goal(step, spots[name], order.position_enu_m) for name, order in planned.orders.items()}
+        goals = {name: _goal(step, positions[name], order.position_enu_m) for name, order in planned.orders.items()}
         if not goals:
             continue
         where = f"step[{index}] ({step.do})"
-        yield worst(_time(fleet, step, name, spots[name], goal, where) for name, goal in goals.items())
-        spots.update(goals)
+        yield worst(_time(fleet, step, name, positions[name], goal, where) for name, goal in goals.items())
+        positions.update(goals)
         if isinstance(step, LandStep):
             flying.difference_update(goals)
         else:
             flying.update(goals)
             yield from spot_findings(
-                fleet, {name: spots[name] for name in spots if name in flying}, where, errors=errors
+                fleet, {name: positions[name] for name in positions if name in flying}, where, errors=errors
             )
 
 
-def _goal(step: OrderStep, spot: Vec3, ordered: Vec3 | None) -> Vec3:
+def _goal(step: OrderStep, position: Vec3, ordered: Vec3 | None) -> Vec3:
     if isinstance(step, TakeoffStep):
-        return (spot[0], spot[1], step.height_m)
-    return (spot[0], spot[1], 0.0) if isinstance(step, LandStep) else ordered or spot
+        return (position[0], position[1], step.height_m)
+    return (position[0], position[1], 0.0) if isinstance(step, LandStep) else ordered or position
 
 
-def _time(fleet: FleetConfig, step: OrderStep, name: str, spot: Vec3, goal: Vec3, where: str) -> Finding:
+def _time(fleet: FleetConfig, step: OrderStep, name: str, position: Vec3, goal: Vec3, where: str) -> Finding:
     vehicle = fleet.vehicles[name]
     if isinstance(step, TakeoffStep | LandStep):
-        shortest_s = _START_S + abs(goal[2] - spot[2]) / _CLIMB_M_S
+        shortest_s = _START_S + abs(goal[2] - position[2]) / _CLIMB_M_S
     else:
         bounds = TrajectoryParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2)
-        shortest_s = shortest_duration_s(math.dist(spot, goal), bounds)
+        shortest_s = shortest_duration_s(math.dist(position, goal), bounds)
         shortest_s = _SETTLE_S + max(shortest_s, getattr(step, "duration_s", 0.0))
     return at_least(
         f"time, {where}",

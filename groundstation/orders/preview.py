@@ -126,7 +126,7 @@ def _difference(preview: OrderPreview, view: VehicleView, now_ns: int) -> str | 
 
 
 def _unfit(intent: Intent, view: VehicleView, now_ns: int) -> str | None:
-    """Why this vehicle would refuse the order now, as far as telemetry shows it."""
+    """Reason for which this vehicle would refuse the order now, as far as telemetry shows it; None without one."""
     telemetry = view.telemetry
     if telemetry is None or not view.is_fresh(now_ns):
         return f"{view.name} is not heard{'' if telemetry is None else ' any more'}: is its agent running?"

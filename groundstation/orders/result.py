@@ -18,7 +18,7 @@ OPEN_PHASES: tuple[Phase, ...] = ("sent", "accepted", "direct")
 
 @dataclass(frozen=True, slots=True)
 class VehicleResult:
-    """How far an order is with one vehicle.
+    """Progress of an order with one vehicle.
 
     Phases: sent -> accepted -> done | superseded | failed | timed out; or refused; or no answer. ``direct``: the order
     goes straight to PX4. ``unfinished``: waiting ended before the order did.

@@ -55,13 +55,13 @@ def distance_spread_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float
     """
     a_1, a_0 = kappa_1_1_s + kappa_2_1_s, kappa_1_1_s * kappa_2_1_s
 
-    def phi(time_s: float) -> float:
+    def _phi(time_s: float) -> float:
         return (a_1 + 1.0 / time_s) / (a_0 * a_1 * (1.0 / time_s**2 + a_1 / time_s + a_0))
 
     variance = (
-        (a_1 * accuracy.velocity_std_m_s) ** 2 * phi(accuracy.velocity_time_s)
-        + (a_0 * accuracy.position_std_m) ** 2 * phi(accuracy.position_time_s)
-        + accuracy.acceleration_std_m_s2**2 * phi(accuracy.acceleration_time_s)
+        (a_1 * accuracy.velocity_std_m_s) ** 2 * _phi(accuracy.velocity_time_s)
+        + (a_0 * accuracy.position_std_m) ** 2 * _phi(accuracy.position_time_s)
+        + accuracy.acceleration_std_m_s2**2 * _phi(accuracy.acceleration_time_s)
     )
     return math.sqrt(2.0 * variance)
 

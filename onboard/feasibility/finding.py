@@ -45,11 +45,7 @@ def worst(findings: Iterable[Finding]) -> Finding:
         the one nearest to its bound or farthest beyond it.
     """
 
-    def margin(finding: Finding) -> tuple[int, float]:
-        sign = 1.0 if finding.relation == "at least" else -1.0
-        return ORDER.index(finding.status), sign * (finding.value - finding.bound)
-
-    return min(findings, key=margin)
+    return min(findings, key=_margin)
 
 
 def at_least(
@@ -130,3 +126,8 @@ def _finding(
     else:
         sentence = f"{sentence} {remedy}"
     return Finding(name, status, round(value, 4), round(bound, 4), unit, relation, sentence, remedy)
+
+
+def _margin(finding: Finding) -> tuple[int, float]:
+    sign = 1.0 if finding.relation == "at least" else -1.0
+    return ORDER.index(finding.status), sign * (finding.value - finding.bound)

@@ -184,7 +184,7 @@ def fence_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) -> 
         the finding.
     """
 
-    def judge(name: str) -> Finding:
+    def _judge(name: str) -> Finding:
         vehicle, fence = fleet.vehicles[name], fleet.fleet.geofence_m
         x, y, z = spots[name]
         room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y, fence.z[1] - z)
@@ -202,7 +202,7 @@ def fence_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) -> 
             refuse_below=_FENCE_M,
         )
 
-    return worst(judge(name) for name in spots)
+    return worst(_judge(name) for name in spots)
 
 
 def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) -> Finding:

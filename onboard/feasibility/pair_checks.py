@@ -40,22 +40,22 @@ def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accurac
     Returns:
         the findings.
     """
-    found = [_body_gap(fleet)]
+    findings = [_body_gap(fleet)]
     if fleet.law.name == "off":
         sentence = f"law.name is 'off', so nothing keeps the {len(fleet.enabled_names)} vehicles apart."
         remedy = "Set law.name = 'covey', unless you want to fly without avoidance, in simulation."
-        found.append(Finding("law", "warning", 0.0, 1.0, "", "at least", f"{sentence} {remedy}", remedy))
-        return found
-    found.append(_margin(fleet, accuracy))
+        findings.append(Finding("law", "warning", 0.0, 1.0, "", "at least", f"{sentence} {remedy}", remedy))
+        return findings
+    findings.append(_margin(fleet, accuracy))
     if fleet.law.name == "covey":
-        found.append(_shortfall(fleet))
+        findings.append(_shortfall(fleet))
     margin_m = effective_margin_m(fleet, accuracy)
     for judge in (_range, _message_age, _braking):
-        found.append(worst(judge(fleet, vehicle, margin_m) for vehicle in vehicles))
+        findings.append(worst(judge(fleet, vehicle, margin_m) for vehicle in vehicles))
     if fleet.law.name == "covey":
-        found.append(worst(_lag(vehicle) for vehicle in vehicles))
-    found.append(worst(_kappas(fleet, vehicle) for vehicle in vehicles))
-    return found
+        findings.append(worst(_lag(vehicle) for vehicle in vehicles))
+    findings.append(worst(_kappas(fleet, vehicle) for vehicle in vehicles))
+    return findings
 
 
 def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
@@ -158,7 +158,7 @@ def _kappas(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     if fleet.law.name == "paper":
         return _paper_kappas(vehicle, response, max(kappa_1, kappa_2))
 
-    def growth(scale: float) -> float:
+    def _growth(scale: float) -> float:
         return max(
             bounds.loop_growth_1_s(
                 response,
@@ -170,10 +170,10 @@ def _kappas(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
             for error_s in (-LAG_ERROR_S, 0.0, LAG_ERROR_S)
         )
 
-    stable = next((step / 20.0 for step in range(20, 0, -1) if growth(step / 20.0) <= _SLOW_GROWTH_1_S), 0.05)
+    stable = next((step / 20.0 for step in range(20, 0, -1) if _growth(step / 20.0) <= _SLOW_GROWTH_1_S), 0.05)
     return at_most(
         "kappas",
-        growth(1.0),
+        _growth(1.0),
         _SLOW_GROWTH_1_S,
         "1/s",
         f"With law.kappa_1_1_s = {kappa_1:g} and kappa_2_1_s = {kappa_2:g} an oscillation between two vehicles like "

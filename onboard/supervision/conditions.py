@@ -78,7 +78,7 @@ class ConditionMonitor:
     other_vehicles: NeighbourMonitor = field(init=False)
     details: dict[Condition, str] = field(default_factory=dict)  # vehicles or numbers for a condition's sentence
     _since_ns: dict[Condition, int] = field(default_factory=dict)
-    _ticks: dict[Condition, int] = field(default_factory=dict)
+    _tick_counts: dict[Condition, int] = field(default_factory=dict)
     _slow: set[Condition] = field(default_factory=set)  # found by the last slow check
     _count: int = 0
     _offboard_since_ns: int = 0
@@ -97,59 +97,59 @@ class ConditionMonitor:
     def lasting(self, condition: Condition, holds: bool, now_ns: int) -> tuple[int, float]:
         """Return for how many ticks in a row and how many seconds a condition has held; (0, 0) when it does not."""
         if not holds:
-            if self._ticks:
+            if self._tick_counts:
                 self._since_ns.pop(condition, None)
-                self._ticks.pop(condition, None)
+                self._tick_counts.pop(condition, None)
             return 0, 0.0
         since = self._since_ns.setdefault(condition, now_ns)
-        ticks = self._ticks[condition] = self._ticks.get(condition, 0) + 1
-        return ticks, (now_ns - since) * 1e-9
+        tick_count = self._tick_counts[condition] = self._tick_counts.get(condition, 0) + 1
+        return tick_count, (now_ns - since) * 1e-9
 
     def conditions(self, view: FlightView, context: TickContext) -> set[Condition]:
         """Return all conditions that hold at this tick."""
-        found: set[Condition] = set()
-        self._check_own_motion(found, view)
-        self._check_px4(found, view)
-        self._check_mode(found, view)
-        self._check_process(found, view, context)
-        self._check_space(found, view)
-        self._check_tracking(found, view, context)
-        self.other_vehicles.check(found, view, context.nearest_m, context.is_airborne, context.active_neighbour)
+        active: set[Condition] = set()
+        self._check_own_motion(active, view)
+        self._check_px4(active, view)
+        self._check_mode(active, view)
+        self._check_process(active, view, context)
+        self._check_space(active, view)
+        self._check_tracking(active, view, context)
+        self.other_vehicles.check(active, view, context.nearest_m, context.is_airborne, context.active_neighbour)
         _, infeasible_s = self.lasting(
             Condition.LAW_INFEASIBLE,
             context.law_status == LawStatus.INFEASIBLE and self.flight.is_under_law,
             view.now_ns,
         )
         if infeasible_s > _INFEASIBLE_S:
-            found.add(Condition.LAW_INFEASIBLE)
+            active.add(Condition.LAW_INFEASIBLE)
         self._count += 1
         if self._count % _SLOW_TICKS == 0:
             self._slow = self._check_slowly(view, context)
-        return found | self._slow if self._slow else found
+        return active | self._slow if self._slow else active
 
-    def _check_own_motion(self, found: set[Condition], view: FlightView) -> None:
+    def _check_own_motion(self, active: set[Condition], view: FlightView) -> None:
         c, now_ns, own = Condition, view.now_ns, self.own
         stale, stale_s = self.lasting(c.POSITION_STALE, own.age_s > POSITION_STALE_S, now_ns)
         if stale:
-            found.add(c.POSITION_STALE)
+            active.add(c.POSITION_STALE)
         is_lost = own.age_s > POSITION_LOST_S or stale_s > STALE_FOR_S
         if self.lasting(c.POSITION_LOST, is_lost, now_ns)[0] >= _LIVE_TICKS:
-            found.add(c.POSITION_LOST)
+            active.add(c.POSITION_LOST)
         jumps = own.jumps
         if jumps >= SWAP_JUMPS:
             jumped_to = own.jumped_to_enu_m
             other = self.other_vehicles.nearest_to(jumped_to, SWAP_RADIUS_M, now_ns) if jumped_to is not None else ""
             if other:
                 self.details[c.MOCAP_SWAPPED] = other
-                found.add(c.MOCAP_SWAPPED)
+                active.add(c.MOCAP_SWAPPED)
             elif jumps >= JUMPS:
-                found.add(c.POSITION_JUMPED)
+                active.add(c.POSITION_JUMPED)
         if own.validator.is_frozen:
-            found.add(c.MOCAP_FROZEN)
+            active.add(c.MOCAP_FROZEN)
         if own.validator.is_late:
-            found.add(c.MOCAP_LATE)
+            active.add(c.MOCAP_LATE)
 
-    def _check_px4(self, found: set[Condition], view: FlightView) -> None:
+    def _check_px4(self, active: set[Condition], view: FlightView) -> None:
         c, now_ns, snapshot, px4 = Condition, view.now_ns, view.snapshot, self.autopilot
         px4.update(
             now_ns,
@@ -159,23 +159,23 @@ class ConditionMonitor:
             boot_ms=snapshot.px4_boot_ms,
         )
         if px4.is_silent:
-            found.add(c.AUTOPILOT_SILENT)
+            active.add(c.AUTOPILOT_SILENT)
         if px4.is_frozen:
-            found.add(c.AUTOPILOT_FROZEN)
+            active.add(c.AUTOPILOT_FROZEN)
         if px4.is_heartbeat_lost:
-            found.add(c.HEARTBEAT_LOST)
+            active.add(c.HEARTBEAT_LOST)
         if px4.is_rebooted:
-            found.add(c.REBOOTED)
+            active.add(c.REBOOTED)
         if px4.is_back:
-            found.add(c.AUTOPILOT_BACK)
+            active.add(c.AUTOPILOT_BACK)
 
-    def _check_mode(self, found: set[Condition], view: FlightView) -> None:
+    def _check_mode(self, active: set[Condition], view: FlightView) -> None:
         c, now_ns, snapshot, flight = Condition, view.now_ns, view.snapshot, self.flight
         if flight.step is Step.PX4_LANDING:
             self._offboard_since_ns = now_ns
             is_landing = snapshot.mode == "LAND"
             if self._has_landing_mode and not is_landing and not view.is_on_ground and not snapshot.is_failsafe:
-                self._add(found, c.LEFT_OFFBOARD, f"now {snapshot.mode}")
+                self._add(active, c.LEFT_OFFBOARD, f"now {snapshot.mode}")
             self._has_landing_mode |= is_landing
             return
         self._has_landing_mode = False
@@ -183,64 +183,64 @@ class ConditionMonitor:
             self._offboard_since_ns = now_ns
         elif snapshot.heartbeat_ns > self._offboard_since_ns:
             if not snapshot.is_armed and flight.must_be_armed:
-                found.add(c.DISARMED)
+                active.add(c.DISARMED)
             elif not snapshot.is_offboard:
                 condition = c.PX4_FAILSAFE if snapshot.is_failsafe else c.LEFT_OFFBOARD
-                self._add(found, condition, f"now {snapshot.mode}")
+                self._add(active, condition, f"now {snapshot.mode}")
 
-    def _check_process(self, found: set[Condition], view: FlightView, context: TickContext) -> None:
+    def _check_process(self, active: set[Condition], view: FlightView, context: TickContext) -> None:
         c, now_ns, period_s = Condition, view.now_ns, context.period_s
         if period_s > TICK_S + LATE_S:
-            found.add(c.LOOP_LATE)
+            active.add(c.LOOP_LATE)
             if period_s > STALLED_S:
-                found.add(c.LOOP_STALLED)
+                active.add(c.LOOP_STALLED)
             if period_s > STALLED_LONG_S:
-                found.add(c.LOOP_STALLED_LONG)
+                active.add(c.LOOP_STALLED_LONG)
         bad, bad_s = self.lasting(c.NOT_FINITE, not context.is_last_tick_finite, now_ns)
         if bad:
-            found.add(c.NOT_FINITE)
+            active.add(c.NOT_FINITE)
             if bad_s > _NOT_FINITE_LONG_S:
-                found.add(c.NOT_FINITE_LONG)
+                active.add(c.NOT_FINITE_LONG)
         bus, bus_s = self.lasting(c.BUS_LOST, context.bus_age_s > BUS_LOST_S, now_ns)
         if bus >= _LIVE_TICKS:
-            found.add(c.BUS_LOST)
+            active.add(c.BUS_LOST)
             if bus_s > self.fleet.fleet.bus_lost_land_s:
-                found.add(c.BUS_LOST_LONG)
+                active.add(c.BUS_LOST_LONG)
         if not context.has_ground:
-            found.add(c.GROUND_LOST)
+            active.add(c.GROUND_LOST)
         if context.is_stopping:
-            found.add(c.SHUTDOWN)
+            active.add(c.SHUTDOWN)
         if context.has_duplicate:
-            found.add(c.TWIN)
+            active.add(c.TWIN)
         if context.is_disk_full:
-            found.add(c.DISK_FULL)
+            active.add(c.DISK_FULL)
         overdue = self.flight.overdue(view)
         if overdue is not None:
             self._add(
-                found,
+                active,
                 c.ORDER_OVERDUE,
                 overdue or self.other_vehicles.kept_off_by(self.flight.goal_position_enu_m, view),
             )
 
-    def _check_space(self, found: set[Condition], view: FlightView) -> None:
+    def _check_space(self, active: set[Condition], view: FlightView) -> None:
         c = Condition
         is_near = is_over = is_above = False
         if view.has_position:
             is_near, is_over, is_above = self._fence.status(view.position_enu_m, view.velocity_enu_m_s)
         if is_near:
-            found.add(c.FENCE_NEAR)
+            active.add(c.FENCE_NEAR)
         if is_over:
-            found.add(c.FENCE_BREACH)
+            active.add(c.FENCE_BREACH)
         if is_above:
-            found.add(c.CEILING)
+            active.add(c.CEILING)
         if self.lasting(c.FENCE_BREACH, is_over or is_above, view.now_ns)[1] > _FENCE_LONG_S:
-            found.add(c.FENCE_BREACH_LONG)
+            active.add(c.FENCE_BREACH_LONG)
         should_be_up = self.flight.situation is Situation.FLYING and view.has_position
         is_down = should_be_up and view.position_enu_m[2] < _DOWN_HEIGHT_M
         if self.lasting(c.FALLEN, is_down, view.now_ns)[1] > _DOWN_LONG_S:
-            found.add(c.FALLEN)
+            active.add(c.FALLEN)
 
-    def _check_tracking(self, found: set[Condition], view: FlightView, context: TickContext) -> None:
+    def _check_tracking(self, active: set[Condition], view: FlightView, context: TickContext) -> None:
         c, tracking, flight = Condition, self.tracking, self.flight
         height_m = view.position_enu_m[2] - flight.ground_z_m
         if not flight.is_under_law or flight.step is Step.LIFTOFF or height_m < _TRACKING_ABOVE_M:
@@ -255,20 +255,20 @@ class ConditionMonitor:
             dt_s=min(context.period_s, 0.1),
         )
         if tracking.is_attitude_lost:
-            found.add(c.ATTITUDE_NOT_FOLLOWED)
+            active.add(c.ATTITUDE_NOT_FOLLOWED)
         if tracking.is_saturated:
-            found.add(c.THRUST_SATURATED)
+            active.add(c.THRUST_SATURATED)
         if tracking.is_sinking:
-            found.add(c.NOT_CLIMBING)
+            active.add(c.NOT_CLIMBING)
 
     def _check_slowly(self, view: FlightView, context: TickContext) -> set[Condition]:
         c, snapshot, limits = Condition, view.snapshot, self.fleet.fleet
-        found = self.other_vehicles.check_slowly(view)
+        active = self.other_vehicles.check_slowly(view)
         battery_pct = 100.0 * snapshot.battery_frac
         if battery_pct < limits.battery_warning_pct:
-            found.add(c.BATTERY_WARNING)
+            active.add(c.BATTERY_WARNING)
         if battery_pct < limits.battery_land_pct:
-            found.add(c.BATTERY_LOW)
+            active.add(c.BATTERY_LOW)
         if self.flight.situation in (Situation.GROUND, Situation.ARMED):
             self.battery.reset()
         else:
@@ -280,12 +280,12 @@ class ConditionMonitor:
                 height_m=view.position_enu_m[2] - self.flight.ground_z_m,
             )
         if self.battery.is_falling:
-            found.add(c.BATTERY_FALLING)
+            active.add(c.BATTERY_FALLING)
         jump_ns = max(self.own.validator.clock_jump_ns, context.clock_jump_ns)
         if jump_ns and view.now_ns - jump_ns < CLOCK_JUMP_REPORTED_S * 1e9:
-            found.add(c.CLOCK_JUMPED)
-        return found
+            active.add(c.CLOCK_JUMPED)
+        return active
 
-    def _add(self, found: set[Condition], condition: Condition, detail: str) -> None:
-        found.add(condition)
+    def _add(self, active: set[Condition], condition: Condition, detail: str) -> None:
+        active.add(condition)
         self.details[condition] = detail

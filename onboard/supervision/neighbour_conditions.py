@@ -53,34 +53,36 @@ class NeighbourMonitor:
         self._braking_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(tilt_rad)
         self._own_hash = self.fleet.config_hash
 
-    def check(self, found: set[Condition], view: FlightView, nearest_m: float, is_airborne: bool, active: int) -> None:
-        """Add the conditions that are checked at every tick; ``active`` is the neighbour that the law avoids."""
-        self._check_silence(found, view.now_ns)
+    def check(
+        self, active: set[Condition], view: FlightView, nearest_m: float, is_airborne: bool, active_neighbour: int
+    ) -> None:
+        """Add the conditions that are checked at every tick; ``active_neighbour`` is the one that the law avoids."""
+        self._check_silence(active, view.now_ns)
         limits = self.fleet.fleet
         if nearest_m < limits.safety_distance_m and is_airborne:
-            found.add(Condition.SEPARATION_BREACHED)
+            active.add(Condition.SEPARATION_BREACHED)
             if nearest_m < limits.body_diameter_m:
                 touched = self.nearest_to(view.position_enu_m, limits.body_diameter_m, view.now_ns)
                 if touched:
-                    self._add(found, Condition.COLLISION_SUSPECTED, (touched,))
+                    self._add(active, Condition.COLLISION_SUSPECTED, (touched,))
         if self.flight.step is Step.LEG:
             if self._leg != self.flight.leg_count:
                 self._leg, self._leg_ticks = self.flight.leg_count, 0
                 self._kept_off.clear()
             self._leg_ticks += 1
-            if active >= 0:
-                self._kept_off[active] += 1
+            if active_neighbour >= 0:
+                self._kept_off[active_neighbour] += 1
 
-    def _check_silence(self, found: set[Condition], now_ns: int) -> None:
+    def _check_silence(self, active: set[Condition], now_ns: int) -> None:
         c, table = Condition, self.table
         silent = table.silent(now_ns)
         self._silent_ticks = self._silent_ticks + 1 if silent else 0
         if self._silent_ticks >= _CONFIRM_TICKS:
-            self._add(found, c.NEIGHBOUR_SILENT, silent)
+            self._add(active, c.NEIGHBOUR_SILENT, silent)
             unseen = table.unseen(now_ns)
             self._unseen_ticks = self._unseen_ticks + 1 if unseen else 0
             if self._unseen_ticks >= _CONFIRM_TICKS:
-                self._add(found, c.NEIGHBOUR_UNSEEN, unseen)
+                self._add(active, c.NEIGHBOUR_UNSEEN, unseen)
             before, self._silent = self._silent, silent
         else:
             self._unseen_ticks = 0
@@ -92,26 +94,26 @@ class NeighbourMonitor:
                 self._back_ns = now_ns
                 self.details[c.NEIGHBOUR_BACK] = ", ".join(back)
         if self._back_ns and now_ns - self._back_ns < _BACK_NS:
-            found.add(c.NEIGHBOUR_BACK)
+            active.add(c.NEIGHBOUR_BACK)
 
     def check_slowly(self, view: FlightView) -> set[Condition]:
         """Return the conditions that are checked ten times a second."""
         c, table, now_ns = Condition, self.table, view.now_ns
-        found: set[Condition] = set()
+        active: set[Condition] = set()
         invalid = table.invalid()
         if invalid:
-            self._add(found, c.NEIGHBOUR_INVALID, invalid)
+            self._add(active, c.NEIGHBOUR_INVALID, invalid)
         stale = table.stale(now_ns)
         self._stale_checks = self._stale_checks + 1 if stale else 0
         if self._stale_checks >= _STALE_CHECKS:
-            self._add(found, c.NEIGHBOUR_STALE, stale)
+            self._add(active, c.NEIGHBOUR_STALE, stale)
         others = table.other_hashes(self._own_hash)
         if others:
-            self._add(found, c.CONFIG_DIFFERS, others)
+            self._add(active, c.CONFIG_DIFFERS, others)
         rows = table.rows(now_ns)
-        self._check_predictions(found, rows)
-        self._check_distances(found, rows, view)
-        return found
+        self._check_predictions(active, rows)
+        self._check_distances(active, rows, view)
+        return active
 
     def nearest_to(self, position_enu_m: Vec3, within_m: float, now_ns: int) -> str:
         """Return the neighbour nearest to a point, as far as known and within a distance; empty for none."""
@@ -127,11 +129,12 @@ class NeighbourMonitor:
     def kept_off_by(self, goal_enu_m: Vec3, view: FlightView) -> str:
         """Return in words how far the goal is, and the neighbours that the law avoided on the way."""
         rest = f"still {math.dist(goal_enu_m, view.position_enu_m):.2f} m to go"
-        often = [index for index, ticks in self._kept_off.most_common(2) if ticks > _KEPT_OFF_SHARE * self._leg_ticks]
+        least = _KEPT_OFF_SHARE * self._leg_ticks
+        often = [index for index, count in self._kept_off.most_common(2) if count > least]
         names = [self.table.names[index] for index in often if index < len(self.table.names)]
         return f"{rest}, kept off by {' and '.join(names)}" if names else rest
 
-    def _check_predictions(self, found: set[Condition], rows: Iterable[NeighbourRow]) -> None:
+    def _check_predictions(self, active: set[Condition], rows: Iterable[NeighbourRow]) -> None:
         """Compare how each neighbour flies with how it predicted to fly."""
         wrong = []
         for row in rows:
@@ -146,16 +149,16 @@ class NeighbourMonitor:
                 wrong.append(row.name)
             self.table.set_distrusted(row.name, monitor.is_wrong)
         if wrong:
-            self._add(found, Condition.NEIGHBOUR_UNCOOPERATIVE, wrong)
+            self._add(active, Condition.NEIGHBOUR_UNCOOPERATIVE, wrong)
 
-    def _check_distances(self, found: set[Condition], rows: Iterable[NeighbourRow], view: FlightView) -> None:
+    def _check_distances(self, active: set[Condition], rows: Iterable[NeighbourRow], view: FlightView) -> None:
         """Find neighbours from which even hard braking will not keep the safety distance."""
         endangered = []
         if self.flight.is_under_law and view.has_position:
             endangered = [row.name for row in rows if row.age_s < SILENT_S and self._is_endangered(row, view)]
         self._predicted_checks = self._predicted_checks + 1 if endangered else 0
         if self._predicted_checks >= _PREDICTED_CHECKS:
-            self._add(found, Condition.SEPARATION_PREDICTED, endangered)
+            self._add(active, Condition.SEPARATION_PREDICTED, endangered)
 
     def _is_endangered(self, row: NeighbourRow, view: FlightView) -> bool:
         (x, y, _), (vx, vy, _) = view.position_enu_m, view.velocity_enu_m_s
@@ -173,6 +176,6 @@ class NeighbourMonitor:
         limit_m = self.fleet.fleet.safety_distance_m
         return left_m < limit_m - _PREDICTED_SLACK_M and math.hypot(*apart_m) > limit_m
 
-    def _add(self, found: set[Condition], condition: Condition, names: Iterable[str]) -> None:
-        found.add(condition)
+    def _add(self, active: set[Condition], condition: Condition, names: Iterable[str]) -> None:
+        active.add(condition)
         self.details[condition] = ", ".join(names)

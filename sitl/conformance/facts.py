@@ -21,23 +21,16 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One thing that a real PX4 does, as it was measured on v1.16 with its built-in simulator.
+    """One thing that a real PX4 does, as it was measured on v1.16 with its built-in simulator."""
 
-    Attributes:
-        name: topic, dot, what.
-        section: of the list of measured facts.
-        says: the fact in words.
-        low, high, unit: what a number may be; wide enough for what a real PX4 itself scatters.
-        allowed: what a word may be, when it is not a number.
-    """
-
-    name: str
-    section: str
-    says: str
+    name: str  # topic, dot, detail
+    section: str  # of the list of measured facts
+    says: str  # the fact in words
+    # low, high, unit: bounds of a number; wide enough for the scatter of a real PX4
     low: float = math.nan
     high: float = math.nan
     unit: str = ""
-    allowed: tuple[str, ...] = ()
+    allowed: tuple[str, ...] = ()  # allowed words, when it is not a number
 
     def accepts(self, measured: Measured) -> bool:
         """Whether a measurement agrees."""
@@ -95,15 +88,10 @@ class FactResult:
 
 @dataclass(slots=True)
 class FactReport:
-    """Collects findings and tells each at once.
+    """Collects results and shows each at once."""
 
-    Attributes:
-        facts: those that were asked for, by name.
-        tell: hears every finding.
-    """
-
-    facts: dict[str, Fact]
-    tell: Callable[[FactResult], None] = lambda finding: None
+    facts: dict[str, Fact]  # those that were asked for, by name
+    show: Callable[[FactResult], None] = lambda result: None  # called with every result
     results: dict[str, FactResult] = field(default_factory=dict)
 
     def wants(self, *patterns: str) -> bool:
@@ -127,16 +115,16 @@ class FactReport:
 
     def count(self, verdict: Verdict) -> int:
         """Return the number of results with this verdict."""
-        return sum(finding.verdict is verdict for finding in self.results.values())
+        return sum(result.verdict is verdict for result in self.results.values())
 
     def _unmeasured(self, facts: Iterable[Fact], verdict: Verdict, reason: str) -> None:
         for fact in facts:
             if fact.name in self.facts and fact.name not in self.results:
                 self._file(FactResult(fact, verdict, "nothing", reason))
 
-    def _file(self, finding: FactResult) -> None:
-        self.results[finding.fact.name] = finding
-        self.tell(finding)
+    def _file(self, result: FactResult) -> None:
+        self.results[result.fact.name] = result
+        self.show(result)
 
 
 def matching(facts: Sequence[Fact], patterns: Sequence[str]) -> dict[str, Fact]:

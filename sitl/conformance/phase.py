@@ -11,16 +11,9 @@ from sitl.conformance.vehicle_client import VehicleClient
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """One stretch.
+    """One stretch."""
 
-    Attributes:
-        name: for people.
-        facts: settled here; those that were asked for decide whether it runs at all.
-        run: measures and reports.
-        turns_motors: motors spin; only done with a vehicle that is simulated.
-    """
-
-    name: str
-    facts: tuple[Fact, ...]
-    run: Callable[[VehicleClient, FactReport], None]
-    turns_motors: bool = True
+    name: str  # for people
+    facts: tuple[Fact, ...]  # settled here; those that were asked for decide whether it runs at all
+    run: Callable[[VehicleClient, FactReport], None]  # measures and reports
+    turns_motors: bool = True  # motors spin; only done with a vehicle that is simulated

@@ -59,17 +59,11 @@ class NobodyAnsweredError(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """Permissions and waiting time of a check.
+    """Permissions and waiting time of a check."""
 
-    Attributes:
-        may_turn_motors: also on a vehicle that does not look simulated.
-        wait_s: for the first heartbeat.
-        from_elsewhere: let the first sender be another port than the one listened on.
-    """
-
-    may_turn_motors: bool = False
-    wait_s: float = 10.0
-    from_elsewhere: bool = False
+    may_turn_motors: bool = False  # also on a vehicle that does not look simulated
+    wait_s: float = 10.0  # for the first heartbeat
+    from_elsewhere: bool = False  # let the first sender be another port than the one listened on
 
 
 def check(

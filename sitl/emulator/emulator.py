@@ -43,15 +43,12 @@ class VehicleSpec:
 
 @dataclass(frozen=True, slots=True)
 class Environment:
-    """Wind and errors that act on all vehicles.
+    """Wind and errors that act on all vehicles."""
 
-    Attributes:
-        wind, downwash: see :class:`World`.
-        has_common_errors, error_scale: of the estimates, see :class:`Estimator`.
-    """
-
+    # wind, downwash: see :class:`World`
     wind: WindSettings = field(default_factory=WindSettings)
     downwash: Downwash = field(default_factory=Downwash)
+    # has_common_errors, error_scale: of the estimates, see :class:`Estimator`
     has_common_errors: bool = False
     error_scale: float = 1.0
 

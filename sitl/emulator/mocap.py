@@ -17,21 +17,13 @@ _ATTITUDE_NOISE_RAD = math.radians(0.15)
 
 @dataclass(frozen=True, slots=True)
 class MocapSettings:
-    """Quality of the system.
+    """Quality of the system."""
 
-    Attributes:
-        rate_hz: frames per second.
-        noise_m: standard deviation of each coordinate.
-        latency_s: from the exposure to the delivery.
-        dropout_per_s: how often, per body, the markers are lost.
-        dropout_s: for how long.
-    """
-
-    rate_hz: float = 50.0
-    noise_m: float = 0.003
-    latency_s: float = 0.02
-    dropout_per_s: float = 0.0
-    dropout_s: float = 0.1
+    rate_hz: float = 50.0  # frames per second
+    noise_m: float = 0.003  # standard deviation of each coordinate
+    latency_s: float = 0.02  # from the exposure to the delivery
+    dropout_per_s: float = 0.0  # how often, per body, the markers are lost
+    dropout_s: float = 0.1  # for how long
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,18 +31,12 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of fault.
+    """One kind of fault."""
 
-    Attributes:
-        sentence: what it does, with {parameters}.
-        acts_on: two faults that act on the same at the same time contradict each other.
-        is_instant: it happens once and has no duration.
-    """
-
-    sentence: str
-    acts_on: str
+    sentence: str  # what it does, with {parameters}
+    acts_on: str  # two faults that act on the same at the same time contradict each other
     parameters: tuple[Parameter, ...] = ()
-    is_instant: bool = False
+    is_instant: bool = False  # it happens once and has no duration
 
 
 _MOTOR = Parameter("motor", None, 1, 4, is_whole=True)
@@ -118,19 +112,13 @@ _LONGEST_S = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault of one vehicle, in simulated time.
+    """One fault of one vehicle, in simulated time."""
 
-    Attributes:
-        name: of `KINDS`. vehicle: whom it happens to.
-        at_s: simulated time at which it begins. duration_s: 0 for ever.
-        parameters: by name; what is left out has its default.
-    """
-
-    name: str
+    name: str  # of `KINDS`. vehicle: whom it happens to.
     vehicle: str
-    at_s: float = 0.0
+    at_s: float = 0.0  # simulated time at which it begins. duration_s: 0 for ever.
     duration_s: float = 0.0
-    parameters: Mapping[str, Value] = field(default_factory=dict)
+    parameters: Mapping[str, Value] = field(default_factory=dict)  # by name; what is left out has its default
 
     @property
     def end_s(self) -> float:

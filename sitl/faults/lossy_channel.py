@@ -18,20 +18,13 @@ _MOST_IN_TRANSIT = 10_000  # a link that is slower than what is sent loses the n
 
 @dataclass(frozen=True, slots=True)
 class ChannelFaults:
-    """Delay, loss and duplication of one direction of a link.
+    """Delay, loss and duplication of one direction of a link."""
 
-    Attributes:
-        loss: share that never arrives.
-        delay_s: of everything; jitter_s: at most so much more, uniform. Order is kept.
-        duplicate: share that arrives twice.
-        reorder: share that is overtaken by what is sent in the next `reorder_s`.
-    """
-
-    loss: float = 0.0
-    delay_s: float = 0.0
+    loss: float = 0.0  # share that never arrives
+    delay_s: float = 0.0  # of everything; jitter_s: at most so much more, uniform. Order is kept.
     jitter_s: float = 0.0
-    duplicate: float = 0.0
-    reorder: float = 0.0
+    duplicate: float = 0.0  # share that arrives twice
+    reorder: float = 0.0  # share that is overtaken by what is sent in the next `reorder_s`
     reorder_s: float = 0.02
 
 

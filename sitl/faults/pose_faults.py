@@ -11,15 +11,10 @@ from sitl.physics.frames import Array
 
 @dataclass(frozen=True, slots=True)
 class PoseFault:
-    """Errors of the poses of one body.
+    """Errors of the poses of one body."""
 
-    Attributes:
-        kind: frozen, swapped, jump, late or lost.
-        other: index of the body that it is taken for. shift_m: (3,) added. delay_s: later than it should be.
-    """
-
-    kind: str
-    other: int = 0
+    kind: str  # frozen, swapped, jump, late or lost
+    other: int = 0  # index of the body that it is taken for. shift_m: (3,) added. delay_s: later than it should be.
     shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     delay_s: float = 0.0
 

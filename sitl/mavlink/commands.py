@@ -46,15 +46,10 @@ class CommandedLink(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One command as it arrived.
+    """One command as it arrived."""
 
-    Attributes:
-        numbers: the seven parameters; NaN, which clients send for what they do not use, is kept.
-        is_integer: whether places are degrees times 1e7 (COMMAND_INT).
-    """
-
-    numbers: tuple[float, ...]
-    is_integer: bool
+    numbers: tuple[float, ...]  # the seven parameters; NaN, which clients send for what they do not use, is kept
+    is_integer: bool  # whether places are degrees times 1e7 (COMMAND_INT)
 
     def __getitem__(self, index: int) -> float:
         """Parameter 1 to 7; 0 for NaN and infinity."""

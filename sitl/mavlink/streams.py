@@ -16,19 +16,15 @@ FASTEST_HZ = 250.0  # the loop of PX4's simulator
 
 
 class Stream(NamedTuple):
-    """One message that PX4 can stream.
+    """One message that PX4 can stream."""
 
-    Attributes:
-        name, build: the message and what it says.
-        onboard_hz, ground_hz: default rates on the companion's and on the ground station's link; 0 = not by itself.
-        ceiling_hz: what PX4 reaches when asked for more.
-    """
-
+    # name, build: the message and what it says
     name: str
     build: Builder
+    # onboard_hz, ground_hz: default rates on the companion's and on the ground station's link; 0 = not by itself
     onboard_hz: float
     ground_hz: float
-    ceiling_hz: float = FASTEST_HZ
+    ceiling_hz: float = FASTEST_HZ  # what PX4 reaches when asked for more
 
 
 STREAMS: tuple[Stream, ...] = (
@@ -123,13 +119,9 @@ _SPREAD_STEPS = 25
 
 @dataclass(slots=True)
 class Schedule:
-    """Times at which each message of a link is due, in simulated time.
+    """Times at which each message of a link is due, in simulated time."""
 
-    Attributes:
-        default_hz: rate of each message that the link can stream.
-    """
-
-    default_hz: Mapping[int, float]
+    default_hz: Mapping[int, float]  # rate of each message that the link can stream
     _interval_s: dict[int, float] = field(default_factory=dict)
     _due: list[tuple[float, int]] = field(default_factory=list)
 

@@ -13,24 +13,16 @@ BOOT_S = 4.3
 
 @dataclass(frozen=True, slots=True)
 class Readiness:
-    """Inputs of the checks.
+    """Inputs of the checks."""
 
-    Attributes:
-        since_boot_s: age of this autopilot.
-        needs: of the mode that is to be armed in.
-        missing: those of them that are not there now.
-        battery: how empty it is.
-        needs_ground, has_ground: whether a ground station has to be connected, and is.
-        faults: further reasons, as sentences.
-    """
-
-    since_boot_s: float
-    needs: ModeCondition
-    missing: ModeCondition
-    battery: ChargeState
+    since_boot_s: float  # age of this autopilot
+    needs: ModeCondition  # of the mode that is to be armed in
+    missing: ModeCondition  # those of them that are not there now
+    battery: ChargeState  # how empty it is
+    # needs_ground, has_ground: whether a ground station has to be connected, and is
     needs_ground: bool
     has_ground: bool
-    faults: tuple[str, ...]
+    faults: tuple[str, ...]  # further reasons, as sentences
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,27 +36,20 @@ _SAID_OF_BATTERY: dict[ChargeState, str] = {
 
 @dataclass(slots=True)
 class Autopilot:
-    """State of one PX4.
+    """State of one PX4."""
 
-    Attributes:
-        params: survive a restart.
-        boot_time_s: simulated time at which it started.
-        faults: reasons against arming from outside, as sentences; a fault of the emulator writes here.
-        ground_time_s: when a ground station's heartbeat last came, on any link.
-        tunes: how many it was asked to play.
-    """
-
-    params: Parameters = field(default_factory=Parameters)
-    boot_time_s: float = 0.0
+    params: Parameters = field(default_factory=Parameters)  # survive a restart
+    boot_time_s: float = 0.0  # simulated time at which it started
     battery: Battery = field(default_factory=Battery)
     intent: Mode = Mode.LOITER
     mode: Mode = Mode.LOITER
     is_armed: bool = False
     setpoint: Setpoint | None = None
     charge_state: ChargeState = ChargeState.OK
+    # reasons against arming from outside, as sentences; a fault of the emulator writes here
     faults: list[str] = field(default_factory=list)
-    ground_time_s: float = -math.inf
-    tunes: int = 0
+    ground_time_s: float = -math.inf  # when a ground station's heartbeat last came, on any link
+    tunes: int = 0  # how many it was asked to play
     journal: Journal = field(default_factory=Journal)
     failsafe: Failsafe = field(default_factory=Failsafe)
     land_detector: LandDetector = field(default_factory=LandDetector)

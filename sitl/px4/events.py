@@ -26,21 +26,13 @@ def event_id(name: str) -> int:
 
 
 class Saying(NamedTuple):
-    """One thing that PX4 says.
+    """One thing that PX4 says."""
 
-    Attributes:
-        severity: of the text (MAV_SEVERITY), also the event's external level.
-        text: with places for arguments; None when there is only an event.
-        event: the event's name; None when there is only a text.
-        internal: level of the event in PX4's own log.
-        arguments: struct codes of the event's arguments.
-    """
-
-    severity: int
-    text: str | None
-    event: str | None = None
-    internal: int = _INFO
-    arguments: str = ""
+    severity: int  # of the text (MAV_SEVERITY), also the event's external level
+    text: str | None  # with places for arguments; None when there is only an event
+    event: str | None = None  # the event's name; None when there is only a text
+    internal: int = _INFO  # level of the event in PX4's own log
+    arguments: str = ""  # struct codes of the event's arguments
 
 
 # Reasons of arming and disarming: PX4's words and numbers.
@@ -114,15 +106,12 @@ class Event(NamedTuple):
 
 @dataclass(slots=True)
 class Journal:
-    """The newest texts and events of one vehicle; older ones are forgotten, their count is not.
+    """The newest texts and events of one vehicle; older ones are forgotten, their count is not."""
 
-    Attributes:
-        texts, events: the newest ones, oldest first.
-        texts_before, events_before: how many have been forgotten.
-    """
-
+    # texts, events: the newest ones, oldest first
     texts: list[Text] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
+    # texts_before, events_before: how many have been forgotten
     texts_before: int = 0
     events_before: int = 0
 

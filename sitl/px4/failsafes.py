@@ -49,21 +49,13 @@ ACTION_MODE: dict[Action, Mode] = {
 
 
 class Facts(Struct, frozen=True):
-    """Inputs of the failsafes.
+    """Inputs of the failsafes."""
 
-    Attributes:
-        has_offboard_signal: False when OFFBOARD is wanted and its setpoints do not come.
-        battery: how empty it is.
-        attitude_failed: tilted beyond FD_FAIL_R or FD_FAIL_P.
-        from_home_m: horizontal and vertical distance from the place of arming.
-        ground_silent_s: time since the last heartbeat of a ground station.
-    """
-
-    has_offboard_signal: bool
-    battery: ChargeState
-    attitude_failed: bool
-    from_home_m: tuple[float, float]
-    ground_silent_s: float
+    has_offboard_signal: bool  # False when OFFBOARD is wanted and its setpoints do not come
+    battery: ChargeState  # how empty it is
+    attitude_failed: bool  # tilted beyond FD_FAIL_R or FD_FAIL_P
+    from_home_m: tuple[float, float]  # horizontal and vertical distance from the place of arming
+    ground_silent_s: float  # time since the last heartbeat of a ground station
 
 
 class Clears(Enum):
@@ -76,23 +68,15 @@ class Clears(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One row of the table.
-
-    Attributes:
-        holds: whether the condition is there.
-        parameter: what decides; None when the action is always `otherwise`.
-        actions: parameter value -> action; other values give `otherwise`.
-        waits: whether the action is preceded by COM_FAIL_ACT_T seconds of Hold.
-        clears: when it ends.
-    """
+    """One row of the table."""
 
     name: str
-    holds: Callable[[Facts, Parameters], bool]
-    parameter: str | None
-    actions: Mapping[int, Action]
+    holds: Callable[[Facts, Parameters], bool]  # whether the condition is there
+    parameter: str | None  # what decides; None when the action is always `otherwise`
+    actions: Mapping[int, Action]  # parameter value -> action; other values give `otherwise`
     otherwise: Action
-    waits: bool = False
-    clears: Clears = Clears.WITH_CONDITION
+    waits: bool = False  # whether the action is preceded by COM_FAIL_ACT_T seconds of Hold
+    clears: Clears = Clears.WITH_CONDITION  # when it ends
 
     def action(self, params: Parameters) -> Action:
         """Return the action that the parameters select."""
@@ -172,17 +156,11 @@ CONDITIONS: tuple[Condition, ...] = (
 
 @dataclass(slots=True)
 class Failsafe:
-    """The failsafes of one armed vehicle.
+    """The failsafes of one armed vehicle."""
 
-    Attributes:
-        action: what is done now.
-        delayed: what follows when the Hold before it is over.
-        present: names of the conditions that act.
-    """
-
-    action: Action = Action.NONE
-    delayed: Action = Action.NONE
-    present: frozenset[str] = frozenset()
+    action: Action = Action.NONE  # what is done now
+    delayed: Action = Action.NONE  # what follows when the Hold before it is over
+    present: frozenset[str] = frozenset()  # names of the conditions that act
     _latched: dict[str, Action] = field(default_factory=dict)
     _waiting_since_s: float = math.inf
 

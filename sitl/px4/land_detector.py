@@ -24,17 +24,11 @@ _IN_MODE: dict[Mode, Landed] = {
 
 @dataclass(slots=True)
 class LandDetector:
-    """Memory of the detector.
+    """Memory of the detector."""
 
-    Attributes:
-        state: what is reported.
-        has_flown: whether there was a take-off since arming.
-        landed_time_s: when the last landing was detected.
-    """
-
-    state: Landed = Landed.ON_GROUND
-    has_flown: bool = False
-    landed_time_s: float = 0.0
+    state: Landed = Landed.ON_GROUND  # what is reported
+    has_flown: bool = False  # whether there was a take-off since arming
+    landed_time_s: float = 0.0  # when the last landing was detected
     _contact_time_s: float = 0.0
 
     def disarmed(self) -> None:

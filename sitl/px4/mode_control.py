@@ -35,21 +35,15 @@ def level(yaw_rad: float) -> Array:
 
 @dataclass(slots=True)
 class Flight:
-    """Memory of what is flown.
+    """Memory of what is flown."""
 
-    Attributes:
-        actuation: the newest output.
-        goal: where PX4's own control flies to; None while there is no such place.
-        home_ned_m: (3,) where it was armed.
-        takeoff_height_m: asked for by a command; None for MIS_TAKEOFF_ALT.
-    """
-
+    # the newest output
     actuation: Actuation = field(
         default_factory=lambda: Actuation(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), False, 0.0, False)
     )
-    goal: Goal | None = None
-    home_ned_m: Array = field(default_factory=lambda: np.zeros(3))
-    takeoff_height_m: float | None = None
+    goal: Goal | None = None  # where PX4's own control flies to; None while there is no such place
+    home_ned_m: Array = field(default_factory=lambda: np.zeros(3))  # (3,) where it was armed
+    takeoff_height_m: float | None = None  # asked for by a command; None for MIS_TAKEOFF_ALT
     _control: PositionControl = field(default_factory=PositionControl)
     _armed_time_s: float = 0.0
     _entry: Situation | None = None

@@ -64,22 +64,15 @@ class ModeCondition(Flag):
 
 @dataclass(frozen=True, slots=True)
 class ModeRow:
-    """MAVLink numbers of a mode, and its conditions.
+    """MAVLink numbers of a mode, and its conditions."""
 
-    Attributes:
-        main, sub: of HEARTBEAT.custom_mode.
-        base_mode: without the armed bit.
-        standard_mode: CURRENT_MODE.standard_mode (MAV_STANDARD_MODE).
-        needs: see :class:`Need`.
-        is_selectable: whether somebody may ask for it.
-    """
-
+    # main, sub: of HEARTBEAT.custom_mode
     main: int
     sub: int
-    base_mode: int
-    standard_mode: int
-    needs: ModeCondition
-    is_selectable: bool = True
+    base_mode: int  # without the armed bit
+    standard_mode: int  # CURRENT_MODE.standard_mode (MAV_STANDARD_MODE)
+    needs: ModeCondition  # see :class:`Need`
+    is_selectable: bool = True  # whether somebody may ask for it
 
     @property
     def custom_mode(self) -> int:

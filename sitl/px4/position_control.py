@@ -31,19 +31,15 @@ class Goal:
     """Goal of the position control, local NED.
 
     NaN leaves an axis to the next quantity: position, then velocity, then acceleration.
-
-    Attributes:
-        position_ned_m, velocity_ned_m_s, acceleration_ned_m_s2: (3,) setpoints; where several are given, the later
-            ones are added to what the first asks.
-        yaw_rad: heading; NaN keeps the present one.
-        yaw_rate_rad_s: how fast the heading turns on; NaN for not at all.
     """
 
+    # position_ned_m, velocity_ned_m_s, acceleration_ned_m_s2: (3,) setpoints; where several are given, the later ones
+    # are added to what the first asks
     position_ned_m: Array
     velocity_ned_m_s: Array
-    yaw_rad: float
+    yaw_rad: float  # heading; NaN keeps the present one
     acceleration_ned_m_s2: Array = field(default_factory=_nothing)
-    yaw_rate_rad_s: float = math.nan
+    yaw_rate_rad_s: float = math.nan  # how fast the heading turns on; NaN for not at all
 
 
 @dataclass(frozen=True, slots=True)
