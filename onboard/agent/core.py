@@ -43,7 +43,6 @@ from onboard.events import (
     TickFailed,
     WatchBodies,
 )
-from onboard.feasibility.bounds import TICK_S
 from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
@@ -57,7 +56,7 @@ from onboard.supervision.conditions import TickContext
 from onboard.supervision.failsafe_executor import FailsafeExecutor
 from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
 from onboard.supervision.preflight_reporter import PreflightReporter
-from onboard.types import State, Tick
+from onboard.types import TICK_S, State, Tick
 
 _LARGEST_M2, _LARGEST_M2_S2 = 1e10, 1e6
 _SHORTEST_S, _LONGEST_S = 0.005, 0.1  # time that one tick integrates over

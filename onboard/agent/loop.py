@@ -33,8 +33,9 @@ from onboard.process import realtime
 from onboard.process.systemd import Notifier
 from onboard.px4.mavsdk_link import Px4Link
 from onboard.safety.failsafe_table import Situation
+from onboard.types import TICK_S
 
-PERIOD_NS = 20_000_000
+PERIOD_NS = round(TICK_S * 1e9)
 _CHECKED_POSITION_HZ = 10.0
 _STATISTICS_TICKS = 25
 _FAILED_TICKS_TO_LAND = 25

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 from onboard.config.fleet import Vehicle
 from onboard.estimation.disturbance_observer import ObserverMemory
-from onboard.feasibility.bounds import TICK_S
 from onboard.frames import Quaternion
 from onboard.safety import model_mismatch
+from onboard.types import TICK_S
 
 _SAMPLE_TICKS, _LOOK_SAMPLES = 5, 10
 

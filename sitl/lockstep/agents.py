@@ -25,7 +25,7 @@ from onboard.control.pipeline import PipelineMemory
 from onboard.neighbours.subscription import is_slow
 from onboard.neighbours.table import NeighbourTable
 from onboard.rollout.rows import Rows
-from onboard.types import Tick
+from onboard.types import TICK_S, Tick
 from sitl.lockstep.bus import Node, SimBus
 from sitl.lockstep.link import EmulatedLink
 from sitl.lockstep.neighbour_tables import Round, Tables
@@ -34,7 +34,7 @@ CONNECT_AFTER_NS = 1_000_000_000  # discovery and parameters of a real link
 BULK_FROM = 8  # vehicles, from which it is cheaper to take what the others say all at once
 _MAX_EVENTS = 2000
 _STATISTICS_TICKS = 25
-_PERIOD_MS = 20.0
+_PERIOD_MS = 1e3 * TICK_S
 _LATE_MS = 5.0
 
 
