@@ -16,8 +16,8 @@ import msgspec
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
+from groundstation.fleet.separation import closest_pair
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Event, Message, PreflightReport, Telemetry, Truth, Vec3
 from onboard.bus.topics import TOPICS, Topic
@@ -257,7 +257,7 @@ def _compared(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
     if not any(view.is_airborne for view in state.vehicles.values()):
         return state
     known = [(view, at) for view in state.vehicles.values() if (at := view.position_enu_m(now_ns)) is not None]
-    pair = _closest_pair(
+    pair = closest_pair(
         np.array([position[:2] for _, position in known]),
         np.array([view.is_airborne for view, _ in known]),
         np.array([view.name in updated for view, _ in known]),
@@ -268,25 +268,6 @@ def _compared(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
     one, two, distance_m = pair
     names = known[one][0].name, known[two][0].name
     return replace(state, smallest=_separation(*names, distance_m, now_ns, is_truth=False))
-
-
-def _closest_pair(
-    position_enu_m: NDArray[np.float64], is_up: NDArray[np.bool_], is_updated: NDArray[np.bool_], below_m: float
-) -> tuple[int, int, float] | None:
-    """The closest two of ``position_enu_m`` (n, 2), one of which flies and one of which was just updated.
-
-    None when no two are closer than ``below_m``.
-    """
-    rows = np.flatnonzero(is_updated)
-    if not len(rows) or not is_up.any():
-        return None
-    offset = position_enu_m[rows, None] - position_enu_m[None]
-    distance_m = np.hypot(offset[..., 0], offset[..., 1])
-    distance_m[~(is_up[rows, None] | is_up[None])] = np.inf
-    distance_m[np.arange(len(rows)), rows] = np.inf
-    row, other = divmod(int(distance_m.argmin()), len(position_enu_m))
-    smallest_m = float(distance_m[row, other])
-    return (int(rows[row]), other, smallest_m) if smallest_m < below_m else None
 
 
 def _fold_preflight(state: FleetState, message: PreflightReport, now_ns: int) -> FleetState:
@@ -330,7 +311,7 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
     if any(truth.stamp_ns != newest_ns for truth in known):
         ahead_s = np.array([(newest_ns - truth.stamp_ns) * 1e-9 for truth in known])
         position_enu_m = position_enu_m + ahead_s[:, None] * np.array([t.velocity_enu_m_s for t in known])[:, :2]
-    pair = _closest_pair(
+    pair = closest_pair(
         position_enu_m,
         np.array([not truth.is_on_ground for truth in known]),
         np.array([truth.vehicle in updated for truth in known]),

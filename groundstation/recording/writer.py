@@ -98,10 +98,7 @@ class RecordWriter:
             self._write(files)
             files.finish()
         except OSError as error:
-            self.failure = (
-                f"The record ended: {self.folder} cannot be written ({error.strerror or error}). The flight goes on "
-                "without it. Free some space before the next one."
-            )
+            self.failure = failure_sentence(self.folder, error)
             self.on_failure(self.failure)
         finally:
             files.close()
@@ -184,6 +181,14 @@ class RecordFiles:
     def _line(self, name: str, received_ns: int, text: str) -> None:
         seconds = (received_ns - self._begin_ns) * 1e-9
         self._texts[name].write(f"{seconds:9.3f} {' '.join(text.split())}\n")
+
+
+def failure_sentence(folder: Path, error: OSError) -> str:
+    """Return a sentence about a disk that refuses the record."""
+    return (
+        f"The record ended: {folder} cannot be written ({error.strerror or error}). The flight goes on without it. "
+        "Free some space before the next one."
+    )
 
 
 def event_line(event: Event) -> str:

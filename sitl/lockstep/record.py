@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from groundstation.recording.writer import RECORD_NAME, RecordFiles
+from groundstation.recording.writer import RECORD_NAME, RecordFiles, failure_sentence
 from onboard.bus.schema import Message
 from onboard.bus.topics import Topic
 
@@ -46,7 +46,4 @@ class LockstepRecord:
         files, self._files = self._files, None
         if files is not None:
             files.close()
-            self._on_failure(
-                f"The record ended: {self.folder} cannot be written ({error.strerror or error}). The flight goes on "
-                "without it. Free some space before the next one."
-            )
+            self._on_failure(failure_sentence(self.folder, error))

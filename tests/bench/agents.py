@@ -26,7 +26,7 @@ from groundstation.processes.supervisor import ProcessError, leaves_room
 from onboard.bus.schema import Message, TickBatch
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
-from tests.bench.fixture import EMULATOR, Stage, fleet_data
+from tests.bench.fixture import EMULATOR, BenchFleet, fleet_data
 from tests.bench.process_usage import Usage, busy_share, has_precedence, processor_times, usage
 
 EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT = 0, 1, 2
@@ -135,29 +135,29 @@ async def _measure(count: int, seconds: float, folder: Path, *, is_realtime: boo
     def command(path: str, name: str) -> list[str]:
         return ["onboard", "--fleet", path, "--vehicle", name, "--apply-params", *extra]
 
-    stage = Stage(data, folder, command=command, has_record=True)
+    bench_fleet = BenchFleet(data, folder, command=command, has_record=True)
     counter = Counts()
-    stage.client.add_sink(counter.put)
-    async with stage:
-        await stage.fleet.takeoff(height_m=1.0)
+    bench_fleet.client.add_sink(counter.put)
+    async with bench_fleet:
+        await bench_fleet.fleet.takeoff(height_m=1.0)
         await asyncio.sleep(_SETTLE_S)
-        mover = asyncio.create_task(_move(stage))
-        pids = {**stage.processes.pids, "ground": os.getpid()}
-        first = [has_precedence(pids[name]) for name in stage.config.enabled_names]
+        mover = asyncio.create_task(_move(bench_fleet))
+        pids = {**bench_fleet.processes.pids, "ground": os.getpid()}
+        first = [has_precedence(pids[name]) for name in bench_fleet.config.enabled_names]
         before, begin_s = _usages(pids), time.monotonic()
-        late = {name: _late(stage, name) for name in stage.config.enabled_names}
+        late = {name: _late(bench_fleet, name) for name in bench_fleet.config.enabled_names}
         counter.is_on = True
         await asyncio.sleep(seconds)
         counter.is_on = False
         after, wall_s = _usages(pids), time.monotonic() - begin_s
-        late = {name: _late(stage, name) - late[name] for name in late}
+        late = {name: _late(bench_fleet, name) - late[name] for name in late}
         mover.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await mover
-        await stage.fleet.land_all()
+        await bench_fleet.fleet.land_all()
     cpu_pct = {name: 100.0 * (after[name].cpu_s - before[name].cpu_s) / wall_s for name in pids}
     agents = []
-    for name in stage.config.enabled_names:
+    for name in bench_fleet.config.enabled_names:
         periods_ms = 1e3 * np.array(counter.periods_s.get(name, [np.nan]))
         p50, p99, longest = np.percentile(periods_ms, [50, 99, 100]).tolist()
         agents.append(
@@ -185,12 +185,12 @@ async def _measure(count: int, seconds: float, folder: Path, *, is_realtime: boo
     )
 
 
-async def _move(stage: Stage) -> None:
+async def _move(bench_fleet: BenchFleet) -> None:
     """Everybody to and fro; all arrive, or fail, before the next orders go out."""
     side = 1.0
     while True:
-        goals = {name: _beside(stage.config, name, side * _STEP_M) for name in stage.config.enabled_names}
-        moves = (stage.fleet[name].move(goal, timeout_s=20.0) for name, goal in goals.items())
+        goals = {name: _beside(bench_fleet.config, name, side * _STEP_M) for name in bench_fleet.config.enabled_names}
+        moves = (bench_fleet.fleet[name].move(goal, timeout_s=20.0) for name, goal in goals.items())
         await asyncio.gather(*moves, return_exceptions=True)
         await asyncio.sleep(_REST_S)
         side = -side
@@ -209,8 +209,8 @@ def _usages(pids: dict[str, int]) -> dict[str, Usage]:
     return {name: used for name, used in found.items() if used is not None}
 
 
-def _late(stage: Stage, name: str) -> int:
-    telemetry = stage.client.state.vehicles[name].telemetry
+def _late(bench_fleet: BenchFleet, name: str) -> int:
+    telemetry = bench_fleet.client.state.vehicles[name].telemetry
     return 0 if telemetry is None else telemetry.late_ticks
 
 

@@ -59,8 +59,8 @@ def fleet_data(count: int, spacing_m: float, name: str = "stage") -> dict[str, A
     return with_free_ports(data, fleet_from_mapping(data))
 
 
-class Stage:
-    """``async with Stage(...) as stage``: everything is up when the block begins, and ended when it is left.
+class BenchFleet:
+    """``async with BenchFleet(...) as fleet``: everything is up when the block begins, and ended when it is left.
 
     Args:
         data: of the fleet file that agents and client use.
@@ -94,7 +94,7 @@ class Stage:
         self._record = RecordWriter(folder) if has_record else None
         self._command = command
 
-    async def __aenter__(self) -> Stage:
+    async def __aenter__(self) -> BenchFleet:
         """Start everything and wait until every vehicle is ready; ProcessError or NotReady when that fails."""
         try:
             self.processes.start(EMULATOR, ["sitl", "--fleet", str(self._emulator_path), "--no-gcs"])

@@ -31,8 +31,11 @@ WANTED = {3: (15.0, 30.0), 10: (5.0, 10.0), 100: (0.5, 1.0)}
 _WARM_S = 1.0
 # Which part of the program a function's time counts for: the first that its path holds. The rest, libraries and
 # built-in functions, counts for whoever called it.
-_STAGES = (
-    ("the law and the controller", ("/onboard/control/",)),
+_PARTS = (
+    (
+        "the law and the controller",
+        ("/onboard/avoidance/", "/onboard/control/", "/onboard/estimation/", "/onboard/rollout/"),
+    ),
     ("the agents' cores around it", ("/onboard/",)),
     ("putting agents together in batches", ("/sitl/lockstep/batch.py",)),
     ("bus, links and shells", ("/sitl/lockstep/",)),
@@ -54,7 +57,7 @@ class Speed:
     factor_median: float
     factor_wall: float
     start_s: float
-    stages: dict[str, float]
+    parts: dict[str, float]
     is_repeated: bool
 
 
@@ -114,26 +117,26 @@ def shares(stats: pstats.Stats) -> dict[str, float]:
     for _ in range(12):  # calls of libraries by libraries are handed on, a few deep
         passed: dict[tuple[str, int, str], float] = defaultdict(float)
         for function, seconds in own.items():
-            stage = stage_of(function[0])
+            part = part_of(function[0])
             callers = table[function][4] if function in table else {}
             weight = sum(row[2] for row in callers.values())
-            if stage is not None or not callers or weight <= 0.0:
-                found[stage or "the rest"] += seconds
+            if part is not None or not callers or weight <= 0.0:
+                found[part or "the rest"] += seconds
                 continue
             for caller, row in callers.items():
                 passed[caller] += seconds * row[2] / weight
         own = passed
     found["the rest"] += sum(own.values())
     total = sum(found.values())
-    return {name: found.get(name, 0.0) / total for name in (*(stage for stage, _ in _STAGES), "the rest")}
+    return {name: found.get(name, 0.0) / total for name in (*(part for part, _ in _PARTS), "the rest")}
 
 
-def stage_of(path: str) -> str | None:
-    """The stage of a file; None for libraries."""
-    place = path.replace(os.sep, "/")
-    if not place.startswith(ROOT.as_posix()) or "/.venv/" in place:
+def part_of(path: str) -> str | None:
+    """Return the part of the program that a file belongs to; None for libraries."""
+    name = path.replace(os.sep, "/")
+    if not name.startswith(ROOT.as_posix()) or "/.venv/" in name:
         return None
-    return next((stage for stage, parts in _STAGES if any(part in place for part in parts)), None)
+    return next((part for part, words in _PARTS if any(word in name for word in words)), None)
 
 
 def table(speeds: Sequence[Speed]) -> str:
@@ -152,8 +155,8 @@ def table(speeds: Sequence[Speed]) -> str:
     lines += ["", "Where the time goes, by the profiler (it makes many small calls look dearer than they are):", ""]
     lines.append("| share of | " + " | ".join(f"{speed.count} vehicles" for speed in speeds) + " |")
     lines.append("|---" * (len(speeds) + 1) + "|")
-    for stage in speeds[0].stages:
-        lines.append(f"| {stage} | " + " | ".join(f"{100.0 * speed.stages[stage]:.0f} %" for speed in speeds) + " |")
+    for part in speeds[0].parts:
+        lines.append(f"| {part} | " + " | ".join(f"{100.0 * speed.parts[part]:.0f} %" for speed in speeds) + " |")
     return "\n".join(lines)
 
 

@@ -127,8 +127,8 @@ async def _fly(emulator: Emulator, addresses: Sequence[Address], duration_s: flo
         emulator.step()
         for each in sockets:
             each.endpoint.poll()
-    for place, each in enumerate(sockets):
-        each.endpoint.peer = addresses[place // 2]
+    for index, each in enumerate(sockets):
+        each.endpoint.peer = addresses[index // 2]
     first_step = emulator.world.vehicles.steps
     start_s, cpu_s = loop.time(), time.thread_time()
     while (now_s := loop.time() - start_s) < duration_s:
@@ -189,10 +189,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("vehicles  all %  physics %  datagrams/s  real time   (% of a core per vehicle)")
         for cost in costs:
             limit = LIMITS_PCT.get(cost.vehicles)
-            asked = f"   at most {limit} %" if limit else ""
+            expected = f"   at most {limit} %" if limit else ""
             print(
                 f"{cost.vehicles:8d}  {cost.flying_pct:5.2f}  {cost.physics_pct:9.2f}  {cost.datagrams_per_s:11.0f}"
-                f"  {cost.real_time:9.3f}{asked}"
+                f"  {cost.real_time:9.3f}{expected}"
             )
     within = all(cost.flying_pct <= LIMITS_PCT.get(cost.vehicles, 100.0) for cost in costs)
     return EXIT_OK if within else EXIT_FAILED

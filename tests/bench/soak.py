@@ -25,7 +25,7 @@ from groundstation.missions.api import NotReady, OrderFailed
 from groundstation.processes.supervisor import ProcessError
 from onboard.bus.schema import Message, TickBatch
 from onboard.bus.topics import Topic
-from tests.bench.fixture import Stage, fleet_data
+from tests.bench.fixture import BenchFleet, fleet_data
 from tests.bench.process_usage import busy_share, processor_times, usage
 
 EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT = 0, 1, 2
@@ -101,7 +101,13 @@ class Watcher:
         return [LateTick(name, at_s, late_ms, self._why(name, at_s)) for name, at_s, late_ms in self.late]
 
     def _why(self, name: str, at_s: float) -> str:
-        others = sorted({who for who, when, _ in self.late if who != name and abs(when - at_s) < _TOGETHER_S})
+        others = sorted(
+            {
+                vehicle_name
+                for vehicle_name, when, _ in self.late
+                if vehicle_name != name and abs(when - at_s) < _TOGETHER_S
+            }
+        )
         if others:
             return f"{', '.join(others)} stood still at the same time: the machine did"
         shares = [share for when, share in self.busy if abs(when - at_s) < 2.0]
@@ -112,18 +118,18 @@ class Watcher:
 
 async def soak(minutes: float, folder: Path, *, settle_minutes: float) -> Soak:
     """Fly for that long."""
-    stage = Stage(fleet_data(_VEHICLES, _SPACING_M, "soak"), folder, has_record=True)
+    bench_fleet = BenchFleet(fleet_data(_VEHICLES, _SPACING_M, "soak"), folder, has_record=True)
     watcher, samples = Watcher(), Samples()
-    async with stage:
-        await stage.fleet.takeoff(height_m=1.0)
-        stage.client.add_sink(watcher.put)
-        pids = {**stage.processes.pids, GROUND: os.getpid()}
+    async with bench_fleet:
+        await bench_fleet.fleet.takeoff(height_m=1.0)
+        bench_fleet.client.add_sink(watcher.put)
+        pids = {**bench_fleet.processes.pids, GROUND: os.getpid()}
         tasks = [asyncio.create_task(samples.take(pids)), asyncio.create_task(_watch_machine(watcher))]
-        orders, missed = await _fly(stage, minutes * 60.0)
+        orders, missed = await _fly(bench_fleet, minutes * 60.0)
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        if not await stage.fleet.land_all():
+        if not await bench_fleet.fleet.land_all():
             missed.append("land all: not everybody is down")
     return Soak(
         minutes,
@@ -162,22 +168,22 @@ class Samples:
         return statistics.median(last) - statistics.median(first) if first and last else float("nan")
 
 
-async def _fly(stage: Stage, seconds: float) -> tuple[int, list[str]]:
+async def _fly(bench_fleet: BenchFleet, seconds: float) -> tuple[int, list[str]]:
     """The repeated mission; how many orders were given, and what became of those that were not done."""
     orders, missed = 0, []
     end_s, side = time.monotonic() + seconds, 1.0
     while time.monotonic() < end_s:
-        goals = {name: stage.config.vehicles[name].start_enu_m for name in stage.config.enabled_names}
+        goals = {name: bench_fleet.config.vehicles[name].start_enu_m for name in bench_fleet.config.enabled_names}
         for name, (x, y, _) in goals.items():
             orders += 1
             try:
-                await stage.fleet[name].move((x, y + side * _STEP_M, 1.0), timeout_s=20.0)
+                await bench_fleet.fleet[name].move((x, y + side * _STEP_M, 1.0), timeout_s=20.0)
             except OrderFailed as error:
                 missed.append(str(error))
                 if len(missed) > 20:
                     return orders, missed
         side = -side
-        stage.processes.check()
+        bench_fleet.processes.check()
     return orders, missed
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from pymavlink import mavutil
 
-from tests.bench.fixture import Stage, fleet_data
+from tests.bench.fixture import BenchFleet, fleet_data
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(180)]
 
@@ -32,21 +32,21 @@ def put_on_hold(endpoint: str, system_id: int) -> None:
 
 
 async def test_a_restarted_agent_takes_a_held_vehicle_over_where_it_is_and_lands_it(tmp_path: Path) -> None:
-    stage = Stage(fleet_data(2, 2.0, "restart"), tmp_path)
-    async with stage:
-        client, vehicle = stage.client, stage.config.vehicles["mav0"]
+    bench_fleet = BenchFleet(fleet_data(2, 2.0, "restart"), tmp_path)
+    async with bench_fleet:
+        client, vehicle = bench_fleet.client, bench_fleet.config.vehicles["mav0"]
 
         def told(state: str, mode: str) -> bool:
             telemetry = client.state.vehicles["mav0"].telemetry
             return telemetry is not None and telemetry.state == state and telemetry.mode == mode
 
-        await stage.fleet.takeoff(height_m=2.0)
-        os.kill(stage.processes.pids["mav0"], signal.SIGKILL)
+        await bench_fleet.fleet.takeoff(height_m=2.0)
+        os.kill(bench_fleet.processes.pids["mav0"], signal.SIGKILL)
         await asyncio.sleep(0.8)  # PX4 has begun to land
         assert vehicle.direct is not None
         put_on_hold(vehicle.direct, vehicle.system_id)
-        command = ["onboard", "--fleet", str(stage.path), "--vehicle", "mav0", "--apply-params"]
-        stage.processes.start("mav0-again", command)
+        command = ["onboard", "--fleet", str(bench_fleet.path), "--vehicle", "mav0", "--apply-params"]
+        bench_fleet.processes.start("mav0-again", command)
         assert await client.wait_for(lambda _: told("failed", "HOLD"), 60.0)
         await asyncio.sleep(3.0)
         assert told("failed", "HOLD"), "the new agent must not touch it by itself"
@@ -65,6 +65,6 @@ async def test_a_restarted_agent_takes_a_held_vehicle_over_where_it_is_and_lands
             assert now is not None
             farthest_m = max(farthest_m, math.dist(now.position_enu_m, before.position_enu_m))
         assert farthest_m < 0.3
-        assert await stage.fleet.land_all()
+        assert await bench_fleet.fleet.land_all()
         log = (tmp_path / "mav0-again.log").read_text()
         assert "its parameters are left as they are" in log

@@ -26,7 +26,7 @@ from groundstation.missions.api import NotReady, OrderFailed
 from groundstation.processes.free_ports import with_free_ports
 from groundstation.processes.supervisor import ProcessError
 from onboard.config.fleet import fleet_from_mapping
-from tests.bench.fixture import Stage, fleet_data
+from tests.bench.fixture import BenchFleet, fleet_data
 from tests.bench.silence import wire
 
 EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT = 0, 1, 2
@@ -69,7 +69,7 @@ CASES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class Observation:
     """Observations of the listener in one case.
 
     silent_after_ms: from the fault to the last setpoint. longest_gap_ms: between two setpoints of the 2 s before the
@@ -86,7 +86,7 @@ class Found:
     is_right: bool
 
 
-def judge(case: Case, passed: Sequence[wire.Passed], fault_ns: int, end_ns: int) -> Found:
+def judge(case: Case, passed: Sequence[wire.Passed], fault_ns: int, end_ns: int) -> Observation:
     """The verdict of one case.
 
     Args:
@@ -106,10 +106,12 @@ def judge(case: Case, passed: Sequence[wire.Passed], fault_ns: int, end_ns: int)
     else:
         is_right = silent_after_s <= case.limit_s and resumed == 0 and has_landed
     limit_ms = None if case.limit_s is None else 1e3 * case.limit_s
-    return Found(case.name, case.words, 1e3 * silent_after_s, limit_ms, 1e3 * gap_s, resumed, has_landed, is_right)
+    return Observation(
+        case.name, case.words, 1e3 * silent_after_s, limit_ms, 1e3 * gap_s, resumed, has_landed, is_right
+    )
 
 
-async def fly(cases: Sequence[Case], folder: Path) -> list[Found]:
+async def fly(cases: Sequence[Case], folder: Path) -> list[Observation]:
     """Hover one vehicle for each case, let each hang in its way, and judge what passed on the wire."""
     emulator = fleet_data(len(cases), SPACING_M, "silence")
     data = _other_autopilot_ports(emulator)
@@ -120,19 +122,19 @@ async def fly(cases: Sequence[Case], folder: Path) -> list[Found]:
         agent = ["--fleet", path, "--vehicle", name, "--apply-params", "--realtime"]
         return ["tests.bench.silence.agent", parts[name], str(hang_s[name]), *agent]
 
-    stage = Stage(data, folder, emulator_data=emulator, command=command)
+    bench_fleet = BenchFleet(data, folder, emulator_data=emulator, command=command)
     ways = [f"{name}:{_port(emulator, name)}:{_port(emulator, name) + 40}:{_port(data, name)}" for name in parts]
-    stage.processes.start(WIRE, ["tests.bench.silence.wire", str(folder / "wire.txt"), *ways])
-    await stage.processes.wait_for_line(WIRE, "ready", 10.0)
+    bench_fleet.processes.start(WIRE, ["tests.bench.silence.wire", str(folder / "wire.txt"), *ways])
+    await bench_fleet.processes.wait_for_line(WIRE, "ready", 10.0)
     times_ns: dict[str, tuple[int, int]] = {}
-    async with stage:
-        await stage.fleet.takeoff(height_m=1.0)
+    async with bench_fleet:
+        await bench_fleet.fleet.takeoff(height_m=1.0)
         await asyncio.sleep(2.5)
         for name, case in zip(parts, cases, strict=True):
-            times_ns[name] = await _hang(stage.processes.pids[name], case)
+            times_ns[name] = await _hang(bench_fleet.processes.pids[name], case)
         silenced = [name for name, case in zip(parts, cases, strict=True) if case.limit_s is not None]
         await _until_down(folder / "wire.txt", silenced)
-        await stage.fleet.land_all()
+        await bench_fleet.fleet.land_all()
     passed = wire.read(folder / "wire.txt")
     return [
         judge(case, [one for one in passed if one.vehicle == name], *times_ns[name])
@@ -174,7 +176,7 @@ def _port(data: dict[str, Any], name: str) -> int:
     return int(data["vehicles"][name]["autopilot"].rsplit(":", 1)[1])
 
 
-def table(found: Sequence[Found]) -> str:
+def table(found: Sequence[Observation]) -> str:
     """For people."""
     lines = [f"{'case':<17} {'last setpoint':>14} {'limit':>9} {'longest gap':>12} {'resumed':>8}  vehicle"]
     for one in found:
@@ -200,7 +202,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="figures as JSON on stdout")
     options = parser.parse_args(argv)
     cases = [case for case in CASES if case.name in options.only]
-    found: list[Found] = []
+    found: list[Observation] = []
     for _ in range(max(1, options.rounds)):
         with tempfile.TemporaryDirectory(prefix="covey-silence-") as scratch:
             folder = options.keep or Path(scratch)

@@ -146,6 +146,26 @@ async def test_a_line_that_is_no_order_sends_nothing(client: Any, bus: Any) -> N
     assert not bus.orders
 
 
+async def test_what_the_check_before_sending_passed_is_what_is_sent(client: Any, bus: Any) -> None:
+    assert await client.wait_for(lambda state: client.control.is_operator, 5.0)
+    planned = client.plan("move mav1 0 1 1")
+    checked = client.check_again(planned)
+    assert checked.orders["mav1"].stamp_ns > planned.orders["mav1"].stamp_ns
+    results = await client.send(checked).wait(5.0)
+    assert results["mav1"].is_done
+    assert bus.orders == [("mav1", checked.orders["mav1"])]
+    assert checked.orders["mav1"].position_enu_m == planned.orders["mav1"].position_enu_m
+
+
+async def test_an_order_planned_before_control_went_to_another_is_not_sent(client: Any, bus: Any) -> None:
+    assert await client.wait_for(lambda state: client.control.is_operator, 5.0)
+    planned = client.plan("move mav1 0 1 1")
+    client.control.hand_over()
+    checked = client.check_again(planned)
+    assert not checked.orders
+    assert "nobody operates" in checked.refusals["mav1"]
+
+
 async def test_each_vehicle_has_its_own_result_and_progress_comes_as_it_happens(client: Any, bus: Any) -> None:
     bus.misbehave = {"mav0": "refuse", "mav1": "stuck"}
     handle = await client.submit("takeoff all 1.0")

@@ -21,72 +21,72 @@ def planned(intent: Intent, fleet: FleetConfig, state: FleetState | None = None)
     return plan_order(intent, fleet, state, held=HeldFormation("triangle"), author="tester", now_ns=5)
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("takeoff all 1.0", Intent("takeoff", ALL, height_m=1.0)),
-        ("takeoff", Intent("takeoff", ALL, height_m=1.0)),
-        ("takeoff 1.5", Intent("takeoff", ALL, height_m=1.5)),
-        ("takeoff 1", Intent("takeoff", ("mav1",), height_m=1.0)),
-        ("takeoff 1-2 1.2", Intent("takeoff", ("mav1", "mav2"), height_m=1.2)),
-        ("TAKEOFF mav0,mav2 2", Intent("takeoff", ("mav0", "mav2"), height_m=2.0)),
-        ("move all 2 0 1.2", Intent("move", ALL, position_enu_m=(2.0, 0.0, 1.2))),
-        ("move mav1 2 -1 1.2 in 8", Intent("move", ("mav1",), position_enu_m=(2.0, -1.0, 1.2), duration_s=8.0)),
-        (
-            "formation triangle 0 1.2 1.0",
-            Intent("formation", ALL, position_enu_m=(0.0, 1.2, 1.0), formation="triangle"),
-        ),
-        ("formation triangle", Intent("formation", ALL, formation="triangle")),
-        (
-            "formation triangle 0-1 0 1 1",
-            Intent("formation", ("mav0", "mav1"), position_enu_m=(0.0, 1.0, 1.0), formation="triangle"),
-        ),
-        ("land mav2", Intent("land", ("mav2",))),
-        ("hold", Intent("hold", ALL)),
-        ("arm", Intent("arm", ALL)),
-        ("disarm 0", Intent("disarm", ("mav0",))),
-        ("kill mav1", Intent("kill", ("mav1",))),
-        ("  land   all ", Intent("land", ALL)),
-    ],
-)
-def test_a_well_formed_line_becomes_its_intent(fleet: FleetConfig, text: str, expected: Intent) -> None:
-    assert parse(text, fleet) == expected
+WELL_FORMED = [
+    ("takeoff all 1.0", Intent("takeoff", ALL, height_m=1.0)),
+    ("takeoff", Intent("takeoff", ALL, height_m=1.0)),
+    ("takeoff 1.5", Intent("takeoff", ALL, height_m=1.5)),
+    ("takeoff 1", Intent("takeoff", ("mav1",), height_m=1.0)),
+    ("takeoff 1-2 1.2", Intent("takeoff", ("mav1", "mav2"), height_m=1.2)),
+    ("TAKEOFF mav0,mav2 2", Intent("takeoff", ("mav0", "mav2"), height_m=2.0)),
+    ("move all 2 0 1.2", Intent("move", ALL, position_enu_m=(2.0, 0.0, 1.2))),
+    ("move mav1 2 -1 1.2 in 8", Intent("move", ("mav1",), position_enu_m=(2.0, -1.0, 1.2), duration_s=8.0)),
+    (
+        "formation triangle 0 1.2 1.0",
+        Intent("formation", ALL, position_enu_m=(0.0, 1.2, 1.0), formation="triangle"),
+    ),
+    ("formation triangle", Intent("formation", ALL, formation="triangle")),
+    (
+        "formation triangle 0-1 0 1 1",
+        Intent("formation", ("mav0", "mav1"), position_enu_m=(0.0, 1.0, 1.0), formation="triangle"),
+    ),
+    ("land mav2", Intent("land", ("mav2",))),
+    ("hold", Intent("hold", ALL)),
+    ("arm", Intent("arm", ALL)),
+    ("disarm 0", Intent("disarm", ("mav0",))),
+    ("kill mav1", Intent("kill", ("mav1",))),
+    ("  land   all ", Intent("land", ALL)),
+]
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "   ",
-        "fly all",
-        "takeoff all high",
-        "takeoff all 1.0 2.0",
-        "move all 1 2",
-        "move 1 2 3",
-        "move all 1 2 nan",
-        "move all inf 2 1",
-        "move all 1 2 1 in",
-        "move all 1 2 1 in fast",
-        "move all 1 2 1 in -3",
-        "land all in 3",
-        "formation",
-        "formation square 0 0 1",
-        "land mav9",
-        "land 2-1",
-        "land 0-7",
-        "land mav0 mav1",
-        "kill",
-        "land all\nkill all",
-        "land\x00all",
-        "x" * 10_000,
-    ],
-)
-def test_a_line_that_is_no_order_is_refused_in_words_and_never_guessed(fleet: FleetConfig, text: str) -> None:
-    with pytest.raises(OrderError) as caught:
-        parse(text, fleet)
-    sentence = str(caught.value)
-    assert 20 < len(sentence) < 300
-    assert sentence.isprintable()
+def test_a_well_formed_line_becomes_its_intent(fleet: FleetConfig) -> None:
+    for text, expected in WELL_FORMED:
+        assert parse(text, fleet) == expected, text
+
+
+NO_ORDERS = [
+    "",
+    "   ",
+    "fly all",
+    "takeoff all high",
+    "takeoff all 1.0 2.0",
+    "move all 1 2",
+    "move 1 2 3",
+    "move all 1 2 nan",
+    "move all inf 2 1",
+    "move all 1 2 1 in",
+    "move all 1 2 1 in fast",
+    "move all 1 2 1 in -3",
+    "land all in 3",
+    "formation",
+    "formation square 0 0 1",
+    "land mav9",
+    "land 2-1",
+    "land 0-7",
+    "land mav0 mav1",
+    "kill",
+    "land all\nkill all",
+    "land\x00all",
+    "x" * 10_000,
+]
+
+
+def test_a_line_that_is_no_order_is_refused_in_words_and_never_guessed(fleet: FleetConfig) -> None:
+    for text in NO_ORDERS:
+        with pytest.raises(OrderError) as caught:
+            parse(text, fleet)
+        sentence = str(caught.value)
+        assert 20 < len(sentence) < 300, text
+        assert sentence.isprintable(), text
 
 
 def test_a_joint_move_adds_each_vehicles_slot(fleet: FleetConfig) -> None:

@@ -1,0 +1,34 @@
+"""Horizontal separation of a whole fleet at once. Pure."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def closest_pair(
+    position_enu_m: NDArray[np.float64], is_up: NDArray[np.bool_], is_updated: NDArray[np.bool_], below_m: float
+) -> tuple[int, int, float] | None:
+    """Find the closest two vehicles, one of which flies and one of which was just updated.
+
+    Only the rows of updated vehicles are compared: the pairs of a large fleet are many.
+
+    Args:
+        position_enu_m: horizontal positions (n, 2) [m].
+        is_up: whether each flies (n,).
+        is_updated: whether each position is new (n,).
+        below_m: only distances below this one [m].
+
+    Returns:
+        Both indices and the distance [m]; None when no two are that close.
+    """
+    rows = np.flatnonzero(is_updated)
+    if not len(rows) or not is_up.any():
+        return None
+    offset = position_enu_m[rows, None] - position_enu_m[None]
+    distance_m = np.hypot(offset[..., 0], offset[..., 1])
+    distance_m[~(is_up[rows, None] | is_up[None])] = np.inf
+    distance_m[np.arange(len(rows)), rows] = np.inf
+    row, other = divmod(int(distance_m.argmin()), len(position_enu_m))
+    smallest_m = float(distance_m[row, other])
+    return (int(rows[row]), other, smallest_m) if smallest_m < below_m else None
