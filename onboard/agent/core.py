@@ -152,7 +152,7 @@ class AgentCore:
         pose, received_ns = event.pose, event.received_ns
         self.preflight.hear(event)
         if pose.body != self.vehicle.body:
-            self.neighbours.see(pose, received_ns)
+            self.neighbours.hear_pose(pose, received_ns)
             return []
         if not self.own.add_pose(pose, received_ns):
             return []
@@ -252,7 +252,7 @@ class AgentCore:
         )
         messages = self._publisher.every_tick(result)
         out = [*self._publisher.telemetry(result), *self.flight.take_commands(), *setpoint, *messages]
-        bodies = self.neighbours.sought(view.now_ns)
+        bodies = self.neighbours.bodies_to_track(view.now_ns)
         if bodies:
             out.append(WatchBodies(tuple(bodies)))
         report = self.preflight.due(view.now_ns)

@@ -144,7 +144,7 @@ def tick_sample(result: TickResult, state: StateMessage, sources: TelemetrySourc
         slack_m_s2=float(law.slack_m_s2),
         active_neighbour=active_neighbour(tick, sources.neighbours),
         neighbour_distances_m=result.distances_m,
-        neighbour_ages_s=sources.neighbours.near_ages_s(view.now_ns),
+        neighbour_ages_s=sources.neighbours.followed_ages_s(view.now_ns),
         setpoint_quaternion_enu_flu_wxyz=tick.attitude.quaternion_wxyz,
         setpoint_thrust_frac=tick.attitude.thrust_frac,
         attitude_quaternion_enu_flu_wxyz=sources.own.attitude_wxyz(snapshot),
