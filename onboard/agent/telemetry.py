@@ -69,5 +69,5 @@ class TelemetryPublisher:
         state = messages.state_message(self._identity, result, self._sequence, is_cooperative=is_avoiding)
         if view.has_position:
             return state
-        last_known = sources.own.px4_check.place(view.now_ns)
+        last_known = sources.own.px4_check.motion(view.now_ns)
         return state if last_known is None else messages.px4_state_message(state, *last_known)
