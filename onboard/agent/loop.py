@@ -132,7 +132,7 @@ class AgentProcess:
     def _signalled(self) -> None:
         self._signals += 1
         if self._signals > 1:
-            os.write(2, b"asked twice: ending at once; if in the air, PX4's own failsafe lands\n")
+            os.write(2, b"second request to stop: ending at once; in the air PX4's own failsafe lands the vehicle\n")
             os._exit(EXIT_INTERRUPTED)
         else:
             log.info("asked to stop: landing first if in the air")
