@@ -222,7 +222,7 @@ class Lockstep:
     async def _send_directly(
         self, endpoint: str, system_id: int, kind: DirectKind, *, timeout_s: float = 3.0, watch_s: float = 0.0
     ) -> DirectResult:
-        """The second way to PX4, in simulated time; see ``groundstation.client.direct_mavlink``."""
+        """The direct path to PX4, in simulated time; see ``groundstation.client.direct_mavlink``."""
         emulator = self.simulation.emulator
         ids = [spec.system_id for spec in emulator.specs]
         px4 = emulator.autopilots[ids.index(system_id)]
