@@ -12,6 +12,7 @@ from typing import NamedTuple
 from onboard.vectors import Vec3
 
 GRAVITY_M_S2 = 9.80665
+TICK_S = 0.02  # period of the control loop
 
 
 class LawStatus(IntEnum):

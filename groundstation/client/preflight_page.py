@@ -87,14 +87,14 @@ def page_of(view: VehicleView, fleet: FleetConfig, now_ns: int) -> VehiclePage:
     if vehicle.direct is None:
         lines.append(
             PageLine(
-                "second way",
+                "direct path",
                 True,
                 "The fleet file gives no direct endpoint: kill and land end with the agent.",
                 f"Set vehicles.{view.name}.direct to PX4's ground link.",
             )
         )
     else:
-        lines.append(PageLine("second way", True, f"Kill and land can go straight to PX4 at {vehicle.direct}.", ""))
+        lines.append(PageLine("direct path", True, f"Kill and land can go straight to PX4 at {vehicle.direct}.", ""))
     return VehiclePage(view.name, True, tuple(lines))
 
 

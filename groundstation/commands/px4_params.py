@@ -123,7 +123,7 @@ def read_or_set(vehicle: Vehicle, *, applies: bool) -> VehicleParams:
             link.stop()
     if vehicle.direct is None:
         troubles.append(
-            f"The fleet file gives no second way: stop its agent, or set vehicles.{vehicle.name}.direct to PX4's "
+            f"The fleet file gives no direct endpoint: stop its agent, or set vehicles.{vehicle.name}.direct to PX4's "
             "ground link."
         )
     else:

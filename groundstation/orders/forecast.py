@@ -17,7 +17,8 @@ from onboard.arrays import Array
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import FleetConfig
 from onboard.rollout.closed_loop import Scenario, fleet_model, fly
-from onboard.rollout.vehicle_model import TICK_S, Perturbation
+from onboard.rollout.vehicle_model import Perturbation
+from onboard.types import TICK_S
 
 SEEDS = (0, 1, 2, 3)
 ARRIVED_M = 0.15

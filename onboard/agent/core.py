@@ -43,7 +43,6 @@ from onboard.events import (
     TickFailed,
     WatchBodies,
 )
-from onboard.feasibility.bounds import TICK_S
 from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
@@ -57,7 +56,7 @@ from onboard.supervision.conditions import TickContext
 from onboard.supervision.failsafe_executor import FailsafeExecutor
 from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
 from onboard.supervision.preflight_reporter import PreflightReporter
-from onboard.types import State, Tick
+from onboard.types import TICK_S, State, Tick
 
 _LARGEST_M2, _LARGEST_M2_S2 = 1e10, 1e6
 _SHORTEST_S, _LONGEST_S = 0.005, 0.1  # time that one tick integrates over
@@ -102,7 +101,7 @@ class AgentCore:
             ),
         )
         self._follower = NeighbourFollower(self.neighbours)
-        self._odometry = OdometryForwarder()
+        self.odometry = OdometryForwarder()
         self._mismatch = ModelMismatchReporter(self.vehicle)
         self._context = TickContext()
         self._snapshot = Snapshot()
@@ -153,13 +152,13 @@ class AgentCore:
         pose, received_ns = event.pose, event.received_ns
         self.preflight.hear(event)
         if pose.body != self.vehicle.body:
-            self.neighbours.see(pose, received_ns)
+            self.neighbours.hear_pose(pose, received_ns)
             return []
         if not self.own.add_pose(pose, received_ns):
             return []
         if not self.fleet.mocap.direct:  # a mocap that is read directly says nothing of the bus
             self.neighbours.last_heard_ns = max(self.neighbours.last_heard_ns, received_ns)
-        return list(self._odometry.take(pose, self._snapshot, now_ns))
+        return list(self.odometry.take(pose, self._snapshot, now_ns))
 
     def _order_received(self, event: OrderReceived, now_ns: int) -> list[Command]:
         view = replace(self._view, now_ns=now_ns, snapshot=self._snapshot)
@@ -253,7 +252,7 @@ class AgentCore:
         )
         messages = self._publisher.every_tick(result)
         out = [*self._publisher.telemetry(result), *self.flight.take_commands(), *setpoint, *messages]
-        bodies = self.neighbours.sought(view.now_ns)
+        bodies = self.neighbours.bodies_to_track(view.now_ns)
         if bodies:
             out.append(WatchBodies(tuple(bodies)))
         report = self.preflight.due(view.now_ns)

@@ -33,8 +33,9 @@ from onboard.process import realtime
 from onboard.process.systemd import Notifier
 from onboard.px4.mavsdk_link import Px4Link
 from onboard.safety.failsafe_table import Situation
+from onboard.types import TICK_S
 
-PERIOD_NS = 20_000_000
+PERIOD_NS = round(TICK_S * 1e9)
 _CHECKED_POSITION_HZ = 10.0
 _STATISTICS_TICKS = 25
 _FAILED_TICKS_TO_LAND = 25
@@ -131,7 +132,7 @@ class AgentProcess:
     def _signalled(self) -> None:
         self._signals += 1
         if self._signals > 1:
-            os.write(2, b"asked twice: ending at once; if in the air, PX4's own failsafe lands\n")
+            os.write(2, b"second request to stop: ending at once; in the air PX4's own failsafe lands the vehicle\n")
             os._exit(EXIT_INTERRUPTED)
         else:
             log.info("asked to stop: landing first if in the air")

@@ -13,29 +13,29 @@ from onboard.process import service
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of an agent."""
-    found = argparse.ArgumentParser(
+    """Return the command line of an agent."""
+    parser = argparse.ArgumentParser(
         prog="covey agent",
         description="Fly one vehicle of a fleet.",
         epilog="As a service of systemd: covey agent install, status or logs, with --fleet, --vehicle and --help.",
     )
-    found.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
-    found.add_argument("--vehicle", required=True, metavar="NAME", help="vehicle of the fleet file")
-    found.add_argument("--law", choices=["covey", "paper", "off"], help="avoidance law instead of the fleet file's")
-    found.add_argument(
+    parser.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
+    parser.add_argument("--vehicle", required=True, metavar="NAME", help="vehicle of the fleet file")
+    parser.add_argument("--law", choices=["covey", "paper", "off"], help="avoidance law instead of the fleet file's")
+    parser.add_argument(
         "--apply-params", action="store_true", help="set PX4's required parameters instead of only checking them"
     )
-    found.add_argument(
+    parser.add_argument(
         "--mocap", choices=["bus"], help="listen to poses on the bus, whatever mocap.direct says: for emulated vehicles"
     )
-    found.add_argument(
+    parser.add_argument(
         "--realtime", action="store_true", help="let the control loop take precedence over other processes, if allowed"
     )
-    return found
+    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run an agent, or look after its service; exit status 2 when the input is wrong."""
+    """Run an agent, or manage its service; the exit status is 2 when the input is wrong."""
     words = list(sys.argv[1:] if argv is None else argv)
     if words and words[0] in service.VERBS:
         return service.main(words)

@@ -54,6 +54,14 @@ class TickResult(Struct, frozen=True):
     not_ready: tuple[str, ...]  # sentences of the preflight check
 
 
+class RunCounters(Struct, frozen=True):
+    """Counts and statistics since the agent's start."""
+
+    sequence: int  # ticks
+    loop: LoopTimed  # newest statistics of the loop
+    malformed_messages: int
+
+
 def state_message(identity: AgentIdentity, result: TickResult, sequence: int, *, is_cooperative: bool) -> StateMessage:
     """Return the message that the neighbours take 50 times a second."""
     state, law = result.tick.state, result.tick.law
@@ -136,7 +144,7 @@ def tick_sample(result: TickResult, state: StateMessage, sources: TelemetrySourc
         slack_m_s2=float(law.slack_m_s2),
         active_neighbour=active_neighbour(tick, sources.neighbours),
         neighbour_distances_m=result.distances_m,
-        neighbour_ages_s=sources.neighbours.near_ages_s(view.now_ns),
+        neighbour_ages_s=sources.neighbours.followed_ages_s(view.now_ns),
         setpoint_quaternion_enu_flu_wxyz=tick.attitude.quaternion_wxyz,
         setpoint_thrust_frac=tick.attitude.thrust_frac,
         attitude_quaternion_enu_flu_wxyz=sources.own.attitude_wxyz(snapshot),
@@ -146,23 +154,18 @@ def tick_sample(result: TickResult, state: StateMessage, sources: TelemetrySourc
 
 
 def telemetry(
-    identity: AgentIdentity,
-    result: TickResult,
-    sources: TelemetrySources,
-    sequence: int,
-    loop: LoopTimed,
-    malformed_messages: int,
+    identity: AgentIdentity, result: TickResult, sources: TelemetrySources, counters: RunCounters
 ) -> Telemetry:
     """Return everything that a person looks at."""
     tick, view, own, flight = result.tick, result.view, sources.own, sources.flight
     snapshot, order, now_ns = view.snapshot, flight.order, view.now_ns
     nearest = min(result.distances_m, key=result.distances_m.__getitem__, default="")
     conditions, action = sources.failsafes.in_words()
-    malformed = malformed_messages + sources.neighbours.ignored_messages + own.ignored_samples
+    loop, ignored = counters.loop, sources.neighbours.ignored_messages + own.ignored_samples
     return Telemetry(
         vehicle=identity.vehicle.name,
         boot_id=identity.boot_id,
-        sequence=sequence,
+        sequence=counters.sequence,
         stamp_ns=now_ns,
         state=flight.state,
         reason=flight.reason,
@@ -196,7 +199,7 @@ def telemetry(
         late_ticks=loop.late_ticks,
         loop_lateness_p99_ms=loop.lateness_p99_ms,
         missed_ticks=loop.missed_ticks,
-        malformed_messages=malformed,
+        malformed_messages=counters.malformed_messages + ignored,
         hover_thrust_frac=tick.hover_thrust_frac,
         config_hash=identity.config_hash,
         system_id=identity.vehicle.system_id,

@@ -44,5 +44,5 @@ class NeighbourFollower:
         if self._ticks_left > 0:
             return []
         is_first, self._ticks_left = self._ticks_left < 0, SELECT_TICKS
-        is_new = position_enu_m is not None and self._table.choose(position_enu_m, now_ns)
+        is_new = position_enu_m is not None and self._table.select_followed(position_enu_m, now_ns)
         return [Follow(self._table.followed)] if is_new or is_first else []

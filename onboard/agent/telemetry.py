@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from onboard.agent import messages
-from onboard.agent.messages import AgentIdentity, TelemetrySources, TickResult
+from onboard.agent.messages import AgentIdentity, RunCounters, TelemetrySources, TickResult
 from onboard.agent.telemetry_decimation import TelemetryDecimation
 from onboard.bus.schema import StateMessage, TickBatch, TickSample
 from onboard.bus.topics import Topic
@@ -56,8 +56,8 @@ class TelemetryPublisher:
         if self._sequence % _TELEMETRY_TICKS and step is self._published_step:
             return []
         self._published_step = step
-        malformed = self.malformed_messages
-        telemetry = messages.telemetry(self._identity, result, self._sources, self._sequence, self.loop, malformed)
+        counters = RunCounters(self._sequence, self.loop, self.malformed_messages)
+        telemetry = messages.telemetry(self._identity, result, self._sources, counters)
         commands: list[Command] = [Publish(Topic.TELEMETRY, telemetry)]
         if self._decimation.is_due(telemetry):
             commands.append(Publish(Topic.SLOW_TELEMETRY, telemetry))
@@ -69,5 +69,5 @@ class TelemetryPublisher:
         state = messages.state_message(self._identity, result, self._sequence, is_cooperative=is_avoiding)
         if view.has_position:
             return state
-        last_known = sources.own.px4_check.place(view.now_ns)
+        last_known = sources.own.px4_check.motion(view.now_ns)
         return state if last_known is None else messages.px4_state_message(state, *last_known)

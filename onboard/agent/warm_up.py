@@ -14,8 +14,9 @@ from onboard.bus.schema import MocapPose, Order
 from onboard.config.fleet import FleetConfig
 from onboard.frames import ned_from_enu
 from onboard.safety.failsafe_table import Situation
+from onboard.types import TICK_S
 
-_START_NS, _PERIOD_NS = 1_000_000_000, 20_000_000
+_START_NS, _PERIOD_NS = 1_000_000_000, round(TICK_S * 1e9)
 _MOST_TICKS, _FLYING_TICKS = 250, 50
 _CLIMB_M_S = 0.4
 

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from onboard.types import GRAVITY_M_S2
+from onboard.types import GRAVITY_M_S2, TICK_S
 
-TICK_S = 0.02  # period of the control loop
 LAG_ERROR_S = 0.04  # error with which the lag must be known; twice that costs violations in every third flight
 _SUBSTEPS = 4
 _MARGIN_FLOOR_M, _MARGIN_SIGMAS = 0.05, 4.5

@@ -26,6 +26,7 @@ from onboard.feasibility.vehicle_checks import (
     silence,
     thrust_reserve,
 )
+from onboard.types import TICK_S
 
 ErrorClass = Literal["mocap", "vision", "gps"]
 
@@ -188,9 +189,7 @@ def fence_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) -> 
         vehicle, fence = fleet.vehicles[name], fleet.fleet.geofence_m
         x, y, z = spots[name]
         room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y, fence.z[1] - z)
-        stop_m = bounds.stopping_distance_m(
-            vehicle.max_speed_m_s, available_m_s2(vehicle), vehicle.lag_s + bounds.TICK_S
-        )
+        stop_m = bounds.stopping_distance_m(vehicle.max_speed_m_s, available_m_s2(vehicle), vehicle.lag_s + TICK_S)
         return at_least(
             f"fence, {label}",
             room_m,

@@ -125,5 +125,8 @@ def goal_conflict(goal: Vec3, others: Mapping[str, Telemetry], distance_m: float
             continue
         distance = math.hypot(other.goal_position_enu_m[0] - goal[0], other.goal_position_enu_m[1] - goal[1])
         if distance < distance_m:
-            return f"Our goal is {distance:.2f} m from the goal of {name}: the two cannot both be reached."
+            return (
+                f"The goal is {distance:.2f} m from the goal of {name}: the two vehicles cannot both be there. "
+                "Choose another goal."
+            )
     return None

@@ -8,11 +8,11 @@ from onboard.flight.predicates import CONFIRM_TIMEOUT_S, PX4_LANDING_TIMEOUT_S
 from onboard.flight.types import FlightView
 
 LOCATED = "The tune was sent to PX4, which does not confirm it: listen, or look at the row that blinks."
-FLIES_WITHOUT_AGENT = "PX4 flies without this agent: order land or kill, or hold when PX4 holds its place."
+FLIES_WITHOUT_AGENT = "PX4 flies without this agent: order land or kill; or order hold, to take over from PX4's hold."
 DISARMED = "PX4 is disarmed."
 LANDED = "Landed and disarmed."
 NO_LIFTOFF = "The vehicle did not leave the ground: check propellers, battery and hover_thrust_frac."
-NOT_LANDED = f"PX4 has not landed after {PX4_LANDING_TIMEOUT_S:.0f} s: take it by radio control."
+NOT_LANDED = f"PX4 has not landed after {PX4_LANDING_TIMEOUT_S:.0f} s: land it with the transmitter."
 
 
 def killed(flight: FlightContext, view: FlightView) -> str:
@@ -54,4 +54,4 @@ def why_landed(flight: FlightContext, view: FlightView) -> str:
 
 def px4_does_not_land(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why PX4's landing has failed."""
-    return f"PX4 does not land, it is in {view.snapshot.mode}: take it by radio control."
+    return f"PX4 does not land; its mode is {view.snapshot.mode or 'unknown'}: land it with the transmitter."

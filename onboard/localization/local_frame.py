@@ -1,13 +1,13 @@
 """PX4's local frame in the fleet's, for vehicles that fly without a mocap.
 
-Each PX4 has an origin of its own: where its estimator began. Outdoors PX4 tells where on Earth that is, and the fleet
-file says where the fleet's origin is; the difference is the offset, horizontally. Heights are taken from the ground
-under the vehicle, since satellites tell heights metres apart. Without a global origin the first take-off place is
-believed to be the one of the fleet file.
+Each PX4 has an origin of its own: where its estimator started. Outdoors PX4 sends the position of that origin on Earth,
+and the fleet file gives the position of the fleet's; the difference is the horizontal offset. Heights are measured from
+the ground under the vehicle, since satellite heights differ by metres. Without a global origin, the first take-off spot
+is taken to be that of the fleet file.
 
-PX4's estimate may jump ("reset"). In the air the offset takes a jump up, so that nothing downstream sees one, and gives
-a horizontal one back slowly where a global origin says what is right; a jump in height is kept out for good, because
-the ground was measured before it.
+PX4's estimate may jump ("reset"). In the air the offset absorbs a jump, so that nothing downstream notices it. A
+horizontal jump is given back slowly where a global origin shows the right offset; a jump in height is absorbed for
+good, because the ground was measured before it.
 """
 
 from __future__ import annotations
@@ -26,22 +26,17 @@ _GIVE_BACK_M_S = 0.2
 
 @dataclass(slots=True)
 class LocalFrame:
-    """One vehicle's local frame; ``take`` each new local position.
+    """One vehicle's local frame; :meth:`take` each new local position."""
 
-    Args:
-        start_enu_m: where the fleet file says that the vehicle stands at first.
-        origin: of the fleet on Earth; None when only take-off places are known.
-    """
-
-    start_enu_m: Vec3
-    origin: Origin | None
+    start_enu_m: Vec3  # the vehicle's take-off spot in the fleet file
+    origin: Origin | None  # of the fleet on Earth; None if only take-off spots are known
     jumps: int = 0
     _offset_enu_m: Vec3 | None = None
     _last: tuple[int, Vec3, Vec3] | None = None
     _has_flown: bool = False
 
     def take(self, snapshot: Snapshot) -> Vec3 | None:
-        """The newest local position in the fleet frame; None while nobody knows where the local frame lies."""
+        """Return the newest local position in the fleet frame; None while the local frame's offset is not known."""
         local, velocity = enu_from_ned(snapshot.position_local_ned_m), enu_from_ned(snapshot.velocity_local_ned_m_s)
         now_ns = snapshot.local_position_ns
         last, self._last = self._last, (now_ns, local, velocity)
@@ -60,13 +55,13 @@ class LocalFrame:
         return local[0] + x, local[1] + y, local[2] + z
 
     def _anchored_m(self, local: Vec3, snapshot: Snapshot) -> Vec3 | None:
-        """The offset that holds while the vehicle stands on the ground."""
+        """Return the offset while the vehicle stands on the ground."""
         x, y, z = (start - here for start, here in zip(self.start_enu_m, local, strict=True))
         if self.origin is None:
             return x, y, z
         if snapshot.global_origin is None:
             return None
-        east_m, north_m = _between(self.origin, snapshot.global_origin)
+        east_m, north_m = _east_north_m(self.origin, snapshot.global_origin)
         return east_m, north_m, z
 
     def _absorb(self, last: tuple[int, Vec3, Vec3], local: Vec3, anchored: Vec3, now_ns: int) -> None:
@@ -85,13 +80,13 @@ class LocalFrame:
         self._offset_enu_m = x, y, z
 
 
-def _between(origin: Origin, place: Vec3) -> tuple[float, float]:
-    """East and north [m] of a place (latitude deg, longitude deg, altitude m) from the fleet's origin.
+def _east_north_m(origin: Origin, position: Vec3) -> tuple[float, float]:
+    """Return east and north [m] of a position (latitude deg, longitude deg, altitude m) from the fleet's origin.
 
-    Azimuthal equidistant on PX4's sphere, as PX4 itself makes local positions of global ones.
+    Azimuthal equidistant on PX4's sphere, the projection that PX4 uses for its local positions.
     """
-    here, there = math.radians(origin.latitude_deg), math.radians(place[0])
-    turn = math.radians(place[1] - origin.longitude_deg)
+    here, there = math.radians(origin.latitude_deg), math.radians(position[0])
+    turn = math.radians(position[1] - origin.longitude_deg)
     cosine = math.sin(here) * math.sin(there) + math.cos(here) * math.cos(there) * math.cos(turn)
     angle = math.acos(min(1.0, max(-1.0, cosine)))
     scale = _EARTH_RADIUS_M * (angle / math.sin(angle) if angle > 1e-7 else 1.0)

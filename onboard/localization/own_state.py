@@ -1,7 +1,7 @@
-"""The own motion: mocap samples, PX4's attitude and the own thrust through the estimator, and the heading of PX4.
+"""The own state: mocap samples, PX4's attitude and the own thrust through the estimator, and PX4's heading.
 
-PX4's heading may be off by tens of degrees (it has only its magnetometer). The difference to the mocap's heading,
-low-passed, turns PX4's attitude into the fleet frame and the attitude setpoint back out of it.
+PX4's heading may be wrong by tens of degrees, since it has only its magnetometer. The difference to the mocap's
+heading, low-passed, converts PX4's attitude to the fleet frame, and the attitude setpoint back.
 """
 
 from __future__ import annotations
@@ -29,31 +29,27 @@ _MAX_QUEUE = 8
 _FUTURE_NS = 5_000_000
 _REJECTED_TO_RESTART = 10
 _BELIEVED_S = 0.1
-_PX4_POSITION_STD_M = 0.05  # from one sample to the next; it wanders by more, as ACCURACIES say
-_WORST_STD_M = 0.5  # a margin for more would push the others out of the fence
+_PX4_POSITION_STD_M = 0.05  # from one sample to the next; its slow error is larger, see ACCURACIES
+_WORST_STD_M = 0.5  # a margin for more would push the other vehicles out of the geofence
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 _SQRT_HALF = math.sqrt(0.5)
 
 
 @dataclass(slots=True)
 class OwnState:
-    """Estimate of one vehicle; ``update`` once a tick, samples whenever they come.
-
-    ignored_samples: mocap samples that were not finite, repeated, out of order, from the future or not believable.
-    watch: what is wrong with the mocap's samples of this body. second: where PX4 believes to be, beside a mocap.
-    """
+    """Estimate of one vehicle; :meth:`update` once a tick, :meth:`add_pose` whenever a sample arrives."""
 
     vehicle: Vehicle
     origin: Origin | None = None
-    ignored_samples: int = 0
-    heading_offset_rad: float = 0.0
+    ignored_samples: int = 0  # not finite, repeated, out of order, from the future or not believable
+    heading_offset_rad: float = 0.0  # heading of the fleet frame minus PX4's
     validator: PoseValidator = field(default_factory=PoseValidator)
-    px4_check: Px4PositionCheck = field(default_factory=Px4PositionCheck)
+    px4_check: Px4PositionCheck = field(default_factory=Px4PositionCheck)  # of vehicles with a mocap
     _params: KalmanParams = field(init=False)
     _memory: kalman.KalmanMemory | None = None
     _queue: list[tuple[vectors.Vec3, int, float]] = field(default_factory=list)
     _newest: tuple[int, int, int] = (0, -1, 0)  # boot id, sequence, stamp
-    _rejected_enu_m: Vec3 | None = None
+    _rejected_enu_m: Vec3 | None = None  # by the estimator
     _has_heading: bool = False
     _local_ns: int = 0
     _local_frame: LocalFrame = field(init=False)
@@ -75,28 +71,28 @@ class OwnState:
         if not pose.is_tracked:
             return False
         boot_id, sequence, stamp_ns = self._newest
-        # stamps of all lives and sources are on one clock: what is not newer is out of order, or a life's that is over
-        newer = pose.stamp_ns > stamp_ns and (pose.boot_id != boot_id or pose.sequence > sequence)
+        # stamps of all sources are on one clock: a stamp that is not newer is out of order, or from before a restart
+        is_newer = pose.stamp_ns > stamp_ns and (pose.boot_id != boot_id or pose.sequence > sequence)
         norm = math.hypot(*pose.quaternion_enu_flu_wxyz)
-        usable = (
+        is_usable = (
             is_finite(pose.position_enu_m, pose.quaternion_enu_flu_wxyz)
             and max(map(abs, pose.position_enu_m)) < _MAX_POSITION_M
             and 0.9 < norm < 1.1
-            and newer
+            and is_newer
             and pose.stamp_ns <= received_ns + _FUTURE_NS
         )
-        if not usable:
+        if not is_usable:
             self.ignored_samples += 1
             return False
         self._newest = (pose.boot_id, pose.sequence, pose.stamp_ns)
-        fault = self.validator.judge(
+        verdict = self.validator.judge(
             pose.position_enu_m,
             pose.quaternion_enu_flu_wxyz,
             pose.stamp_ns,
             received_ns,
             is_contradicted=self.px4_check.contradicts(pose.position_enu_m, received_ns),
         )
-        if fault is not PoseVerdict.ACCEPTED:
+        if verdict is not PoseVerdict.ACCEPTED:
             self.ignored_samples += 1
             return False
         self._queue.append(
@@ -108,7 +104,7 @@ class OwnState:
     def update(
         self, now_ns: int, dt_s: float, snapshot: Snapshot, thrust_frac: float, hover_frac: float, is_on_ground: bool
     ) -> None:
-        """Propagate to ``now_ns`` with the attitude flown and the throttle sent last, then take the queued samples."""
+        """Propagate to ``now_ns`` with measured attitude and the throttle sent last, then use the queued samples."""
         if not self.vehicle.mocap_required:
             self._take_local_position(snapshot)
         if self._memory is not None:
@@ -131,7 +127,7 @@ class OwnState:
         self._queue.clear()
         if self.vehicle.mocap_required:
             is_believed = not self.jumps and self.age_s < _BELIEVED_S
-            self.px4_check.look(snapshot, self.position_enu_m if is_believed else None, now_ns)
+            self.px4_check.update(snapshot, self.position_enu_m if is_believed else None, now_ns)
 
     def _follow_heading(self, yaw_rad: float, snapshot: Snapshot, dt_s: float) -> None:
         if snapshot.attitude_ns == 0:
@@ -145,9 +141,9 @@ class OwnState:
         if snapshot.local_position_ns == self._local_ns:
             return
         self._local_ns = snapshot.local_position_ns
-        told_m = min(snapshot.position_accuracy_m * _SQRT_HALF, _WORST_STD_M)  # of two axes together
-        known = ACCURACIES["gps"]
-        self._least_std = max(known.position_std_m, told_m), known.velocity_std_m_s
+        std_m = min(snapshot.position_accuracy_m * _SQRT_HALF, _WORST_STD_M)  # PX4's value is of two axes together
+        gps = ACCURACIES["gps"]
+        self._least_std = max(gps.position_std_m, std_m), gps.velocity_std_m_s
         position = self._local_frame.take(snapshot)
         if position is not None:
             self._queue.append(
@@ -159,18 +155,18 @@ class OwnState:
         return quaternion_multiply(quaternion_from_yaw(self.heading_offset_rad), snapshot.quaternion_enu_flu_wxyz)
 
     def to_px4(self, setpoint: AttitudeSetpoint) -> AttitudeSetpoint:
-        """An attitude setpoint of the fleet frame as PX4's heading has it."""
+        """Convert an attitude setpoint from the fleet frame to PX4's heading."""
         back = quaternion_from_yaw(-self.heading_offset_rad)
         return AttitudeSetpoint(quaternion_multiply(back, setpoint.quaternion_wxyz), setpoint.thrust_frac)
 
     @property
     def jumps(self) -> int:
-        """Samples in a row that cannot be true."""
+        """Number of impossible samples in a row."""
         return max(self.validator.jumps, 0 if self._memory is None else self._memory.rejected_count)
 
     @property
     def jumped_to_enu_m(self) -> Vec3 | None:
-        """Where the newest of them lay."""
+        """Position of the newest impossible sample; None after a good one."""
         return self.validator.jumped_to_enu_m or self._rejected_enu_m
 
     @property
@@ -180,17 +176,17 @@ class OwnState:
 
     @property
     def position_enu_m(self) -> Vec3:
-        """Of :attr:`state`, in floats; of no use before the first sample."""
+        """Estimated position as of the last update; zero before the first sample."""
         return _ZERO if self._memory is None else self._memory.position_enu_m
 
     @property
     def velocity_enu_m_s(self) -> Vec3:
-        """Of :attr:`state`, in floats; of no use before the first sample."""
+        """Estimated velocity as of the last update; zero before the first sample."""
         return _ZERO if self._memory is None else self._memory.velocity_enu_m_s
 
     @property
     def state(self) -> State | None:
-        """The estimate as of the last update; None before the first sample."""
+        """Estimate as of the last update; None before the first sample."""
         if self._memory is None:
             return None
         return kalman.state(self._memory, self._yaw_rad, *self._least_std)

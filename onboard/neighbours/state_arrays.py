@@ -1,10 +1,11 @@
-"""Newest states of all neighbours as arrays (K, ...), on our own clock."""
+"""Newest states of all neighbours as arrays, so that one call serves all of them."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +14,6 @@ from onboard.bus.schema import StateMessage
 from onboard.types import Neighbour
 from onboard.vectors import Vec3
 
-LARGEST = 1e4  # a number beyond is no position, velocity or acceleration
-_LARGEST_INT = 1 << 62
 _VECTORS = (
     "position_enu_m",
     "velocity_enu_m_s",
@@ -28,65 +27,108 @@ _SCALARS = ("position_std_m", "crowd_count", "lead_time_s", "velocity_std_m_s")
 COLUMNS = {name: slice(3 * index, 3 * index + 3) for index, name in enumerate(_VECTORS)}
 COLUMNS_1 = {name: 3 * len(_VECTORS) + index for index, name in enumerate(_SCALARS)}
 WIDTH = 3 * len(_VECTORS) + len(_SCALARS)
+# rows of NeighbourArrays.flags
+KNOWN, AIRBORNE, COOPERATIVE, ANNOUNCED = range(4)
 _vectors_of, _scalars_of = attrgetter(*_VECTORS), attrgetter(*_SCALARS)
+_LARGEST = 1e4
+_LARGEST_INT = 1 << 62
 
 
 @dataclass(slots=True)
-class StateArrays:
-    """One entry per neighbour, changed in place; simulations of whole fleets keep those of all vehicles together."""
+class NeighbourArrays:
+    """Newest valid state of each of K neighbours; a simulation may let these be rows of common arrays."""
 
-    numbers: Array  # (K, WIDTH) vectors and scalars of the newest valid message
-    stamp_ns: IntArray  # of these numbers, on our clock
-    heard_ns: IntArray  # stamp of the newest valid message, on our clock; 0 never
+    numbers: Array  # (K, WIDTH), see COLUMNS
+    stamp_ns: IntArray  # (K,) of the numbers, on our clock
+    heard_ns: IntArray  # (K,) stamp of the newest valid message, on our clock; 0 never
     newest: IntArray  # (2, K) boot id and sequence of the newest message
-    is_known: BoolArray
-    is_airborne: BoolArray
-    is_cooperative: BoolArray  # as far as we believe it
-    is_promised: BoolArray  # says that it cooperates
-    is_lost: BoolArray  # says that it knows no position
-    is_followed: BoolArray  # heard at full rate
-    silent_after_s: Array
+    flags: BoolArray  # (4, K): is anything known, airborne, counts as cooperative, announces that it cooperates
+    is_lost: BoolArray  # (K,) the newest message says that it knows no position
+    is_followed: BoolArray  # (K,) its state is received at full rate
+    silent_after_s: Array  # (K,) age from which on it counts as silent
+
+    def set_state(self, index: int, stamp_ns: int, numbers: tuple[float, ...], flags: tuple[bool, bool, bool]) -> None:
+        """Store a state; ``flags`` say airborne, counts as cooperative, announces that it cooperates."""
+        self.numbers[index] = numbers
+        self.stamp_ns[index] = stamp_ns
+        self.flags[:, index] = True, *flags
 
 
-def no_states(count: int, silent_after_s: float) -> StateArrays:
-    """Return the arrays of neighbours of which nothing was heard yet, all of them followed."""
-    return StateArrays(
+def empty(count: int, silent_after_s: float) -> NeighbourArrays:
+    """Return the arrays of neighbours that were never heard, all followed."""
+    return NeighbourArrays(
         numbers=np.zeros((count, WIDTH)),
         stamp_ns=np.zeros(count, dtype=np.int64),
         heard_ns=np.zeros(count, dtype=np.int64),
         newest=np.array([[0], [-1]], dtype=np.int64).repeat(count, axis=1),
-        is_known=np.zeros(count, dtype=bool),
-        is_airborne=np.zeros(count, dtype=bool),
-        is_cooperative=np.zeros(count, dtype=bool),
-        is_promised=np.zeros(count, dtype=bool),
+        flags=np.zeros((4, count), dtype=bool),
         is_lost=np.zeros(count, dtype=bool),
         is_followed=np.ones(count, dtype=bool),
         silent_after_s=np.full(count, silent_after_s),
     )
 
 
+class NeighbourRow(NamedTuple):
+    """State of one neighbour."""
+
+    name: str
+    age_s: float
+    stamp_ns: int
+    is_cooperative: bool  # by its own announcement
+    numbers: list[float]
+
+    def value(self, name: str) -> float:
+        """Return a scalar of its message."""
+        return self.numbers[COLUMNS_1[name]]
+
+    def vector(self, name: str) -> list[float]:
+        """Return a vector of its message."""
+        return self.numbers[COLUMNS[name]]
+
+
 def numbers_of(message: StateMessage) -> tuple[float, ...]:
-    """Return the vectors and scalars of a message, WIDTH numbers."""
+    """Return the numbers of a message in the order of the columns."""
     p, v, a, pp, pv, c, i = _vectors_of(message)
     return (*p, *v, *a, *pp, *pv, *c, *i, *_scalars_of(message))
 
 
 def is_usable(message: StateMessage, numbers: tuple[float, ...]) -> bool:
-    """Whether a message and its numbers can be calculated with."""
+    """Whether all numbers of a message are finite and small enough for the arrays."""
     return (
         math.isfinite(sum(numbers))
-        and min(numbers) > -LARGEST
-        and max(numbers) < LARGEST
-        and 0 <= message.stamp_ns < _LARGEST_INT  # the range of arrays
+        and min(numbers) > -_LARGEST
+        and max(numbers) < _LARGEST
+        and 0 <= message.stamp_ns < _LARGEST_INT
         and 0 <= message.boot_id < _LARGEST_INT
         and 0 <= message.sequence < _LARGEST_INT
     )
 
 
-def neighbour_of(
-    numbers: list[float], age_s: float, is_cooperative: bool, is_paper_obstacle: bool, index: int
+def is_plausible(*vectors: Vec3 | tuple[float, ...]) -> bool:
+    """Whether all numbers are finite and small enough to calculate with."""
+    return all(abs(value) < _LARGEST for vector in vectors for value in vector)
+
+
+def neighbours(arrays: NeighbourArrays, ages_s: Array, is_successor: BoolArray) -> list[Neighbour]:
+    """Return the values for the law of all neighbours that are known; a silent or grounded one does not cooperate."""
+    is_cooperative = arrays.flags[COOPERATIVE] & (ages_s <= arrays.silent_after_s)
+    columns = (
+        arrays.numbers.tolist(),
+        ages_s.tolist(),
+        arrays.flags[KNOWN].tolist(),
+        is_cooperative.tolist(),
+        is_successor.tolist(),
+    )
+    return [
+        _neighbour(index, numbers, age_s, cooperates, follows)
+        for index, (numbers, age_s, is_known, cooperates, follows) in enumerate(zip(*columns, strict=True))
+        if is_known
+    ]
+
+
+def _neighbour(
+    index: int, numbers: list[float], age_s: float, is_cooperative: bool, is_paper_obstacle: bool
 ) -> Neighbour:
-    """Return one row of numbers as the law takes it."""
     position_std_m, crowd_count, lead_time_s, velocity_std_m_s = numbers[21:]
     return Neighbour(
         Vec3(*numbers[0:3]),

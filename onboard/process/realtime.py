@@ -1,7 +1,7 @@
-"""What the control loop needs of its process, so that nothing in it stands between a tick and the wire.
+"""Settings of the process that keep delays out of the control loop.
 
-Python's collector runs on the ground only; log lines are written by a thread of their own, since whoever reads them may
-hang; Python's lock changes hands quickly; and on a drone's own computer the loop's thread may take precedence.
+Python's collector runs on the ground only. Log lines are written by a thread of their own, since the reader may hang.
+Python's lock changes hands quickly. On a drone's own computer the loop's thread may take precedence.
 """
 
 from __future__ import annotations
@@ -66,14 +66,14 @@ def is_disk_full() -> bool:
     """Whether the disk that our log goes to, or else the working directory's, has no room left."""
     try:
         is_file = stat.S_ISREG(os.fstat(2).st_mode)
-        found = os.statvfs(2 if is_file else ".")
+        disk = os.statvfs(2 if is_file else ".")
     except OSError:
         return False
-    return found.f_bavail * found.f_frsize < _LEAST_FREE_BYTES
+    return disk.f_bavail * disk.f_frsize < _LEAST_FREE_BYTES
 
 
 def take_precedence() -> str:
-    """Let the calling thread run before everything else on this machine; a sentence that says whether it may.
+    """Let the calling thread run before everything else on this machine; return a sentence about whether it may.
 
     The other threads that there are come next: one that has Python's lock and waits for a processor holds up the loop,
     however first that is. Threads that start from now on do not: what they do may wait.

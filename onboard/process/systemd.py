@@ -1,6 +1,6 @@
-"""Tell systemd that the control loop lives: READY once, WATCHDOG while it ticks, STATUS in a word; nothing elsewhere.
+"""Messages to systemd: READY once, WATCHDOG while the control loop ticks, STATUS in a word; nothing elsewhere.
 
-Only a live tick may call this: whoever hangs falls silent, and systemd ends and restarts the process.
+Only a live tick may call this: a loop that hangs sends nothing, and systemd ends and restarts the process.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ class Notifier:
     """The datagram socket of ``NOTIFY_SOCKET``; without one every call does nothing.
 
     Args:
-        environ: for tests; NOTIFY_SOCKET, and WATCHDOG_USEC within which a sign of life is due.
+        environ: for tests; NOTIFY_SOCKET, and WATCHDOG_USEC, the time within which a message is due.
     """
 
     def __init__(self, environ: Mapping[str, str] = os.environ) -> None:
@@ -28,19 +28,19 @@ class Notifier:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) if path else None
         if self._socket is not None:
             self._socket.setblocking(False)
-        self._told_ns: int | None = None
+        self._sent_ns: int | None = None
         self._status = ""
 
     def alive(self, now_ns: int, status: str) -> None:
-        """A tick was completed; ``status`` says what the vehicle does."""
+        """Report a completed tick; ``status`` is the state of the flight."""
         if self._socket is None:
             return
-        is_first = self._told_ns is None
-        if not is_first and status == self._status and now_ns - (self._told_ns or 0) < self._every_ns:
+        is_first = self._sent_ns is None
+        if not is_first and status == self._status and now_ns - (self._sent_ns or 0) < self._every_ns:
             return
         lines = [*(["READY=1"] if is_first else []), "WATCHDOG=1", f"STATUS={status}"]
         try:
             self._socket.sendto("\n".join(lines).encode(), self._address)
         except OSError:
-            return  # its queue is full, or nobody is there: the next tick tries again
-        self._told_ns, self._status = now_ns, status
+            return  # its queue is full, or systemd is gone: the next tick tries again
+        self._sent_ns, self._status = now_ns, status

@@ -20,8 +20,8 @@ from onboard.control import pipeline
 from onboard.estimation import kalman
 from onboard.rollout import batch
 from onboard.rollout.rows import Rows, floats
-from onboard.rollout.vehicle_model import TICK_S, Noise, Perturbation, Plant, VehicleModels, plant_of
-from onboard.types import LawStatus
+from onboard.rollout.vehicle_model import Noise, Perturbation, Plant, VehicleModels, plant_of
+from onboard.types import TICK_S, LawStatus
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,8 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.config.fleet import Vehicle
 from onboard.rollout.rows import Rows
-from onboard.types import GRAVITY_M_S2
+from onboard.types import GRAVITY_M_S2, TICK_S
 
-TICK_S = 0.02  # dead times are rounded to quarters of it
 _SUBSTEPS = 4
 _NOISE_BLOCK_TICKS = 100
 

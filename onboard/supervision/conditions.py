@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from onboard.autopilot import Vec4
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control.allocation import MAX_THRUST_FRAC
-from onboard.feasibility.bounds import TICK_S
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
 from onboard.localization.own_state import OwnState
@@ -25,7 +24,7 @@ from onboard.safety.geofence import Fence
 from onboard.safety.limits import POSITION_LOST_S, POSITION_STALE_S
 from onboard.safety.tracking_monitor import TrackingMonitor
 from onboard.supervision.neighbour_conditions import NeighbourMonitor
-from onboard.types import GRAVITY_M_S2, LawStatus
+from onboard.types import GRAVITY_M_S2, TICK_S, LawStatus
 
 STALE_FOR_S = 0.3  # a position that stays this old is lost, however regularly it comes
 LATE_S, STALLED_S, STALLED_LONG_S = 0.005, 0.2, 0.3  # PX4 lands after COM_OF_LOSS_T = 0.3 s without setpoints

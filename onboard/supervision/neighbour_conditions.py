@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from onboard.config.fleet import FleetConfig, Vec3, Vehicle
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
-from onboard.neighbours.table import SILENT_S, NeighbourRow, NeighbourTable
+from onboard.neighbours.state_arrays import NeighbourRow
+from onboard.neighbours.table import SILENT_S, NeighbourTable
 from onboard.safety.failsafe_table import Condition
 from onboard.safety.separation import PredictionMonitor, smallest_distance_m
 from onboard.types import GRAVITY_M_S2

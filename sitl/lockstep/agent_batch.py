@@ -19,7 +19,7 @@ from onboard.control.pipeline import PipelineMemory, PipelineParams
 from onboard.rollout import batch
 from onboard.rollout.rows import Rows
 from onboard.types import Tick
-from sitl.lockstep.agents import AgentShell, Hall
+from sitl.lockstep.agents import AgentShell, FleetTables
 
 BATCHED_FROM = 8  # vehicles
 
@@ -44,29 +44,29 @@ class Batch:
     """Runs the passes that are due together.
 
     Args:
-        hall: holds the agents' tables; None runs the passes one by one.
+        tables: holds the agents' tables; None runs the passes one by one.
     """
 
-    def __init__(self, hall: Hall | None) -> None:
-        self._hall = hall
+    def __init__(self, tables: FleetTables | None) -> None:
+        self._tables = tables
         self._params: tuple[list[PipelineParams], Rows] = [], batch.PARAMS.rows(0)
 
     def tick(self, agents: Sequence[AgentShell], now_ns: int) -> None:
         """One tick of each agent; a message that one publishes is heard by the others in later ticks."""
         passes = [agent.begin_tick(now_ns) for agent in agents]
         is_together = len({due.dt_s for due in passes}) == 1  # not so after one of them has stood still
-        if self._hall is not None and is_together and len(agents) >= BATCHED_FROM:
-            results = self._together(self._hall, agents, passes)
+        if self._tables is not None and is_together and len(agents) >= BATCHED_FROM:
+            results = self._together(self._tables, agents, passes)
         else:
             results = [_alone(agent, due) for agent, due in zip(agents, passes, strict=True)]
         for agent, (memory, tick) in zip(agents, results, strict=True):
             agent.end_tick(memory, tick, now_ns)
 
     def _together(
-        self, hall: Hall, agents: Sequence[AgentShell], passes: list[PipelineInputs]
+        self, tables: FleetTables, agents: Sequence[AgentShell], passes: list[PipelineInputs]
     ) -> list[tuple[Any, Tick]]:
         memories = _rows_of([due.memory for due in passes])
-        neighbours, is_present = hall.snapshots([due.table for due in passes], passes[0].now_ns)
+        neighbours, is_present = tables.snapshots([due.table for due in passes], passes[0].now_ns)
         inputs = batch.PassRows(
             batch.STATE.packed([due.state for due in passes]),
             batch.GOAL.packed([due.goal for due in passes]),

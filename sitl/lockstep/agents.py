@@ -1,4 +1,4 @@
-"""An agent's shell in simulated time: what ``onboard.agent.loop`` does with threads and sockets, done here by calls.
+"""An agent's shell in simulated time: calls do what ``onboard.agent.loop`` does with threads and sockets.
 
 The core is the real one. Between two ticks messages wait in the inbox, orders are answered at once, and commands are
 executed in their order. The process around the core can be stopped, continued, killed and started anew.
@@ -25,7 +25,7 @@ from onboard.control.pipeline import PipelineMemory
 from onboard.neighbours.subscription import is_slow
 from onboard.neighbours.table import NeighbourTable
 from onboard.rollout.rows import Rows
-from onboard.types import Tick
+from onboard.types import TICK_S, Tick
 from sitl.lockstep.bus import Node, SimBus
 from sitl.lockstep.link import EmulatedLink
 from sitl.lockstep.neighbour_tables import Round, Tables
@@ -34,32 +34,32 @@ CONNECT_AFTER_NS = 1_000_000_000  # discovery and parameters of a real link
 BULK_FROM = 8  # vehicles, from which it is cheaper to take what the others say all at once
 _MAX_EVENTS = 2000
 _STATISTICS_TICKS = 25
-_PERIOD_MS = 20.0
+_PERIOD_MS = 1e3 * TICK_S
 _LATE_MS = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class News:
-    """Messages of vehicles at one instant; ``round`` holds the states as arrays."""
+class Arrivals:
+    """Messages that have arrived at one instant."""
 
     received_ns: int
     states: list[StateMessage]
     telemetries: dict[str, Telemetry]
-    round: Round | None
+    round: Round | None  # the states as arrays
 
 
-def sorted_news(messages: Sequence[tuple[int, Message]], places: Mapping[str, int]) -> list[News]:
-    """News by the time of arrival, with the states made into arrays once for all who hear them."""
-    found = []
+def by_arrival(messages: Sequence[tuple[int, Message]], indices: Mapping[str, int]) -> list[Arrivals]:
+    """Return messages grouped by the time of arrival, with the states made into arrays once for all receivers."""
+    arrivals = []
     for received_ns, group in itertools.groupby(messages, key=lambda one: one[0]):
         both = [message for _, message in group]
         states = [message for message in both if isinstance(message, StateMessage)]
         telemetries = {message.vehicle: message for message in both if isinstance(message, Telemetry)}
-        found.append(News(received_ns, states, telemetries, Round.of(states, places) if states else None))
-    return found
+        arrivals.append(Arrivals(received_ns, states, telemetries, Round.of(states, indices) if states else None))
+    return arrivals
 
 
-class Hall:
+class FleetTables:
     """All agents' tables of their neighbours in common arrays, so that what all hear is heard at once."""
 
     def __init__(self, agents: Sequence[AgentShell]) -> None:
@@ -69,22 +69,22 @@ class Hall:
         self.tables = Tables(tables)
         self._rows = {id(table): row for row, table in enumerate(tables)}
 
-    def hear(self, agents: Sequence[AgentShell], news: Sequence[News], now_ns: int) -> None:
-        """Hand over the messages since the last tick to all agents that run; an agent started anew has a new table."""
+    def receive(self, agents: Sequence[AgentShell], arrivals: Sequence[Arrivals], now_ns: int) -> None:
+        """Take the messages since the last tick in all agents' tables; an agent started anew has a new table."""
         tables = [agent.core.neighbours for agent in agents]
         if any(id(table) not in self._rows for table in tables):
             self._collect(tables)
-        # who has stood still has older news waiting, and takes the newest after them
-        at_once = [agent.ticks and not agent.has_backlog for agent in agents]
+        # an agent that has stood still has older messages waiting, and takes the newest after them
+        at_once = [agent.is_ticking and not agent.has_backlog for agent in agents]
         is_listening = np.array(at_once)
-        for one in news:
+        for one in arrivals:
             if one.round is not None:
                 self.tables.hear(one.round, one.received_ns, is_listening)
             for agent, is_quick in zip(agents, at_once, strict=True):
                 if is_quick:
                     agent.core.neighbours.hear_telemetry(one.telemetries, one.received_ns)
                 elif agent.is_running:
-                    agent.hear((one,))
+                    agent.receive_later((one,))
         self.tables.age(now_ns)
 
     def snapshots(self, tables: Sequence[NeighbourTable], now_ns: int) -> tuple[Rows, BoolArray]:
@@ -119,7 +119,7 @@ class AgentShell:
             return
         self._lives += 1
         self.is_running, self.is_hung = True, False
-        self.core = AgentCore(self.fleet, self.name, boot_id=1000 * self._lives + self.core_index)
+        self.core = AgentCore(self.fleet, self.name, boot_id=1000 * self._lives + self.index)
         self.core.preflight.is_warm = True
         self._followed = self.core.neighbours.followed
         self._inbox.clear()
@@ -146,19 +146,19 @@ class AgentShell:
         self.is_hung = False
         orders, self._orders = self._orders, []
         for message, reply in orders:
-            self._ordered(message, reply)
+            self._order_received(message, reply)
 
-    def ask_to_stop(self) -> None:
+    def request_stop(self) -> None:
         """SIGTERM: land first if in the air."""
         self._inbox.append(ev.ShutdownRequested())
 
     @property
-    def core_index(self) -> int:
-        """Place of the vehicle in the fleet file."""
+    def index(self) -> int:
+        """Index of the vehicle in the fleet file."""
         return self.fleet.vehicles[self.name].index
 
     @property
-    def ticks(self) -> bool:
+    def is_ticking(self) -> bool:
         """Whether its loop turns."""
         return self.is_running and not self.is_hung
 
@@ -184,17 +184,17 @@ class AgentShell:
 
         self._on_neighbour, self._on_pose = neighbour, pose
         if self._reads_in_bulk:
-            self._bus.read_news(node, neighbour)
+            self._bus.subscribe_in_bulk(node, neighbour)
         else:
             node.subscribe(Topic.STATE, "*", neighbour)
             node.subscribe(Topic.FAR, "*", neighbour)
             node.subscribe(Topic.SLOW_TELEMETRY, "*", neighbour)
         if vehicle.mocap_required and vehicle.body:
             node.subscribe(Topic.MOCAP, vehicle.body, pose)
-        node.serve_orders(name, self._ordered)
+        node.serve_orders(name, self._order_received)
         node.watch_alive(lambda other, is_alive: inbox.append(ev.NodeChanged(other, is_alive)))
 
-    def _ordered(self, message: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
+    def _order_received(self, message: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
         if self.is_hung:
             self._orders.append((message, reply))
         elif isinstance(message, Order):
@@ -203,10 +203,10 @@ class AgentShell:
             self.core.handle(ev.SnapshotReceived(self.link.snapshot()), now_ns)
             self._execute(self.core.handle(ev.OrderReceived(message), now_ns))
 
-    def hear(self, news: Sequence[News]) -> None:
-        """Hand over messages that arrived in bulk, one by one: it waits for a loop that does not turn."""
+    def receive_later(self, arrivals: Sequence[Arrivals]) -> None:
+        """Put messages into the inbox one by one: they wait for a loop that stands still."""
         self.has_backlog = True
-        for one in news:
+        for one in arrivals:
             for state in one.states:
                 self._on_neighbour(Topic.STATE, state.vehicle, state)
                 if is_slow(state.sequence):

@@ -84,7 +84,7 @@ class SimBus:
         self.subscribers: dict[tuple[Topic, str], list[tuple[Node, OnMessage]]] = defaultdict(list)
         self.lost = 0
         self._readers: list[tuple[Node, OnMessage]] = []
-        self._news: list[tuple[int, Message]] = []
+        self._bulk: list[tuple[int, Message]] = []
 
     def node(self, name: str) -> Node:
         """A new node; it takes part from its ``start`` on."""
@@ -181,17 +181,17 @@ class SimBus:
             if node.name != sender:
                 heappush(queue, (due_ns, next(count), (sender, node.name), on_message, args))
 
-    def read_news(self, node: Node, on_message: OnMessage) -> None:
-        """Let a node hear what agents tell each other in bulk, by :meth:`take_news`; over a bad bus one by one.
+    def subscribe_in_bulk(self, node: Node, on_message: OnMessage) -> None:
+        """Let a node hear what agents tell each other in bulk, by :meth:`take_bulk`; over a bad bus one by one.
 
         In a big fleet these are nearly all messages, and every node gets the same ones.
         """
         self._readers.append((node, on_message))
 
-    def take_news(self) -> list[tuple[int, Message]]:
-        """Return the messages since the last call, for all that read in bulk."""
-        news, self._news = self._news, []
-        return news
+    def take_bulk(self) -> list[tuple[int, Message]]:
+        """Return the messages that have arrived since the last call, for all that subscribe in bulk."""
+        bulk, self._bulk = self._bulk, []
+        return bulk
 
     def post(self, sender: str, args: tuple[Topic, str, Message]) -> None:
         """A message for all who read in bulk."""
@@ -201,7 +201,7 @@ class SimBus:
             self._push(self.now_ns() + self._delay_ns, (sender, ""), self._arrive, (args[2],))
 
     def _arrive(self, message: object) -> None:
-        self._news.append((self.now_ns(), cast(Message, message)))
+        self._bulk.append((self.now_ns(), cast(Message, message)))
 
     def leave(self, node: Node) -> None:
         """Forget a node."""
@@ -225,24 +225,24 @@ class SimBus:
     def _expire(self, pair: Pair, since_ns: object) -> None:
         if self._cut.get(pair) == since_ns and pair not in self._unseen:
             self._unseen.add(pair)
-            self._tell_all_names(pair, False)
+            self._notify_of_all_names(pair, False)
 
     def _rejoin(self, pair: Pair) -> None:
         if pair not in self._cut and pair in self._unseen:
             self._unseen.discard(pair)
             if pair[0] in self.nodes:
-                self._tell_all_names(pair, True)
+                self._notify_of_all_names(pair, True)
 
-    def _tell_all_names(self, pair: Pair, is_alive: bool) -> None:
+    def _notify_of_all_names(self, pair: Pair, is_alive: bool) -> None:
         node = self.nodes.get(pair[0])
         for name in (pair[0], *sorted(node.claims if node is not None else ())):
-            self.tell(pair[1], name, is_alive)
+            self.notify(pair[1], name, is_alive)
 
-    def tell(self, listener: str, node: str, is_alive: bool) -> None:
+    def notify(self, listener: str, node: str, is_alive: bool) -> None:
         """One node learns that another is there or gone."""
-        found = self.nodes.get(listener)
-        if found is not None:
-            for on_alive in found.alive_listeners:
+        receiver = self.nodes.get(listener)
+        if receiver is not None:
+            for on_alive in receiver.alive_listeners:
                 on_alive(node, is_alive)
 
 
@@ -270,7 +270,7 @@ class Node:
             return
         self._is_open = True
         self.bus.nodes[self.name] = self
-        self._tell_others(self.name, True)
+        self._notify_others(self.name, True)
 
     def stop(self) -> None:
         """Leave, as a process does that ends: its connections close, and the others notice at once."""
@@ -279,7 +279,7 @@ class Node:
         self._is_open = False
         self.bus.leave(self)
         for name in (*sorted(self.claims), self.name):
-            self._tell_others(name, False)
+            self._notify_others(name, False)
         self.claims.clear()
         self.alive_listeners.clear()
         self.order_server = None
@@ -325,17 +325,17 @@ class Node:
         """Ask one vehicle; answers after the timeout are not heard."""
         deadline_ns = self.bus.now_ns() + round(timeout_s * 1e9)
 
-        def answered(reply: OrderReply) -> None:
+        def reply_arrived(reply: OrderReply) -> None:
             if self.bus.now_ns() <= deadline_ns:
                 on_reply(reply)
 
-        def asked() -> None:
+        def deliver() -> None:
             node = self.bus.nodes.get(vehicle)
             if node is not None and node.order_server is not None:
                 back = (vehicle, self.name)
-                node.order_server(order, lambda reply: self.bus.send(back, Delivery.QUERY, answered, reply))
+                node.order_server(order, lambda reply: self.bus.send(back, Delivery.QUERY, reply_arrived, reply))
 
-        self.bus.send((self.name, vehicle), Delivery.QUERY, asked)
+        self.bus.send((self.name, vehicle), Delivery.QUERY, deliver)
         self.bus.call_at(deadline_ns, on_end)
 
     def serve_faults(self, on_fault: OnFault) -> None:
@@ -362,15 +362,15 @@ class Node:
         """Be seen under another name too."""
         if token not in self.claims:
             self.claims.add(token)
-            self._tell_others(token, True)
+            self._notify_others(token, True)
 
     def release(self, token: str) -> None:
         """Give up such a name."""
         if token in self.claims:
             self.claims.remove(token)
-            self._tell_others(token, False)
+            self._notify_others(token, False)
 
-    def _tell_others(self, name: str, is_alive: bool) -> None:
+    def _notify_others(self, name: str, is_alive: bool) -> None:
         for other in list(self.bus.nodes):
             if other != self.name:
-                self.bus.send((self.name, other), Delivery.TOKEN, self.bus.tell, other, name, is_alive)
+                self.bus.send((self.name, other), Delivery.TOKEN, self.bus.notify, other, name, is_alive)

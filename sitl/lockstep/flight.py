@@ -168,11 +168,11 @@ class Lockstep:
         if self.record is None or self.folder is None:
             return verdict
         self.record.stop()
-        found: FlightReport | None = None
+        report_of_record: FlightReport | None = None
         with contextlib.suppress(ConfigError):
-            found = report(self.folder)
-        if found is not None:
-            verdict = judge(run.flown(), mission.expect, found, str(self.folder))
+            report_of_record = report(self.folder)
+        if report_of_record is not None:
+            verdict = judge(run.flown(), mission.expect, report_of_record, str(self.folder))
         failure = write_json(self.folder / "verdict.json", verdict)
         if failure is not None:
             self._tell(failure)
@@ -195,14 +195,14 @@ class Lockstep:
 
     @property
     def events(self) -> list[Event]:
-        """Events that the ground received, oldest first."""
+        """Events that the ground has received, oldest first."""
         return [logged.event for logged in self.client.state.events]
 
     @property
     def min_separation_m(self) -> float:
         """Smallest distance so far by ground truth, while one of the two flew; infinite before."""
-        found = self.client.state.smallest_truth
-        return float("inf") if found is None else found.distance_m
+        smallest = self.client.state.smallest_truth
+        return float("inf") if smallest is None else smallest.distance_m
 
     def close(self) -> None:
         """End it; what was recorded is finished. A second call does nothing."""
@@ -222,7 +222,7 @@ class Lockstep:
     async def _send_directly(
         self, endpoint: str, system_id: int, kind: DirectKind, *, timeout_s: float = 3.0, watch_s: float = 0.0
     ) -> DirectResult:
-        """The second way to PX4, in simulated time; see ``groundstation.client.direct_mavlink``."""
+        """The direct path to PX4, in simulated time; see ``groundstation.client.direct_mavlink``."""
         emulator = self.simulation.emulator
         ids = [spec.system_id for spec in emulator.specs]
         px4 = emulator.autopilots[ids.index(system_id)]

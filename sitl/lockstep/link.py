@@ -63,9 +63,9 @@ class LinkBank:
         self.links = [EmulatedLink(self, index, vehicle) for index, vehicle in enumerate(vehicles)]
         self._delay_steps = max(1, int(np.ceil(delay_s / STEP_S - 1e-9)))
         self._rng = np.random.default_rng([seed, 12])
-        self._wires = [
-            (link, wires["companion", "in"], wires["companion", "out"])
-            for link, wires in zip(self.links, emulator.disturbances.wires, strict=True)
+        self._channels = [
+            (link, channels["companion", "in"], channels["companion", "out"])
+            for link, channels in zip(self.links, emulator.disturbances.wires, strict=True)
         ]
         self._up: deque[tuple[int, int, Call]] = deque()
         self._down: deque[tuple[int, list[Fields | None]]] = deque()
@@ -76,24 +76,24 @@ class LinkBank:
 
     def step(self) -> None:
         """Everything that arrives at this physics step, then what the PX4s send."""
-        steps, wires = self._steps, self._wires
+        steps, channels = self._steps, self._channels
         while self._up and self._up[0][0] <= steps:
             _, index, call = self._up.popleft()
-            _, wire, _ = wires[index]
-            if wire.is_clear:
+            _, channel, _ = channels[index]
+            if channel.is_clear:
                 call()
             else:
-                wire.push(self.emulator.time_s, cast(Any, call))
+                channel.push(self.emulator.time_s, cast(Any, call))
         while self._down and self._down[0][0] <= steps:
             _, rows = self._down.popleft()
             for index, fields in enumerate(rows):
                 if fields is not None:
-                    _, _, wire = wires[index]
-                    if wire.is_clear:
+                    _, _, channel = channels[index]
+                    if channel.is_clear:
                         self.links[index].receive(fields)
                     else:
-                        wire.push(self.emulator.time_s, cast(Any, fields))
-        self._disturbed()
+                        channel.push(self.emulator.time_s, cast(Any, fields))
+        self._release_delayed()
         if steps % _ATTITUDE_EVERY_STEPS == _ATTITUDE_PHASE_STEPS:
             self._sample(steps)
 
@@ -101,10 +101,10 @@ class LinkBank:
         """Call something at PX4's end when it gets there."""
         self._up.append((self._steps + self._delay_steps, index, call))
 
-    def _disturbed(self) -> None:
-        """Return the messages that arrive from channels that delay them."""
+    def _release_delayed(self) -> None:
+        """Deliver what arrives from channels that hold something back."""
         now_s = self.emulator.time_s
-        for link, up, down in self._wires:
+        for link, up, down in self._channels:
             if up.is_clear and down.is_clear:
                 continue
             if not up.is_clear:
@@ -123,7 +123,7 @@ class LinkBank:
             (_HALF_NOISE_RAD * self._rng.standard_normal((count, 3))).tolist(),
             strict=True,
         )
-        quaternions = [_measured(attitude, yaw_error, noise) for attitude, yaw_error, noise in turns]
+        quaternions = [measured_attitude(attitude, yaw_error, noise) for attitude, yaw_error, noise in turns]
         rows: list[Fields | None] = [
             None
             if emulator.disturbances.is_hung[index]
@@ -185,7 +185,7 @@ class EmulatedLink:
     # -- in ----------------------------------------------------------------------------------------------------------
 
     def receive(self, fields: Fields) -> None:
-        """Take messages that PX4 sent."""
+        """Take values that PX4 has sent."""
         now_ns = self._bank.now_ns()
         known = self._fields
         known.update(fields)
@@ -214,27 +214,27 @@ class EmulatedLink:
 
     def set_offboard(self) -> None:
         """DO_SET_MODE to OFFBOARD."""
-        self._ask(lambda px4, now_s: px4.request_mode(now_s, modes.MAIN_MODE_OFFBOARD, 0))
+        self._request(lambda px4, now_s: px4.request_mode(now_s, modes.MAIN_MODE_OFFBOARD, 0))
 
     def land(self) -> None:
         """PX4's own landing."""
-        self._ask(lambda px4, now_s: px4.request(now_s, Mode.LAND))
+        self._request(lambda px4, now_s: px4.request(now_s, Mode.LAND))
 
     def arm(self) -> None:
         """Ask to arm."""
-        self._ask(lambda px4, now_s: px4.request_arm(now_s, True, 0.0))
+        self._request(lambda px4, now_s: px4.request_arm(now_s, True, 0.0))
 
     def disarm(self) -> None:
         """Ask to disarm."""
-        self._ask(lambda px4, now_s: px4.request_arm(now_s, False, 0.0))
+        self._request(lambda px4, now_s: px4.request_arm(now_s, False, 0.0))
 
     def kill(self) -> None:
         """Disarm by force."""
-        self._ask(lambda px4, now_s: px4.request_arm(now_s, False, modes.FORCE_DISARM_MAGIC))
+        self._request(lambda px4, now_s: px4.request_arm(now_s, False, modes.FORCE_DISARM_MAGIC))
 
     def play_tune(self) -> None:
         """Let it play a tune."""
-        self._ask(lambda px4, now_s: px4.play_tune())
+        self._request(lambda px4, now_s: px4.play_tune())
 
     def send_odometry(
         self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float, reset_count: int = 0
@@ -246,7 +246,7 @@ class EmulatedLink:
         self._bank.send(index, lambda: take(index, position_ned_m, yaw_rad=yaw_rad, reset_count=reset_count))
 
     def connect(self) -> tuple[str, ...]:
-        """Do the shell's work when PX4 answers: origin and parameters; returns the parameters that are still wrong."""
+        """Set origin and parameters, as the shell does when PX4 answers; return the parameters that are still wrong."""
         emulator, required = self._bank.emulator, required_params(self._vehicle)
         params = emulator.autopilots[self._index].params
         if self._vehicle.mocap_required:
@@ -257,17 +257,17 @@ class EmulatedLink:
         emulator.parameters_changed(self._index)
         return differences(required, {name: params.values.get(name) for name in required})
 
-    def _ask(self, command: Callable[[Any, float], object]) -> None:
+    def _request(self, command: Callable[[Any, float], object]) -> None:
         emulator, index = self._bank.emulator, self._index
 
-        def ask() -> None:
+        def request() -> None:
             if not emulator.disturbances.is_hung[index]:
                 command(emulator.autopilots[index], emulator.clock_s(index))
 
-        self._bank.send(index, ask)
+        self._bank.send(index, request)
 
 
-def _measured(attitude: list[float], yaw_error_rad: float, half_noise_rad: list[float]) -> Vec4:
+def measured_attitude(attitude: list[float], yaw_error_rad: float, half_noise_rad: list[float]) -> Vec4:
     """The attitude NED <- FRD that an autopilot believes in, with a sample of noise, as FLU to ENU."""
     c, s = math.cos(0.5 * yaw_error_rad), math.sin(0.5 * yaw_error_rad)
     w, x, y, z = attitude

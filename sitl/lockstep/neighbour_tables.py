@@ -13,10 +13,20 @@ import numpy as np
 from onboard.arrays import Array, BoolArray, IntArray
 from onboard.bus.schema import StateMessage
 from onboard.neighbours import subscription
-from onboard.neighbours.state_arrays import COLUMNS, COLUMNS_1, WIDTH, StateArrays, is_usable, numbers_of
+from onboard.neighbours.state_arrays import (
+    COLUMNS,
+    COLUMNS_1,
+    COOPERATIVE,
+    WIDTH,
+    NeighbourArrays,
+    is_usable,
+    numbers_of,
+)
 from onboard.neighbours.table import NeighbourTable
 from onboard.rollout.batch import NEIGHBOUR
 from onboard.rollout.rows import Rows
+
+_SHARED = tuple(field.name for field in fields(NeighbourArrays))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,14 +70,12 @@ class Tables:
         """At least one table, all of equally many neighbours."""
         self.tables = tuple(tables)
         self.all_listening = np.ones(len(tables), dtype=bool)
-        self._others = np.array([table.order_index for table in tables])
+        self._others = np.array([table.fleet_indices for table in tables])
         self._is_successor = np.array([table.is_successor for table in tables])
-        stacked = {
-            one.name: np.array([getattr(table.arrays, one.name) for table in tables]) for one in fields(StateArrays)
-        }
-        self._arrays = StateArrays(**stacked)
+        stacked = {name: np.array([getattr(table.arrays, name) for table in tables]) for name in _SHARED}
+        self.arrays = NeighbourArrays(**stacked)
         for row, table in enumerate(tables):
-            table.arrays = StateArrays(**{name: values[row] for name, values in stacked.items()})
+            table.arrays = NeighbourArrays(**{name: array[row] for name, array in stacked.items()})
 
     def hear(self, arrived: Round, received_ns: int, is_listening: BoolArray) -> None:
         """:meth:`NeighbourTable.hear` of every message of a round but a vehicle's own, by all that follow its sender.
@@ -75,14 +83,14 @@ class Tables:
         Args:
             is_listening: which of the tables hear at all, (N,).
         """
-        others, arrays = self._others, self._arrays
+        others = self._others
         stamp_ns, boot_id, sequence = arrived.whole
         is_here, is_usable, is_valid, is_airborne, is_cooperative, is_slow = arrived.flags
-        is_heard = is_here[others] & (arrays.is_followed | is_slow[others]) & is_listening[:, None]
-        newest_boot, newest = arrays.newest[:, 0], arrays.newest[:, 1]
+        is_heard = is_here[others] & (self.arrays.is_followed | is_slow[others]) & is_listening[:, None]
+        newest_boot, newest = self.arrays.newest[:, 0], self.arrays.newest[:, 1]
         stamps = np.minimum(stamp_ns, received_ns)[others]
         is_same_life = newest_boot == boot_id[others]
-        is_old = np.where(is_same_life, sequence[others] <= newest, stamps < arrays.heard_ns)
+        is_old = np.where(is_same_life, sequence[others] <= newest, stamps < self.arrays.heard_ns)
         is_news = is_heard & is_usable[others] & ~is_old
         for row in np.flatnonzero(is_heard.any(axis=1)).tolist():
             table = self.tables[row]
@@ -93,41 +101,39 @@ class Tables:
                 table.ignored_messages += count
         rows, columns = is_news.nonzero()
         senders = others[rows, columns]
-        arrays.newest[rows, 0, columns], arrays.newest[rows, 1, columns] = boot_id[senders], sequence[senders]
-        arrays.is_lost[rows, columns] = ~is_valid[senders]
+        self.arrays.newest[rows, 0, columns], self.arrays.newest[rows, 1, columns] = boot_id[senders], sequence[senders]
+        self.arrays.is_lost[rows, columns] = ~is_valid[senders]
         if not is_valid.all():
             placed = is_valid[senders]
             rows, columns, senders = rows[placed], columns[placed], senders[placed]
-        arrays.stamp_ns[rows, columns] = arrays.heard_ns[rows, columns] = stamps[rows, columns]
-        arrays.numbers[rows, columns] = arrived.numbers[senders]
-        arrays.is_known[rows, columns] = True
-        arrays.is_airborne[rows, columns] = is_airborne[senders]
-        arrays.is_cooperative[rows, columns] = arrays.is_promised[rows, columns] = is_cooperative[senders]
+        self.arrays.stamp_ns[rows, columns] = self.arrays.heard_ns[rows, columns] = stamps[rows, columns]
+        self.arrays.numbers[rows, columns] = arrived.numbers[senders]
+        for place, flag in enumerate((is_valid, is_airborne, is_cooperative, is_cooperative)):
+            self.arrays.flags[rows, place, columns] = flag[senders]
         for table in self.tables:
             if table.distrusted:
-                table.arrays.is_cooperative[list(table.distrusted)] = False
+                table.arrays.flags[COOPERATIVE, list(table.distrusted)] = False
 
     def age(self, now_ns: int) -> None:
         """Let all tables know the ages at this time."""
-        arrays = self._arrays
-        ages_s = np.maximum(now_ns - arrays.stamp_ns, 0) * 1e-9
-        ages_s[~arrays.is_known] = np.inf
-        has_silent = np.asarray((ages_s > arrays.silent_after_s).any(axis=1)).tolist()
+        ages_s = np.maximum(now_ns - self.arrays.stamp_ns, 0) * 1e-9
+        ages_s[~self.arrays.flags[:, 0]] = np.inf
+        has_silent = np.asarray((ages_s > self.arrays.silent_after_s).any(axis=1)).tolist()
         for table, row, has_one in zip(self.tables, ages_s, has_silent, strict=True):
             table.set_ages(row, now_ns, has_one)
 
     def snapshots(self, rows: Sequence[int], now_ns: int) -> tuple[Rows, BoolArray]:
         """Return the snapshots of some of the tables (n, K) as rows of Neighbour, and which of them are present."""
-        at, arrays = np.asarray(rows), self._arrays
-        numbers, is_present = arrays.numbers[at], arrays.is_known[at]
-        ages_s = np.array([self.tables[row].ages_s(now_ns) for row in rows]).reshape(is_present.shape)
+        at = np.asarray(rows)
+        numbers, flags = self.arrays.numbers[at], self.arrays.flags[at]
+        ages_s = np.array([self.tables[row].ages_s(now_ns) for row in rows]).reshape(flags[:, 0].shape)
         neighbours = NEIGHBOUR.rows(ages_s.shape)
         for name, columns in COLUMNS.items():
             neighbours[name] = numbers[:, :, columns]
         for name, column in COLUMNS_1.items():
             neighbours[name] = numbers[:, :, column]
         neighbours["age_s"] = ages_s
-        neighbours["is_cooperative"] = arrays.is_cooperative[at] & (ages_s <= arrays.silent_after_s[at])
+        neighbours["is_cooperative"] = flags[:, 2] & (ages_s <= self.arrays.silent_after_s[at])
         neighbours["is_paper_obstacle"] = self._is_successor[at]
         neighbours["table_index"] = np.arange(ages_s.shape[1])
-        return neighbours, is_present
+        return neighbours, flags[:, 0]

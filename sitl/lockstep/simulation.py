@@ -18,7 +18,7 @@ from sitl.emulator.emulator import Emulator, VehicleSpec
 from sitl.emulator.mocap import Mocap, MocapSettings
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.agent_batch import Batch
-from sitl.lockstep.agents import AgentShell, Hall, sorted_news
+from sitl.lockstep.agents import AgentShell, FleetTables, by_arrival
 from sitl.lockstep.bus import BusSettings, SimBus
 from sitl.lockstep.link import LinkBank
 from sitl.physics.contacts import Collision
@@ -68,10 +68,10 @@ class Simulation:
             name: AgentShell(fleet, name, link, self.bus)
             for name, link in zip(self.names, self.links.links, strict=True)
         }
-        self._hall = Hall(list(self.agents.values()))
-        self._batch = Batch(self._hall if is_batched else None)
-        self._places = {name: place for place, name in enumerate(self.names)}
-        self._asked: list[tuple[int, int, Callable[[], object]]] = []
+        self._tables = FleetTables(list(self.agents.values()))
+        self._batch = Batch(self._tables if is_batched else None)
+        self._indices = {name: index for index, name in enumerate(self.names)}
+        self._planned: list[tuple[int, int, Callable[[], object]]] = []
         self._count = itertools.count()
         self._sequence = 0
 
@@ -87,7 +87,7 @@ class Simulation:
 
     def at(self, time_s: float, function: Callable[[], object]) -> None:
         """Call ``function`` before the first step at or after ``time_s``; at once when that has passed already."""
-        heapq.heappush(self._asked, (round(time_s * 1e9), next(self._count), function))
+        heapq.heappush(self._planned, (round(time_s * 1e9), next(self._count), function))
 
     def inject(self, fault: Fault) -> Fault:
         """Plan a fault of the emulator or of the motion capture; FaultError when that is impossible."""
@@ -95,8 +95,8 @@ class Simulation:
 
     def step(self) -> None:
         """Advance by 4 ms."""
-        while self._asked and self._asked[0][0] <= self.now_ns - EPOCH_NS:
-            heapq.heappop(self._asked)[2]()
+        while self._planned and self._planned[0][0] <= self.now_ns - EPOCH_NS:
+            heapq.heappop(self._planned)[2]()
         self.collisions.extend(self.emulator.step())
         self.links.step()
         steps = self.emulator.world.vehicles.steps
@@ -104,9 +104,9 @@ class Simulation:
             self._publish()
         self.bus.deliver()
         if steps % TICK_STEPS == 0:
-            news = sorted_news(self.bus.take_news(), self._places)
-            self._hall.hear(list(self.agents.values()), news, self.now_ns)
-            self._batch.tick([agent for agent in self.agents.values() if agent.ticks], self.now_ns)
+            arrivals = by_arrival(self.bus.take_bulk(), self._indices)
+            self._tables.receive(list(self.agents.values()), arrivals, self.now_ns)
+            self._batch.tick([agent for agent in self.agents.values() if agent.is_ticking], self.now_ns)
 
     def _publish(self) -> None:
         position, velocity, attitude = self.emulator.world.truth_enu()

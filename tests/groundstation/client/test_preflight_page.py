@@ -45,8 +45,8 @@ def test_the_page_says_go_or_names_who_is_not_and_why(fleet: FleetConfig, make_t
     text = preflight_page.as_text(pages)
     assert "mav0: go" in text
     assert "mav1: NO-GO" in text
-    assert "  NO-GO  battery     Battery at 12 %, take-off needs 30 %. Charge or change it." in text
-    assert "  advice record      Nobody records this flight. Fly it with covey fly." in text
+    assert "  NO-GO  battery      Battery at 12 %, take-off needs 30 %. Charge or change it." in text
+    assert "  advice record       Nobody records this flight. Fly it with covey fly." in text
     assert text.endswith("Do not fly: mav1 (battery).")
     told = preflight_page.as_mapping(pages)
     assert told["is_go"] is False
@@ -81,7 +81,7 @@ def test_a_vehicle_without_a_second_way_is_advised_to_have_one(fleet: FleetConfi
     alone = msgspec.structs.replace(fleet, vehicles={**fleet.vehicles, "mav0": bare})
     state = heard(alone, make_telemetry, {"mav0": [FINE]})
     (line,) = [
-        one for one in preflight_page.page_of(state.vehicles["mav0"], alone, 0).lines if one.name == "second way"
+        one for one in preflight_page.page_of(state.vehicles["mav0"], alone, 0).lines if one.name == "direct path"
     ]
     assert line.status == "advice"
     assert "vehicles.mav0.direct" in line.remedy

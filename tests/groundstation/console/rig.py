@@ -22,11 +22,11 @@ FINE = Forecast(closest_m=0.95, pair=("mav0", "mav1"), closest_s=2.0, now_m=1.5,
 
 
 class Oracle(Forecaster):
-    """Foretells what a test wants, at once or when it is let."""
+    """Answers with the forecast that a test sets; waits while it is None."""
 
-    def __init__(self, told: Forecast | None = FINE) -> None:
+    def __init__(self, answer: Forecast | None = FINE) -> None:
         super().__init__()
-        self.told = told
+        self.answer = answer
         self.asked: list[dict[str, Leg]] = []
 
     async def start(self) -> None:
@@ -34,9 +34,9 @@ class Oracle(Forecaster):
 
     async def forecast(self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False) -> Forecast:
         self.asked.append(dict(legs))
-        while self.told is None:  # noqa: ASYNC110 - tests set it from outside
+        while self.answer is None:  # noqa: ASYNC110 - tests set it from outside
             await asyncio.sleep(0.01)
-        return self.told
+        return self.answer
 
 
 class StillClient(FakeClient):
@@ -49,9 +49,9 @@ class StillClient(FakeClient):
 class Rig:
     """A console with a client that pretends and an oracle."""
 
-    def __init__(self, fleet: FleetConfig, told: Forecast | None = FINE) -> None:
+    def __init__(self, fleet: FleetConfig, answer: Forecast | None = FINE) -> None:
         self.client = StillClient(fleet)
-        self.oracle = Oracle(told)
+        self.oracle = Oracle(answer)
         self.app = ConsoleApp(fleet, self.client, forecaster=self.oracle)
 
     def stand(self, **changes: Any) -> None:
@@ -80,10 +80,16 @@ class Rig:
     def said(self) -> str:
         return "\n".join(self.app.screen_stack[0].query_one(EventLog).sentences)
 
-    async def preview(self, pilot: Pilot[int], *keys: str) -> PreviewScreen:
-        """Press keys until the question is there and answered by the oracle."""
-        await pilot.press(*keys)
-        await pilot.pause(0.05)
+    async def write(self, pilot: Pilot[int], order: str) -> None:
+        """Write an order and press Enter."""
+        await pilot.press("colon")
+        self.app.panels.order_line.value = order
+        await pilot.press("enter")
+
+    async def preview(self, pilot: Pilot[int], order: str) -> PreviewScreen:
+        """Write an order, and wait until its question is there and answered by the oracle."""
+        await self.write(pilot, order)
+        await pilot.pause(0.02)
         front = self.app.screen
         assert isinstance(front, PreviewScreen), self.said
         self.client.skew_ns += int(0.4e9)  # a person reads

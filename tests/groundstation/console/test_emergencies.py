@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
 from groundstation.console.app import ConsoleApp
 from groundstation.console.screens.preview import PreviewScreen
 from groundstation.console.widgets.bars import StatusBar
@@ -19,26 +17,26 @@ from tests.groundstation.console.fake import FakeClient
 from tests.groundstation.console.rig import Rig, StillClient
 
 
-@pytest.mark.parametrize(("key", "order"), [("ctrl+l", "land"), ("f9", "land"), ("ctrl+o", "hold"), ("f8", "hold")])
-async def test_an_emergency_goes_at_once_while_a_preview_computes_and_ends_it(
-    fleet: FleetConfig, key: str, order: str
-) -> None:
+async def test_an_emergency_goes_at_once_while_a_preview_computes_and_ends_it(fleet: FleetConfig) -> None:
     rig = Rig(fleet, None)
     async with rig.app.run_test(size=(80, 24)) as pilot:
-        rig.hover()
-        screen = await rig.preview(pilot, "colon", *"move all 0 1 1", "enter")
-        assert screen.is_computing
-        await pilot.press(key)
-        assert rig.client.ordered == [f"{order} mav0,mav1,mav2"]
-        assert not isinstance(rig.app.screen, PreviewScreen)
+        for key, order in (("ctrl+l", "land"), ("f9", "land"), ("ctrl+o", "hold"), ("f8", "hold")):
+            rig.hover()
+            rig.client.handles.clear()
+            screen = await rig.preview(pilot, "move all 0 1 1")
+            assert screen.is_computing
+            await pilot.press(key)
+            assert rig.client.ordered == [f"{order} mav0,mav1,mav2"], key
+            assert not isinstance(rig.app.screen, PreviewScreen), key
 
 
-@pytest.mark.parametrize("screens", [("question_mark",), ("A",), ("q",), ("colon", "x")])
-async def test_land_all_and_hold_all_go_from_every_screen(rig: Rig, screens: tuple[str, ...]) -> None:
+async def test_land_all_and_hold_all_go_from_every_screen(rig: Rig) -> None:
     async with rig.app.run_test(size=(80, 24)) as pilot:
-        rig.hover()
-        await pilot.press(*screens, "ctrl+o", "ctrl+l")
-        assert rig.client.ordered == ["hold mav0,mav1,mav2", "land mav0,mav1,mav2"]
+        for screens in [("question_mark",), ("A",), ("q",), ("colon", "x")]:
+            rig.hover()
+            rig.client.handles.clear()
+            await pilot.press(*screens, "ctrl+o", "ctrl+l", "escape")
+            assert rig.client.ordered == ["hold mav0,mav1,mav2", "land mav0,mav1,mav2"], screens
 
 
 async def test_keys_mean_the_marked_vehicles_else_the_one_under_the_cursor(rig: Rig) -> None:
@@ -83,12 +81,12 @@ async def test_a_killed_vehicle_stays_latched_until_it_is_reset(rig: Rig) -> Non
         await pilot.press("f12", "f12")
         assert rig.client.ordered == ["kill mav0"]
         assert "KILLED mav0" in rig.line(NoticeLines)
-        await pilot.press("colon", *"takeoff all 1.0", "enter")
+        await rig.write(pilot, "takeoff all 1.0")
         assert "mav0 was killed" in rig.said
         assert rig.client.ordered == ["kill mav0"]
         await pilot.press("escape", "colon", *"reset mav0", "enter")
         assert rig.line(NoticeLines) == ""
-        await rig.preview(pilot, "colon", *"takeoff all 1.0", "enter")
+        await rig.preview(pilot, "takeoff all 1.0")
 
 
 async def test_a_kill_that_did_not_leave_is_not_latched(fleet: FleetConfig) -> None:
@@ -120,7 +118,7 @@ async def test_a_kill_that_did_not_leave_is_not_latched(fleet: FleetConfig) -> N
 async def test_a_written_kill_needs_enter_twice_within_a_second(rig: Rig) -> None:
     async with rig.app.run_test(size=(120, 30)) as pilot:
         rig.hover()
-        await pilot.press("colon", *"kill mav1", "enter")
+        await rig.write(pilot, "kill mav1")
         assert rig.client.ordered == []
         assert "KILL mav1?" in rig.line(StatusBar)
         rig.client.skew_ns += int(1.5e9)

@@ -14,6 +14,7 @@ from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
 from tests.groundstation.console.live import until
 from tests.groundstation.console.rig import Rig
+from tests.groundstation.console.seeing import see
 
 
 async def test_who_watches_may_only_make_things_safer(rig: Rig) -> None:
@@ -22,7 +23,7 @@ async def test_who_watches_may_only_make_things_safer(rig: Rig) -> None:
         rig.hover()
         await until(pilot, lambda: "You watch" in rig.line(NoticeLines))
         assert "alice (ground-9) operates" in rig.line(NoticeLines), "both may be of one user"
-        await pilot.press("colon", *"move all 0 1 1", "enter")
+        await rig.write(pilot, "move all 0 1 1")
         assert "alice (ground-9) operates this fleet" in rig.said
         assert not isinstance(rig.app.screen, PreviewScreen)
         await pilot.press("escape", "ctrl+l", "ctrl+o", "f12", "f12")
@@ -36,16 +37,16 @@ async def test_control_is_asked_for_and_taken_by_force_after_silence(rig: Rig) -
     async with rig.app.run_test(size=(120, 30)) as pilot:
         rig.client.tokens.roles.see("operator.1.ground-9.alice", True)
         rig.hover()
-        await pilot.pause(0.3)
-        await pilot.press("colon", *"take control force", "enter")
+        await see(rig.app, pilot)
+        await rig.write(pilot, "take control force")
         assert "Ask alice first" in rig.said
-        await pilot.press("colon", *"take control", "enter")
+        await rig.write(pilot, "take control")
         assert "asking alice for control" in rig.line(NoticeLines)
         rig.client.skew_ns += int((SILENCE_S + 1.0) * 1e9)
         rig.hover()
-        await pilot.press("colon", *"take control force", "enter")
+        await rig.write(pilot, "take control force")
         rig.hover()
-        await pilot.pause(0.3)
+        await see(rig.app, pilot)
         assert rig.client.control.is_operator
         assert rig.line(NoticeLines) == ""
 
@@ -54,16 +55,16 @@ async def test_control_is_asked_for_and_taken_by_force_after_silence(rig: Rig) -
 async def test_the_operator_gives_control_or_keeps_it(rig: Rig, key: str, stays: bool) -> None:
     async with rig.app.run_test(size=(120, 30)) as pilot:
         rig.hover()
-        await pilot.pause(0.2)
+        await see(rig.app, pilot)
         rig.client.skew_ns += int(1e9)
         rig.hover()
-        await pilot.pause(0.3)
+        await see(rig.app, pilot)
         assert rig.client.control.is_operator
         await pilot.press(key)
         assert rig.client.control.is_operator, "nobody has asked"
         rig.client.tokens.roles.see("asks.1.ground-9.bob", True)
         rig.hover()
-        await pilot.pause(0.3)
+        await see(rig.app, pilot)
         assert "bob (ground-9) asks for control" in rig.line(NoticeLines)
         await pilot.press(key)
         assert rig.client.control.is_operator is stays
@@ -85,7 +86,6 @@ async def test_a_bus_that_cannot_be_opened_is_a_sentence(fleet: FleetConfig) -> 
 
     app = ConsoleApp(fleet, FakeClient(fleet), connect=connect)
     async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause(0.2)
-        assert any("the bus cannot listen" in one for one in app.screen.query_one(EventLog).sentences)
+        await until(pilot, lambda: "the bus cannot listen" in " ".join(app.screen.query_one(EventLog).sentences))
         await pilot.press("q")
     assert app.return_value == 2

@@ -35,8 +35,7 @@ def after(rig: Rig, *keys: str) -> Callable[[Pilot[int]], Awaitable[None]]:
     return before
 
 
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("closest_m", [0.89, 0.41])
+@pytest.mark.parametrize(("closest_m", "size"), [(0.89, SIZES[0]), (0.41, SIZES[1])])
 def test_an_order_lies_before_the_operator(
     snap_compare: Compare, fleet: FleetConfig, size: tuple[int, int], closest_m: float
 ) -> None:
@@ -45,8 +44,7 @@ def test_an_order_lies_before_the_operator(
     assert snap_compare(rig.app, terminal_size=size, run_before=after(rig, *keys))
 
 
-@pytest.mark.parametrize("size", SIZES[:2])
-def test_notices_stay_above_the_order_line(snap_compare: Compare, fleet: FleetConfig, size: tuple[int, int]) -> None:
+def test_notices_stay_above_the_order_line(snap_compare: Compare, fleet: FleetConfig) -> None:
     rig = Rig(fleet)
     rig.client.tokens.roles.see("operator.1.ground-9.alice", True)
-    assert snap_compare(rig.app, terminal_size=size, run_before=after(rig, "f12", "f12", "ctrl+o"))
+    assert snap_compare(rig.app, terminal_size=SIZES[0], run_before=after(rig, "f12", "f12", "ctrl+o"))

@@ -17,7 +17,6 @@ from tests.groundstation.console.live import until
 from tests.groundstation.console.rig import Oracle
 from tests.groundstation.console.seeing import strips
 
-SIZES = [(80, 24), (120, 40)]
 SCREENS: list[tuple[str, type[Screen[object]]]] = [
     ("question_mark", HelpScreen),
     ("q", QuitScreen),
@@ -34,10 +33,9 @@ def last_line(app: ConsoleApp) -> list[tuple[str, str]]:
     return [(segment.text, one.name if one else "") for segment, one in zip(strip, colour, strict=True)]
 
 
-@pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize(("key", "screen"), SCREENS, ids=[screen.__name__ for _, screen in SCREENS])
 async def test_the_worst_alarm_is_visible_on_every_screen(
-    fleet: FleetConfig, key: str, screen: type[Screen[object]], size: tuple[int, int]
+    fleet: FleetConfig, key: str, screen: type[Screen[object]]
 ) -> None:
     client = FakeClient(fleet)
     app = ConsoleApp(fleet, client, forecaster=Oracle())
@@ -47,7 +45,7 @@ async def test_the_worst_alarm_is_visible_on_every_screen(
             client.hear(name, position_enu_m=fleet.vehicles[name].start_enu_m, battery_frac=battery_frac)
         return next((piece for piece in last_line(app) if "✖" in piece[0]), ("", ""))
 
-    async with app.run_test(size=size) as pilot:
+    async with app.run_test(size=(80, 24)) as pilot:
         worst(0.8)
         await pilot.press(key)
         await until(pilot, lambda: isinstance(app.screen, screen))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import msgspec
@@ -48,7 +49,7 @@ def fleet(
 
 @dataclass
 class Rig:
-    """``run`` advances; switches break things; ``sent`` and ``events`` tell what came out."""
+    """``run`` advances; switches break things; ``sent`` and ``events`` hold the results."""
 
     core: AgentCore = field(default_factory=lambda: AgentCore(fleet(), "mav0", boot_id=7))
     heading_error_rad: float = 0.0
@@ -70,14 +71,15 @@ class Rig:
     events: list[Event] = field(default_factory=list)
     telemetry: Telemetry | None = None
     state: StateMessage | None = None
+    tick_count: int = 0
+    has_flown: bool = False
+    setpoint: AttitudeSetpoint | None = None  # last one that PX4 obeys
+    snapshot: Snapshot = field(default_factory=Snapshot)
+    after_move: Callable[[], None] = lambda: None  # changes the motion of a tick
     _heartbeat: tuple[int, bool, str] = (0, False, "")
     _ids: itertools.count = field(default_factory=itertools.count)
     _on_ground_ns: int = 0
     _last_setpoint_ns: int = 0
-    _count: int = 0
-    _has_flown: bool = False
-    _setpoint: AttitudeSetpoint | None = None
-    _snapshot: Snapshot = field(default_factory=Snapshot)
 
     def __post_init__(self) -> None:
         self.core.preflight.is_warm = True
@@ -102,7 +104,7 @@ class Rig:
     def step(self) -> None:
         """One tick of 20 ms."""
         self.now_ns += DT_NS
-        self._count += 1
+        self.tick_count += 1
         now = self.now_ns
         if self.has_autopilot:
             if now - self._heartbeat[0] >= 1_000_000_000:
@@ -110,10 +112,10 @@ class Rig:
             on_ground = self.position[2] <= 1e-6
             self._on_ground_ns = (self._on_ground_ns or now) if on_ground else 0
             landed = on_ground and self.sees_ground and (not self.is_armed or now - self._on_ground_ns > 2_200_000_000)
-            if landed and self.is_armed and self._has_flown and now - self._on_ground_ns > 4_200_000_000:
+            if landed and self.is_armed and self.has_flown and now - self._on_ground_ns > 4_200_000_000:
                 self.is_armed = False
-            self._snapshot = replace(
-                self._snapshot,
+            self.snapshot = replace(
+                self.snapshot,
                 last_packet_ns=now,
                 attitude_ns=now,
                 position_local_ned_m=(self.position[1], self.position[0], -self.position[2]),
@@ -121,43 +123,55 @@ class Rig:
                 heartbeat_ns=self._heartbeat[0],
                 is_armed=self._heartbeat[1],
                 mode=self._heartbeat[2],
-                landed=Landed.ON_GROUND if landed or not self._has_flown else Landed.IN_AIR,
+                landed=Landed.ON_GROUND if landed or not self.has_flown else Landed.IN_AIR,
                 landed_ns=now,
                 battery_frac=self.battery_frac,
                 battery_voltage_v=15.0,
             )
-        self.core.handle(ev.SnapshotReceived(self._snapshot), now)
+        self.core.handle(ev.SnapshotReceived(self.snapshot), now)
         heard_ns = self.core.neighbours.last_heard_ns
         if self.has_mocap:
             self.pose()
         if not self.has_bus:
             self.core.neighbours.last_heard_ns = heard_ns
         self.take(self.core.tick(now))
-        self._move()
+        self.move()
+        self.after_move()
+
+    def carry(self, *position: float, speed_m_s: float = 1.5) -> None:
+        """Carry the vehicle to a position by hand, whatever it does itself."""
+        there = np.array(position)
+        while np.linalg.norm(there - self.position) > 1e-6:
+            left = there - self.position
+            size = float(np.linalg.norm(left))
+            begin, velocity = self.position.copy(), left / size * min(speed_m_s, size / 0.02)
+            self.step()
+            self.position, self.velocity = begin + 0.02 * velocity, velocity
+        self.velocity = np.zeros(3)
 
     def pose(self, **changes: object) -> None:
         """One mocap sample of now."""
         x, y, z = self.position.tolist()
-        position = (x, y, z + 1e-6 * (self._count % 2))  # no two samples of a tracked body are the same
+        position = (x, y, z + 1e-6 * (self.tick_count % 2))  # no two samples of a tracked body are the same
         sample = MocapPose(
             body="mav0",
             boot_id=1,
-            sequence=self._count,
+            sequence=self.tick_count,
             stamp_ns=self.now_ns,
             is_tracked=True,
             position_enu_m=position,
-            quaternion_enu_flu_wxyz=self._true(self._snapshot.quaternion_enu_flu_wxyz),
+            quaternion_enu_flu_wxyz=self._true(self.snapshot.quaternion_enu_flu_wxyz),
         )
         sample = msgspec.structs.replace(sample, **changes)
         self.take(self.core.handle(ev.PoseReceived(sample, self.now_ns), self.now_ns))
 
     def take(self, commands: list[ev.Command]) -> None:
-        """What PX4 and the listeners make of commands."""
+        """Let PX4 and the listeners act on commands."""
         for command in commands:
             self.sent.append((self.now_ns, command))
             match command:
                 case ev.SendAttitude(setpoint):
-                    self._setpoint = setpoint if self.obeys else self._setpoint
+                    self.setpoint = setpoint if self.obeys else self.setpoint
                     self._last_setpoint_ns = self.now_ns
                 case ev.SetOffboard() if self.accepts_offboard:
                     self.mode = "OFFBOARD"
@@ -180,13 +194,14 @@ class Rig:
         """PX4's attitude with the error of its heading taken out."""
         return quaternion_multiply(quaternion_from_yaw(self.heading_error_rad), believed)
 
-    def _move(self) -> None:
+    def move(self) -> None:
+        """Advance position and velocity by one tick."""
         acceleration = np.array([0.0, 0.0, -GRAVITY_M_S2])
-        if self.is_armed and self.mode == "OFFBOARD" and self._setpoint is not None and self.has_lift:
-            believed = self._setpoint.quaternion_wxyz
-            thrust_m_s2 = self._setpoint.thrust_frac / HOVER * GRAVITY_M_S2
+        if self.is_armed and self.mode == "OFFBOARD" and self.setpoint is not None and self.has_lift:
+            believed = self.setpoint.quaternion_wxyz
+            thrust_m_s2 = self.setpoint.thrust_frac / HOVER * GRAVITY_M_S2
             acceleration += thrust_m_s2 * np.array(body_up(self._true(believed)))
-            self._snapshot = replace(self._snapshot, quaternion_enu_flu_wxyz=believed)
+            self.snapshot = replace(self.snapshot, quaternion_enu_flu_wxyz=believed)
         elif self.is_armed and self.mode == "LAND":
             acceleration = np.array([0.0, 0.0, -0.5]) - self.velocity * 1.0
         self.velocity = self.velocity + 0.02 * acceleration
@@ -195,7 +210,7 @@ class Rig:
             self.position[2] = 0.0
             self.velocity = np.zeros(3)
         elif self.position[2] > 0.05:
-            self._has_flown = True
+            self.has_flown = True
 
     # -- orders --
 
@@ -225,5 +240,5 @@ class Rig:
         return {event.order_id: event.order_outcome for event in self.events if event.order_id}
 
     def count(self, kind: type, since_ns: int = 0) -> int:
-        """How many commands of a kind went out after a time."""
+        """Return the number of commands of a kind that went out after a time."""
         return sum(isinstance(command, kind) for stamp, command in self.sent if stamp > since_ns)

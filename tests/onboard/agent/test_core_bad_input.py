@@ -109,7 +109,7 @@ def test_no_stream_of_messages_brings_the_core_down_or_a_wrong_setpoint_out_of_i
     for _ in range(data.draw(st.integers(1, 12))):
         kind = data.draw(st.sampled_from(kinds))
         if kind == "snapshot":
-            listener.check(core.handle(ev.SnapshotReceived(_snapshot(rig._snapshot, data.draw)), rig.now_ns))
+            listener.check(core.handle(ev.SnapshotReceived(_snapshot(rig.snapshot, data.draw)), rig.now_ns))
             listener.check(core.tick(rig.now_ns + 1_000_000))
         elif kind == "tick":
             rig.now_ns += data.draw(st.sampled_from([0, 1, 20_000_000, 400_000_000]))
@@ -145,7 +145,7 @@ def test_no_stream_of_messages_brings_the_core_down_or_a_wrong_setpoint_out_of_i
 )
 def test_a_px4_that_tells_nonsense_counts_as_silent(changes: dict[str, Any]) -> None:
     rig = moving()
-    rig.core.handle(ev.SnapshotReceived(replace(rig._snapshot, **changes)), rig.now_ns)
+    rig.core.handle(ev.SnapshotReceived(replace(rig.snapshot, **changes)), rig.now_ns)
     rig.run(0.1)
     assert rig.core.flight.state == "flying"  # once is never
     handle = rig.core.handle
@@ -194,7 +194,7 @@ def test_a_pose_stream_of_another_frame_is_no_position_and_the_vehicle_holds_and
     rig.has_mocap = False
     for _ in range(50):
         x, y, z = rig.position.tolist()
-        rig.pose(position_enu_m=(y, -x, z + 1e-6 * rig._count))  # turned by 90 degrees since now
+        rig.pose(position_enu_m=(y, -x, z + 1e-6 * rig.tick_count))  # turned by 90 degrees since now
         rig.step()
     codes = [event.code for event in rig.events]
     assert "position-jumped" in codes

@@ -9,7 +9,6 @@ import pytest
 
 from onboard import events as ev
 from onboard.flight.types import Step
-from onboard.localization.pose_validator import PoseValidator
 from onboard.supervision.conditions import BUS_LOST_S
 from onboard.types import AttitudeSetpoint
 from tests.onboard.agent.rig import HOVER, Rig
@@ -120,8 +119,8 @@ def test_a_landing_that_rises_again_or_that_px4_does_not_see_is_left_to_px4(thru
     while rig.core.flight.step is not Step.CONTACT:
         rig.step()
     rig.obeys = False
-    assert rig._setpoint is not None
-    rig._setpoint = AttitudeSetpoint(rig._setpoint.quaternion_wxyz, thrust_of_hover * HOVER)
+    assert rig.setpoint is not None
+    rig.setpoint = AttitudeSetpoint(rig.setpoint.quaternion_wxyz, thrust_of_hover * HOVER)
     rig.sees_ground = False
     rig.run(9.0)
     assert rig.mode == "LAND"
@@ -133,9 +132,7 @@ def test_a_landing_that_rises_again_or_that_px4_does_not_see_is_left_to_px4(thru
 def test_outside_the_fence_it_holds_inside_and_then_lands() -> None:
     rig = Rig()
     rig.fly()
-    rig.position = np.array([4.1, 0.0, 1.0])  # blown out; the estimator takes it for a jump at first
-    rig.core.own._memory, rig.core.own.validator = None, PoseValidator()
-    rig.run(0.2)
+    rig.carry(4.1, 0.0, 1.0)
     assert rig.core.flight.state == "holding"
     assert rig.core.flight.goal_position_enu_m[0] < 4.0
 
@@ -143,17 +140,13 @@ def test_outside_the_fence_it_holds_inside_and_then_lands() -> None:
 def test_nobody_is_sent_anywhere_while_the_table_asks_to_hold_and_anywhere_again_afterwards() -> None:
     rig = Rig()
     rig.fly()
-    there = rig.position.copy()
-    rig.position = np.array([4.1, 0.0, 1.0])
-    rig.core.own._memory, rig.core.own.validator = None, PoseValidator()
-    rig.run(0.2)
+    rig.carry(4.1, 0.0, 1.0)
     answer = rig.order("move", position_enu_m=(1.0, 0.0, 1.0))
     assert not answer.is_accepted
     assert "Geofence crossed" in answer.reason
     assert "Order it again" in answer.reason
     assert rig.core.flight.state == "holding"
-    rig.position, rig.velocity = there, np.zeros(3)
-    rig.core.own._memory, rig.core.own.validator = None, PoseValidator()
+    rig.carry(3.0, 0.0, 1.0)
     rig.run(0.5)
     assert rig.order("move", position_enu_m=(1.0, 0.0, 1.0)).is_accepted
 
@@ -196,7 +189,7 @@ def test_a_bad_mocap_sample_between_good_ones_moves_nothing(changes: dict[str, o
     for _ in range(5):
         rig.pose(**changes)
         if changes.get("sequence") == 10**6:
-            rig._count = 10**6
+            rig.tick_count = 10**6
         rig.step()
     rig.run(1.0)
     assert rig.core.flight.state == "flying"

@@ -164,11 +164,10 @@ def test_kill_is_repeated_until_px4_is_disarmed() -> None:
 
 def test_an_agent_started_while_the_vehicle_flies_stays_silent_and_says_so() -> None:
     rig = Rig(AgentCore(fleet(), "mav0", boot_id=8))
-    rig.is_armed, rig.mode, rig._has_flown = True, "OFFBOARD", True
+    rig.is_armed, rig.mode, rig.has_flown = True, "OFFBOARD", True
     rig.position = np.array([0.0, 0.0, 1.0])
-    rig._snapshot = rig._snapshot
     rig.step()
-    assert rig._snapshot.landed is Landed.IN_AIR
+    assert rig.snapshot.landed is Landed.IN_AIR
     rig.run(0.3)
     assert rig.core.flight.state == "failed"
     assert "without this agent" in rig.core.flight.reason
@@ -207,13 +206,11 @@ def test_a_move_that_never_arrives_times_out_says_how_far_it_was_and_holds() -> 
     rig = Rig()
     rig.fly()
     order = rig.order("move", position_enu_m=(2.0, 0.0, 1.0))
-    move = rig._move
 
     def stuck() -> None:
-        move()
         rig.position[0], rig.velocity[0] = 0.0, 0.0
 
-    rig._move = stuck  # type: ignore[method-assign]
+    rig.after_move = stuck
     rig.run((rig.core.flight.deadline_ns - rig.now_ns) * 1e-9 + 0.2)
     assert rig.outcomes()[order.order_id] == "timed out"
     (sentence,) = [event.sentence for event in rig.events if event.order_id == order.order_id]
@@ -239,17 +236,15 @@ def test_a_landing_that_does_not_come_down_is_handed_to_px4() -> None:
     rig = Rig()
     rig.fly()
     order = rig.order("land")
-    move = rig._move
 
     def hanging() -> None:
-        move()
         rig.position[2], rig.velocity[2] = 1.0, 0.0
 
-    rig._move = hanging  # type: ignore[method-assign]
+    rig.after_move = hanging
     rig.run((rig.core.flight.deadline_ns - rig.now_ns) * 1e-9 + 0.5)
     assert rig.count(ev.Px4Land) >= 1
     assert rig.outcomes()[order.order_id] == "timed out"
-    rig._move = move  # type: ignore[method-assign]
+    rig.after_move = lambda: None
     rig.until("landed")
 
 

@@ -1,4 +1,4 @@
-"""What an agent passes on of its telemetry to the others, and whom it listens to how often."""
+"""Telemetry that an agent passes on to the others, and how often it listens to each of them."""
 
 from __future__ import annotations
 

@@ -13,18 +13,18 @@ from tests.onboard.agent.rig import Rig
 class Held(Rig):
     """The rig with a PX4 that holds its place while no setpoints tell it otherwise."""
 
-    def _move(self) -> None:
-        if self.is_armed and (self.mode != "OFFBOARD" or self._setpoint is None):
+    def move(self) -> None:
+        if self.is_armed and (self.mode != "OFFBOARD" or self.setpoint is None):
             self.velocity = np.zeros(3)
-            self._has_flown = True
+            self.has_flown = True
         else:
-            super()._move()
+            super().move()
 
 
 def restarted(mode: str = "HOLD", height_m: float = 1.2) -> Held:
     """A new agent beside a vehicle that flies already."""
     rig = Held(position=np.array([0.4, -0.3, height_m]), is_armed=True, mode=mode)
-    rig._has_flown = True
+    rig.has_flown = True
     rig.run(3.0)
     return rig
 

@@ -28,56 +28,56 @@ def _seen(tenth: int, enu_m: Vec3, **changes: object) -> Snapshot:
 
 def _flown(tenths: int = 20) -> Px4PositionCheck:
     """Flying north at 0.5 m/s, believed all the time, by a PX4 whose frame lies 2 m further west."""
-    opinion = Px4PositionCheck()
+    check = Px4PositionCheck()
     for tenth in range(1, tenths + 1):
-        opinion.look(_seen(tenth, (2.0, 0.05 * tenth, 1.0)), (0.0, 0.05 * tenth, 1.0), tenth * _TENTH_NS)
-    return opinion
+        check.update(_seen(tenth, (2.0, 0.05 * tenth, 1.0)), (0.0, 0.05 * tenth, 1.0), tenth * _TENTH_NS)
+    return check
 
 
 def test_it_learns_how_px4s_frame_lies_and_goes_on_from_there() -> None:
-    opinion = _flown()
+    check = _flown()
     for tenth in range(21, 31):
-        opinion.look(_seen(tenth, (2.0, 0.05 * tenth, 1.0)), None, tenth * _TENTH_NS)
-    place = opinion.place(30 * _TENTH_NS + _TENTH_NS // 2)
+        check.update(_seen(tenth, (2.0, 0.05 * tenth, 1.0)), None, tenth * _TENTH_NS)
+    place = check.motion(30 * _TENTH_NS + _TENTH_NS // 2)
     assert place is not None
     assert place[0] == pytest.approx((0.0, 1.525, 1.0), abs=1e-6)
     assert place[1] == (0.0, 0.5, 0.0)
-    assert opinion.contradicts((0.0, 0.8, 1.0), 30 * _TENTH_NS)
-    assert not opinion.contradicts((0.1, 1.5, 1.0), 30 * _TENTH_NS)
+    assert check.contradicts((0.0, 0.8, 1.0), 30 * _TENTH_NS)
+    assert not check.contradicts((0.1, 1.5, 1.0), 30 * _TENTH_NS)
 
 
 def test_it_has_no_say_once_it_is_old_or_has_been_blind_for_long() -> None:
-    opinion = _flown()
-    assert opinion.place(20 * _TENTH_NS) is not None
-    assert opinion.place(23 * _TENTH_NS) is None
+    check = _flown()
+    assert check.motion(20 * _TENTH_NS) is not None
+    assert check.motion(23 * _TENTH_NS) is None
     for tenth in range(21, 120):
-        opinion.look(_seen(tenth, (2.0, 0.05 * tenth, 1.0)), None, tenth * _TENTH_NS)
-    assert opinion.place(119 * _TENTH_NS) is None
-    assert not opinion.contradicts((9.0, 9.0, 1.0), 119 * _TENTH_NS)
+        check.update(_seen(tenth, (2.0, 0.05 * tenth, 1.0)), None, tenth * _TENTH_NS)
+    assert check.motion(119 * _TENTH_NS) is None
+    assert not check.contradicts((9.0, 9.0, 1.0), 119 * _TENTH_NS)
 
 
 def test_on_the_ground_before_a_flight_it_has_no_say() -> None:
-    opinion = Px4PositionCheck()
+    check = Px4PositionCheck()
     for tenth in range(1, 20):
-        opinion.look(
+        check.update(
             _seen(tenth, (0.0, 0.0, 0.0), is_armed=False, landed=Landed.ON_GROUND), (0.0, 0.0, 0.0), tenth * _TENTH_NS
         )
-    assert not opinion.contradicts((3.0, 0.0, 0.0), 19 * _TENTH_NS)
+    assert not check.contradicts((3.0, 0.0, 0.0), 19 * _TENTH_NS)
 
 
 def test_who_comes_down_unbelieved_lies_there_until_a_pose_says_so_too() -> None:
-    opinion = _flown()
-    opinion.look(_seen(21, (2.0, 1.05, 0.5)), None, 21 * _TENTH_NS)
-    opinion.look(_seen(22, (2.0, 1.1, 0.0), landed=Landed.ON_GROUND), None, 22 * _TENTH_NS)
+    check = _flown()
+    check.update(_seen(21, (2.0, 1.05, 0.5)), None, 21 * _TENTH_NS)
+    check.update(_seen(22, (2.0, 1.1, 0.0), landed=Landed.ON_GROUND), None, 22 * _TENTH_NS)
     for tenth in (30, 300, 3000):  # PX4 wanders on
-        opinion.look(_seen(tenth, (9.0, 9.0, 3.0), landed=Landed.ON_GROUND), None, tenth * _TENTH_NS)
-        place = opinion.place(tenth * _TENTH_NS)
+        check.update(_seen(tenth, (9.0, 9.0, 3.0), landed=Landed.ON_GROUND), None, tenth * _TENTH_NS)
+        place = check.motion(tenth * _TENTH_NS)
         assert place is not None
         assert math.dist(place[0][:2], (0.0, 1.1)) < 0.01
         assert place[1] == (0.0, 0.0, 0.0)
-        assert opinion.contradicts((1.0, 0.3, 0.0), tenth * _TENTH_NS)
-    opinion.look(_seen(3001, (9.0, 9.0, 3.0), landed=Landed.ON_GROUND), (0.0, 1.1, 0.0), 3001 * _TENTH_NS)
-    assert not opinion.contradicts((1.0, 0.3, 0.0), 3001 * _TENTH_NS)
+        assert check.contradicts((1.0, 0.3, 0.0), tenth * _TENTH_NS)
+    check.update(_seen(3001, (9.0, 9.0, 3.0), landed=Landed.ON_GROUND), (0.0, 1.1, 0.0), 3001 * _TENTH_NS)
+    assert not check.contradicts((1.0, 0.3, 0.0), 3001 * _TENTH_NS)
 
 
 def test_a_pose_that_jumps_for_good_is_never_believed_in_flight_and_the_others_hear_where_px4_believes_to_be() -> None:
@@ -87,7 +87,7 @@ def test_a_pose_that_jumps_for_good_is_never_believed_in_flight_and_the_others_h
     rig.has_mocap = False  # its own samples; these come instead
     for _ in range(300):
         x, y, z = rig.position.tolist()
-        rig.pose(position_enu_m=(x + 1.0, y - 0.8, z + 1e-6 * (rig._count % 2)))
+        rig.pose(position_enu_m=(x + 1.0, y - 0.8, z + 1e-6 * (rig.tick_count % 2)))
         rig.step()
     assert rig.mode == "LAND"
     assert rig.state is not None
@@ -105,7 +105,7 @@ def test_a_pose_that_comes_back_is_believed_again() -> None:
     rig.has_mocap = False
     for _ in range(6):
         x, y, z = rig.position.tolist()
-        rig.pose(position_enu_m=(x + 1.0, y, z + 1e-6 * (rig._count % 2)))
+        rig.pose(position_enu_m=(x + 1.0, y, z + 1e-6 * (rig.tick_count % 2)))
         rig.step()
     rig.has_mocap = True
     rig.run(1.0)

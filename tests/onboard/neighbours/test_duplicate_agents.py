@@ -77,6 +77,6 @@ def test_who_flies_when_a_newcomer_appears_flies_on_and_the_newcomer_sends_nothi
     assert rig.count(ev.SendAttitude, begin_ns) == 100
     assert any(event.code == "twin" for event in rig.events)
     newcomer = Rig(position=rig.position.copy(), is_armed=True, mode="OFFBOARD")
-    newcomer._has_flown = True
+    newcomer.has_flown = True
     newcomer.run(0.5)
     assert newcomer.count(ev.SendAttitude) == newcomer.count(ev.SetOffboard) == newcomer.count(ev.Px4Land) == 0

@@ -56,11 +56,11 @@ def test_a_table_narrows_to_its_neighbourhood_and_widens_again() -> None:
     assert table.followed == set(table.names)  # until it knows better
     for place, name in enumerate(table.names):
         assert table.hear(_state(name, 3.0 * (1 + place)), S)
-    assert table.choose(ZERO, S)
+    assert table.select_followed(ZERO, S)
     assert table.followed == {"mav1", "mav2", "mav3", "mav4"}
     assert set(table.distances_m(ZERO, S)) == table.followed
-    assert not table.choose(ZERO, S)
-    table.choose((30.0, 0.0, 1.0), S)
+    assert not table.select_followed(ZERO, S)
+    table.select_followed((30.0, 0.0, 1.0), S)
     assert {"mav9", "mav10", "mav11"} < table.followed
 
 
@@ -69,7 +69,7 @@ def test_one_lost_slow_message_is_no_silence_but_three_are() -> None:
     table = NeighbourTable(fleet, "mav0")
     for place, name in enumerate(table.names):
         table.hear(_state(name, 3.0 * (1 + place)), S)
-    table.choose(ZERO, S)
+    table.select_followed(ZERO, S)
     assert set(table.silent(S + 450_000_000)) == table.followed
     assert set(table.silent(S + 800_000_000)) == set(table.names)
 
@@ -93,9 +93,9 @@ def test_many_tables_hear_at_once_what_each_would_hear_alone(sequence: int) -> N
                     table.hear(message, received_ns)
             position = (2.0 * places[table.own_name], 0.0, 1.0)
             assert table.distances_m(position, received_ns) == other.distances_m(position, received_ns)
-            assert table.near_ages_s(received_ns) == other.near_ages_s(received_ns)
+            assert table.followed_ages_s(received_ns) == other.followed_ages_s(received_ns)
             assert table.snapshot(received_ns) == other.snapshot(received_ns)
             assert table.ignored_messages == other.ignored_messages
-            assert table.choose(position, received_ns) == other.choose(position, received_ns)
+            assert table.select_followed(position, received_ns) == other.select_followed(position, received_ns)
     rows, is_present = hall.snapshots([3, 5], S + 30_000_000)
     assert NEIGHBOUR.values(rows[1][is_present[1]]) == apart[5].snapshot(S + 30_000_000)

@@ -155,6 +155,6 @@ def test_a_round_of_messages_is_heard_like_one_after_the_other() -> None:
         assert single.snapshot(now_ns) == whole.snapshot(now_ns)
         assert single.silent(now_ns) == whole.silent(now_ns)
         assert single.distances_m((0.0, 0.0, 0.0), now_ns) == whole.distances_m((0.0, 0.0, 0.0), now_ns)
-        assert single.near_ages_s(now_ns) == whole.near_ages_s(now_ns)
+        assert single.followed_ages_s(now_ns) == whole.followed_ages_s(now_ns)
         assert (single.ignored_messages, single.last_heard_ns) == (whole.ignored_messages, whole.last_heard_ns)
     assert single.ignored_messages > 10

@@ -50,7 +50,7 @@ def turned(angle_rad: float, axis: int) -> tuple[float, ...]:
 
 
 def snapshot(rig: Rig, **changes: object) -> None:
-    rig._snapshot = replace(rig._snapshot, **changes)  # type: ignore[arg-type]
+    rig.snapshot = replace(rig.snapshot, **changes)  # type: ignore[arg-type]
 
 
 def swap_body(rig: Rig) -> None:

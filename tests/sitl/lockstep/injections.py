@@ -1,4 +1,4 @@
-"""What the fault suite breaks: one row for each thing that can go wrong in flight, and what has to be noticed of it."""
+"""Injections of the fault suite: one row for each thing that can go wrong, and what has to be noticed of it."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _hang(duration_s: float) -> Inject:
 
 
 def _stop_agent(flight: Lockstep, name: str) -> None:
-    flight.agents[name].ask_to_stop()
+    flight.agents[name].request_stop()
 
 
 def _cut(duration_s: float, *, keeps: tuple[str, ...] = (), all_agents: bool = False) -> Inject:
@@ -133,7 +133,7 @@ def _tick_fails(count: int) -> Inject:
 
 
 def _nonsense(flight: Lockstep, name: str) -> None:
-    """What nobody means, under the name of another: not finite, from the future, huge, repeated, from nobody."""
+    """Send bad states under the name of another: not finite, from the future, huge, repeated, from nobody."""
     other = next(one for one in flight.config.enabled_names if one != name)
     liar = flight.bus.node("liar")
     liar.start()

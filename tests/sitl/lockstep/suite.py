@@ -43,7 +43,7 @@ _TILT_SLACK_DEG = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """What breaks, at which tick of the flight, for whom, in which fleet."""
+    """One injection: what breaks, at which tick of the flight, for whom, in which fleet."""
 
     injection: str
     tick: int
@@ -58,7 +58,7 @@ class Case:
 
 @dataclass(slots=True)
 class Outcome:
-    """What came of it; ``wrong`` is empty when all holds."""
+    """Result of one case; ``wrong`` is empty when all holds."""
 
     case: Case
     wrong: list[str] = field(default_factory=list)
@@ -102,7 +102,7 @@ class Judge:
         self._strongest: dict[str, Action] = {}
         self._order_of: dict[str, str] = {}
         self._asked: dict[str, Action] = {}
-        self._truths: dict[str, Truth] = {}
+        self.truths: dict[str, Truth] = {}
         node = flight.bus.node("judge")
         node.start()
         node.subscribe(Topic.TRUTH, "*", self._look)
@@ -112,7 +112,7 @@ class Judge:
             )
 
     def wrong(self, sentence: str) -> None:
-        """Something that must not be; told once."""
+        """Note something that must not be, once."""
         self.outcome_wrong.setdefault(sentence)
 
     def _check_setpoint(self, name: str, send: object, setpoint: AttitudeSetpoint) -> None:
@@ -128,15 +128,15 @@ class Judge:
 
     def _look(self, _topic: Topic, name: str, truth: object) -> None:
         assert isinstance(truth, Truth)
-        self._truths[name] = truth
+        self.truths[name] = truth
         if name == self.flight.config.enabled_names[-1]:
             self._measure()
             for shell in self.flight.agents.values():
-                if shell.ticks:
+                if shell.is_ticking:
                     self._check_action(shell.name)
 
     def _measure(self) -> None:
-        truths = list(self._truths.values())
+        truths = list(self.truths.values())
         for place, one in enumerate(truths):
             for other in truths[place + 1 :]:
                 if one.is_on_ground and other.is_on_ground:
@@ -188,7 +188,7 @@ class Judge:
         if flight.simulation.collisions:
             self.wrong(f"collisions: {len(flight.simulation.collisions)}")
         for one, autopilot in zip(flight.simulation.names, flight.simulation.emulator.autopilots, strict=True):
-            if autopilot.is_armed or not self._truths[one].is_on_ground:
+            if autopilot.is_armed or not self.truths[one].is_on_ground:
                 self.wrong(f"{one} is not down and disarmed at the end")
         told = {(event.vehicle, event.code) for event in flight.events}
         others = [name for name in self.seen if name != victim]
@@ -255,7 +255,7 @@ def _fly(case: Case) -> Outcome:
         flight.bus.heal()
         flight.run(1.0)
         up = [name for name, shell in flight.agents.items() if shell.core.flight.situation is Situation.FLYING]
-        airborne = [name for name in up if flight.agents[name].ticks]
+        airborne = [name for name in up if flight.agents[name].is_ticking]
         if airborne:
             with contextlib.suppress(OrderFailed):  # who is not down at the end is found below
                 flight.land(",".join(airborne))
@@ -263,7 +263,7 @@ def _fly(case: Case) -> Outcome:
         px4s = flight.simulation.emulator.autopilots
         flight.until(
             lambda _: all(
-                not px4.is_armed and judge._truths[name].is_on_ground for name, px4 in zip(names, px4s, strict=True)
+                not px4.is_armed and judge.truths[name].is_on_ground for name, px4 in zip(names, px4s, strict=True)
             ),
             _DOWN_TIMEOUT_S,
         )

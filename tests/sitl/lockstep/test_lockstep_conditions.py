@@ -1,4 +1,4 @@
-"""What only whole flights show: how soon the table acts on mocap and neighbours, and that nobody is run into."""
+"""Facts that only whole flights show: how soon the table acts on mocap and neighbours, and that nobody is run into."""
 
 from __future__ import annotations
 

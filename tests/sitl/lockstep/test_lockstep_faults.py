@@ -1,4 +1,4 @@
-"""What fails in lockstep is answered as docs/failsafe.md says, with the real cores and the emulated PX4s."""
+"""Failures in lockstep are answered as docs/failsafe.md says, with the real cores and the emulated PX4s."""
 
 from __future__ import annotations
 

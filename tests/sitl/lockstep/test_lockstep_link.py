@@ -23,7 +23,7 @@ def test_turns_in_floats_are_those_of_the_frames() -> None:
         yaw, half = rng.normal(), 0.01 * rng.normal(size=3)
         turned = np.array(quaternion_multiply(quaternion_multiply(quaternion_from_yaw(yaw), q), (1.0, *half)))
         expected = enu_flu_from_ned_frd(turned / np.linalg.norm(turned))
-        np.testing.assert_allclose(link._measured(q.tolist(), yaw, half.tolist()), expected, atol=1e-12)
+        np.testing.assert_allclose(link.measured_attitude(q.tolist(), yaw, half.tolist()), expected, atol=1e-12)
 
 
 @pytest.fixture

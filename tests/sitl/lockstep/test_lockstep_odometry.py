@@ -14,7 +14,7 @@ _HOLD, _LAND = (4, 3), (4, 6)  # PX4's main and sub modes
 
 
 def _miss_m(flight, name: str) -> float:
-    """How far PX4's own estimate is from the truth; both lie in the fleet's frame, for the mocap gives it."""
+    """Return the distance of PX4's own estimate from the truth; the mocap gives it the fleet's frame."""
     emulator, index = flight.simulation.emulator, flight.simulation.names.index(name)
     north, east, down = emulator.estimator.local(index).position_ned_m
     truth, _, _ = emulator.world.truth_enu()
@@ -33,7 +33,7 @@ def _ask_px4(flight, name: str, mode: tuple[int, int]) -> None:
 
 
 def _resets(flight, name: str) -> int:
-    return flight.agents[name].core._odometry.resets
+    return flight.agents[name].core.odometry.resets
 
 
 def test_px4_knows_where_it_is_and_where_it_heads_by_the_forwarded_mocap(lockstep, paper):
