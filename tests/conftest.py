@@ -41,6 +41,8 @@ _LONGEST = (
     "bench/peers/test_bench.py",
     "sitl/monte_carlo/test_monte_carlo.py",
 )
+_MISSING = [name for name in (*_REAL_TIME, *_LONGEST) if not (_HERE / name).exists()]
+assert not _MISSING, f"tests/conftest.py names tests that are not there: {_MISSING}"
 
 
 @pytest.hookimpl(tryfirst=True)  # before the workers start

@@ -1,4 +1,4 @@
-"""The state machine of a flight: applies the rows of :mod:`onboard.flight.table`, and alone writes the step.
+"""The state machine of a flight: applies the rows of :mod:`onboard.flight.flight_table`, and alone writes the step.
 
 Orders and failsafes begin something; :func:`advance` moves on by what telemetry and estimate say at a tick. Commands
 and events collect in the context.
@@ -10,8 +10,8 @@ from onboard.bus.schema import Order, OrderOutcome, Severity
 from onboard.events import PlayTune
 from onboard.flight import sentences
 from onboard.flight.context import FlightContext
+from onboard.flight.flight_table import CAUSE, TABLE, Row, Text
 from onboard.flight.predicates import is_steady
-from onboard.flight.table import CAUSE, TABLE, Row, Text
 from onboard.flight.types import FlightEvent, FlightView, Step
 from onboard.safety.failsafe_table import Action
 

@@ -13,7 +13,7 @@ from onboard.flight.types import FlightView, Step
 from onboard.neighbours.state_arrays import NeighbourRow
 from onboard.neighbours.table import SILENT_S, NeighbourTable
 from onboard.safety.failsafe_table import Condition
-from onboard.safety.separation import PredictionMonitor, smallest_distance_m
+from onboard.safety.separation_monitor import PredictionMonitor, smallest_distance_m
 from onboard.types import GRAVITY_M_S2
 
 _CONFIRM_TICKS = 2

@@ -33,19 +33,14 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class BusSettings:
-    """Quality of every connection.
+    """Quality of every connection."""
 
-    delay_s: shortest time from sender to receiver; jitter_s: mean of what comes on top, exponentially distributed.
-    loss, reorder, duplicate: chance of each message; a reordered one is held back by
-    reorder_s, so that others overtake.
-    """
-
-    delay_s: float = 0.001
-    jitter_s: float = 0.0
-    loss: float = 0.0
-    reorder: float = 0.0
-    reorder_s: float = 0.04
-    duplicate: float = 0.0
+    delay_s: float = 0.001  # shortest time from sender to receiver
+    jitter_s: float = 0.0  # mean of what comes on top, exponentially distributed
+    loss: float = 0.0  # chance of each message
+    reorder: float = 0.0  # chance of each message
+    reorder_s: float = 0.04  # a reordered message is held back for so long, so that others overtake
+    duplicate: float = 0.0  # chance of each message
 
     def __post_init__(self) -> None:
         for name in ("delay_s", "jitter_s", "reorder_s"):

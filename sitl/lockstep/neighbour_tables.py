@@ -42,12 +42,12 @@ class Round:
     flags: BoolArray
 
     @classmethod
-    def of(cls, messages: Sequence[StateMessage], places: Mapping[str, int]) -> Round:
-        """Of messages of vehicles that stand in ``places``."""
-        count = len(places)
+    def of(cls, messages: Sequence[StateMessage], indices: Mapping[str, int]) -> Round:
+        """Of messages of vehicles that stand in ``indices``."""
+        count = len(indices)
         numbers, whole = np.zeros((count, WIDTH)), np.zeros((3, count), dtype=np.int64)
         flags = np.zeros((6, count), dtype=bool)
-        at = [places[m.vehicle] for m in messages]
+        at = [indices[m.vehicle] for m in messages]
         rows = [numbers_of(m) for m in messages]
         numbers[at] = rows
         whole[:, at] = np.array([(m.stamp_ns, m.boot_id, m.sequence) for m in messages], dtype=np.int64).T
@@ -108,8 +108,8 @@ class Tables:
             rows, columns, senders = rows[placed], columns[placed], senders[placed]
         self.arrays.stamp_ns[rows, columns] = self.arrays.heard_ns[rows, columns] = stamps[rows, columns]
         self.arrays.numbers[rows, columns] = arrived.numbers[senders]
-        for place, flag in enumerate((is_valid, is_airborne, is_cooperative, is_cooperative)):
-            self.arrays.flags[rows, place, columns] = flag[senders]
+        for kind, flag in enumerate((is_valid, is_airborne, is_cooperative, is_cooperative)):
+            self.arrays.flags[rows, kind, columns] = flag[senders]
         for table in self.tables:
             if table.distrusted:
                 table.arrays.flags[COOPERATIVE, list(table.distrusted)] = False

@@ -1,6 +1,6 @@
 """Agents' cores, emulated vehicles, motion capture and bus, advanced together by physics steps of 4 ms.
 
-One step, always in this order: what was asked for at this time, physics and autopilots, links, motion capture and
+One step, always in this order: what was planned for this time, physics and autopilots, links, motion capture and
 ground truth, the bus, and every fifth step the agents. All agents tick at the same instant: what a neighbour tells is
 then one whole period old when it is used, the worst case of a real fleet, whose ticks lie anywhere.
 """

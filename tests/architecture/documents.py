@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from groundstation.alarms import table
-from onboard.flight import table as flight_table
+from onboard.flight import flight_table
 from onboard.px4 import required_params
 from onboard.safety import preflight_rules
 from onboard.safety.failsafe_table import table_text

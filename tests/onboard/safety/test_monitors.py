@@ -8,7 +8,7 @@ import pytest
 
 from onboard.safety.autopilot_monitor import AutopilotMonitor
 from onboard.safety.battery_monitor import BatteryMonitor
-from onboard.safety.separation import PredictionMonitor, smallest_distance_m
+from onboard.safety.separation_monitor import PredictionMonitor, smallest_distance_m
 from onboard.safety.tracking_monitor import TrackingMonitor
 
 TICK_NS = 20_000_000

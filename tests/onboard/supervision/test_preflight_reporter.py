@@ -85,13 +85,13 @@ def lay_body_on_its_side(rig: Rig) -> None:
 
 def carry(rig: Rig) -> None:
     rig.velocity = np.array([0.0, 0.6, 0.0])
-    steps, original = itertools.count(), rig._move
+    steps, original = itertools.count(), rig.move
 
     def move() -> None:
         original()
         rig.velocity = np.array([0.0, 0.6 if next(steps) // 40 % 2 == 0 else -0.6, 0.0])
 
-    rig._move = move  # type: ignore[method-assign]
+    rig.move = move  # type: ignore[method-assign]
 
 
 def drop_attitudes(rig: Rig) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from onboard.agent.warm_up import warm_up
 from onboard.flight.context import FlightContext
+from onboard.flight.flight_table import ROWS, TABLE
 from onboard.flight.state_machine import accepts
-from onboard.flight.table import ROWS, TABLE
 from onboard.flight.types import FlightEvent, Step
 from onboard.safety.failsafe_table import TABLE as FAILSAFE_TABLE
 from onboard.safety.failsafe_table import Action, Condition
