@@ -231,12 +231,17 @@ def received(inbox: Rows, age_s: Array, senders: IntArray, is_cooperative: BoolA
     return neighbours
 
 
+def is_compiled() -> bool:
+    """Whether batches run compiled: numba is installed, and ``COVEY_NUMBA`` is not 0."""
+    return _numba() is not None
+
+
 def warm_up() -> bool:
     """Compile, or load from numba's cache, all that batches use; False when nothing is to be compiled.
 
     Takes about a second from the cache, and some twenty seconds of a processor the first time on a machine.
     """
-    if _numba() is None:
+    if not is_compiled():
         return False
     nobody, none = np.zeros((0, 1)), np.zeros((0, 1, 1))  # types decide what is compiled, not sizes
     states = FleetEstimator([kalman.KalmanParams()], none).step(none, nobody, nobody, none, nobody, 0.0, 0.0)

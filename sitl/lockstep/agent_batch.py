@@ -1,8 +1,7 @@
 """Ticks of many agents at one instant.
 
-Few agents tick one after the other, each as on a drone. From BATCHED_FROM agents on the same pipeline runs compiled
-over all of them at once (:mod:`onboard.rollout.batch`). Their memories stay in rows as long as the same agents tick
-together.
+Where it is compiled, the pipeline runs over all of them at once (:mod:`onboard.rollout.batch`), and their memories stay
+in rows as long as the same agents tick together. Otherwise they tick one after the other, each as on a drone.
 """
 
 from __future__ import annotations
@@ -20,8 +19,6 @@ from onboard.rollout import batch
 from onboard.rollout.rows import Rows
 from onboard.types import Tick
 from sitl.lockstep.agents import AgentShell, FleetTables
-
-BATCHED_FROM = 8  # vehicles
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +45,14 @@ class Batch:
     """
 
     def __init__(self, tables: FleetTables | None) -> None:
-        self._tables = tables
+        self._tables = tables if batch.is_compiled() else None
         self._params: tuple[list[PipelineParams], Rows] = [], batch.PARAMS.rows(0)
 
     def tick(self, agents: Sequence[AgentShell], now_ns: int) -> None:
         """One tick of each agent; a message that one publishes is heard by the others in later ticks."""
         passes = [agent.begin_tick(now_ns) for agent in agents]
         is_together = len({due.dt_s for due in passes}) == 1  # not so after one of them has stood still
-        if self._tables is not None and is_together and len(agents) >= BATCHED_FROM:
+        if self._tables is not None and is_together and len(agents) > 1:
             results = self._together(self._tables, agents, passes)
         else:
             results = [_alone(agent, due) for agent, due in zip(agents, passes, strict=True)]
