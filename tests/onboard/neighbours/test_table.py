@@ -100,7 +100,7 @@ def test_a_restarted_neighbour_is_heard_again_although_its_count_begins_anew() -
     assert table.hear(_state(boot_id=2, sequence=1, position_enu_m=(3.0, 0.0, 0.0)), 6 * S)
 
 
-def test_a_message_of_a_life_that_is_over_is_no_news() -> None:
+def test_a_message_from_before_a_restart_changes_nothing() -> None:
     table = _table()
     table.hear(_state(boot_id=1, stamp_ns=4 * S), 4 * S)
     table.hear(_state(boot_id=2, sequence=1, stamp_ns=5 * S), 5 * S)
