@@ -1,0 +1,1 @@
+"""One vehicle's agent: the process that runs on each drone's computer."""

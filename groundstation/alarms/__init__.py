@@ -1,0 +1,1 @@
+"""Alarms for the operator: a table of conditions, and those that hold now."""

@@ -162,13 +162,20 @@ class MissionFlight:
                     for line in verdict.sentences:
                         self._print(line)
                     return verdict.exit_status
-                from groundstation.console.app import run_console
+                from groundstation.console.app import ConsoleApp
+                from groundstation.orders.forecast_process import Forecaster
 
                 title = f"{self.settings.mission.name} - law {self._fleet.law.name}"
                 try:
-                    return await run_console(
-                        self._fleet, client, mission=self._mission, title=title, progress=lambda: self._last_line
+                    console = ConsoleApp(
+                        self._fleet,
+                        client,
+                        mission=self._mission,
+                        title=title,
+                        progress=lambda: self._last_line,
+                        forecaster=Forecaster(),
                     )
+                    return await console.run_to_end()
                 finally:
                     self._listen()  # the console has listened instead
             finally:

@@ -56,6 +56,6 @@ def replay(
             print(asyncio.run(story(shown, is_json=json)))
             return EXIT_OK
         require_terminal("Add --headless.")
-        from groundstation.console.replay import run_replay
+        from groundstation.console.replay import ReplayApp
 
-        return asyncio.run(run_replay(shown, title=f"replay of {flight.name}", at_s=at))
+        return asyncio.run(ReplayApp(shown, title=f"replay of {flight.name}", at_s=at).run_to_end())

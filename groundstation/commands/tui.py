@@ -32,19 +32,21 @@ def tui(
     """
     config = load_fleet(fleet)
     require_terminal()
-    from groundstation.console.app import run_console
+    from groundstation.console.app import ConsoleApp
+    from groundstation.orders.forecast_process import Forecaster
 
     async def attach() -> int:
         client = FleetClient(config, operates=not (view or readonly))
         try:
-            return await run_console(
+            console = ConsoleApp(
                 config,
                 ReadOnlyClient(client) if readonly else client,
                 connect=client.start,
-                has_preview=not no_preview,
                 title=f"fleet {config.fleet.name}",
                 has_bell=bell,
+                forecaster=None if no_preview else Forecaster(),
             )
+            return await console.run_to_end()
         finally:
             await client.stop()
 

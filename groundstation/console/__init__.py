@@ -1,1 +1,1 @@
-"""The console: what a person sees of the fleet, and how they give orders. Only this package imports textual."""
+"""The console: views of the fleet, and orders to it. Only this package imports textual."""

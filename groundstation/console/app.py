@@ -141,6 +141,14 @@ class ConsoleApp(App[int]):
         self.shutdown.release_signals()
         await self.orders.stop()
 
+    async def run_to_end(self) -> int:
+        """Show the console until the operator quits.
+
+        Returns:
+            The exit status: the verdict's, 0 without a mission, 130 when the operator cut the mission short.
+        """
+        return await self.run_async() or 0
+
     # -- the terminal ------------------------------------------------------------------------------------------------
 
     def get_driver_class(self) -> type[Driver]:
@@ -333,36 +341,3 @@ class ConsoleApp(App[int]):
     def action_scroll_events(self, pages: int) -> None:
         """Scroll the events by pages."""
         self.panels.events.scroll_pages(pages)
-
-
-async def run_console(
-    fleet: FleetConfig,
-    client: ConsoleClient,
-    *,
-    mission: Mission | None = None,
-    connect: Mission | None = None,
-    title: str = "",
-    progress: Callable[[], str] | None = None,
-    has_bell: bool = False,
-    has_preview: bool = True,
-) -> int:
-    """Show the console until the operator quits.
-
-    Args:
-        has_preview: show what arm, take-off and moves lead to before they are sent.
-        The others: as of :class:`ConsoleApp`.
-
-    Returns:
-        The verdict's exit status; 0 without a mission; 130 when the operator cut it short.
-    """
-    app = ConsoleApp(
-        fleet,
-        client,
-        mission=mission,
-        connect=connect,
-        title=title,
-        progress=progress,
-        has_bell=has_bell,
-        forecaster=Forecaster() if has_preview else None,
-    )
-    return await app.run_async() or 0

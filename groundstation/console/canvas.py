@@ -32,9 +32,9 @@ class Canvas:
         self._chars = np.zeros((self.height, self.width), np.uint32)  # 0: no text here
 
     def dots(self, x: FloatArray, y: FloatArray, colour: str) -> None:
-        """Set dots x, y (n,); what lies outside or is not finite is left out. The last colour of a cell wins."""
+        """Set dots x, y (n,); dots outside and not finite ones are left out. The last colour of a cell wins."""
         with np.errstate(invalid="ignore"):
-            fits = (x >= 0) & (x < 2 * self.width) & (y >= 0) & (y < 4 * self.height)  # false for what is no number
+            fits = (x >= 0) & (x < 2 * self.width) & (y >= 0) & (y < 4 * self.height)  # false for nan
         columns, rows = x[fits].astype(np.int64), y[fits].astype(np.int64)
         np.bitwise_or.at(self.cells, (rows >> 2, columns >> 1), _BITS[rows & 3, columns & 1])
         self.colours[rows >> 2, columns >> 1] = _index(colour, False)
@@ -70,7 +70,7 @@ class Canvas:
         return twin
 
     def text(self, column: int, row: int, text: str, colour: str, bold: bool = False) -> None:
-        """Text from a cell on; wide characters take two cells; what lies outside is left out."""
+        """Text from a cell on; wide characters take two cells; text outside is left out."""
         if not 0 <= row < self.height:
             return
         kind = _index(colour, bold)

@@ -31,17 +31,10 @@ class ConsoleClient(Protocol):
 
 
 @runtime_checkable
-class OrderingClient(Protocol):
-    """The part of the client that sends orders; a record and a read-only client lack it."""
+class OrderingClient(ConsoleClient, Protocol):
+    """A client of a fleet that takes orders; a record and a read-only client are none."""
 
     control: Control
-
-    @property
-    def state(self) -> FleetState:
-        """The fleet as known now."""
-
-    def now_ns(self) -> int:
-        """The clock that ages are counted on."""
 
     def plan(self, order: Intent | str) -> PlannedOrder:
         """Plan an order and check it; nothing is sent."""

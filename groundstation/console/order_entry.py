@@ -185,7 +185,7 @@ class OrderEntry:
         """Show an order that has left, and its results as they come."""
         self.newest = sent
         events, words = self._panels.events, self.short(str(sent.intent))
-        if sent.intent.verb == "kill" and sent.planned.orders:  # it has left, whatever becomes of it
+        if sent.intent.verb == "kill" and sent.planned.orders:  # sent, whatever its results
             events.add(f"KILL {','.join(sent.planned.orders)}", ("✖", KILL))
             self._latch.add(sent.planned.orders)
             self.update()
@@ -217,7 +217,7 @@ class OrderEntry:
     # -- keys --------------------------------------------------------------------------------------------------------
 
     def send_urgent(self, key: str) -> None:
-        """Send what lands or holds all vehicles, on the thread that reads the terminal; the key's turn comes later."""
+        """Send the order of an emergency key, on the thread that reads the terminal; the key's turn comes later."""
         verb = _URGENT_KEYS.get(key)
         if verb is None or self._ordering is None or not self._fleet.enabled_names:
             return

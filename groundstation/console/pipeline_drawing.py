@@ -23,7 +23,7 @@ def thrust_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
     if tick is None:
         return [[(" no pipeline values heard yet", FAINT)]]
     lines: list[Text | Strip] = [
-        [(" asked      ", FAINT), (_vector(tick.thrust_baseline_enu_m_s2), WARN)],
+        [(" baseline   ", FAINT), (_vector(tick.thrust_baseline_enu_m_s2), WARN)],
         [(" safe       ", FAINT), (_vector(tick.thrust_safe_enu_m_s2), CALM)],
     ]
     held = tick.intervention_m_s2
@@ -49,8 +49,8 @@ def thrust_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
         lines += [Strip([*one, Segment(" "), *two]) for one, two in zip(picture, chart, strict=True)]
     else:
         lines += chart
-    legend: Text = [(" " * dial, FAINT), ("  ▬ asked", WARN), ("  ▬ safe", CALM)]
-    lines.append([*legend, (f"   horizontal, last {CHART_S:.0f} s", FAINT)])
+    legend: Text = [(" " * dial, FAINT), ("  ▬ baseline", WARN), ("  ▬ safe", CALM)]
+    lines.append([*legend, (f"  horizontal, last {CHART_S:.0f} s", FAINT)])
     return lines
 
 
@@ -62,8 +62,8 @@ def attitude_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
     setpoint, measured = tick.setpoint_quaternion_enu_flu_wxyz, tick.attitude_quaternion_enu_flu_wxyz
     lines: list[Text | Strip] = [[(f"            {'roll':>7}{'pitch':>8}{'yaw':>8}{'thrust':>9}", FAINT)]]
     for label, quaternion, thrust, colour in (
-        ("asked", setpoint, f"{number(100 * tick.setpoint_thrust_frac, 0)} %", WARN),
-        ("flown", measured, f"({number(100 * tick.hover_thrust_frac, 0)} % hovers)", CALM),
+        ("setpoint", setpoint, f"{number(100 * tick.setpoint_thrust_frac, 0)} %", WARN),
+        ("measured", measured, f"({number(100 * tick.hover_thrust_frac, 0)} % hovers)", CALM),
     ):
         angles = "".join(f"{number(angle, 1, sign=True):>7}°" for angle in euler_deg(quaternion))
         lines.append([(f" {label:<10}", FAINT), (angles, colour), (f"  {thrust}", TEXT)])

@@ -174,8 +174,3 @@ def clock(seconds: float) -> str:
     hours, minutes = divmod(minutes, 60)
     text = f"{minutes:02d}:{rest / 10:04.1f}" if hours else f"{minutes}:{rest / 10:04.1f}"
     return f"{hours}:{text}" if hours else text
-
-
-async def run_replay(replay: Replay, *, title: str, at_s: float = 0.0) -> int:
-    """Show a record until the operator quits; 0."""
-    return await ReplayApp(replay, title=title, at_s=at_s).run_async() or 0

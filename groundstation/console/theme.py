@@ -1,7 +1,7 @@
 """Colours, signs and numbers of the console. Pure.
 
 The palette is Okabe and Ito's, lightened for a dark ground: safe for the common kinds of colour blindness. No meaning
-is carried by colour alone; a sign or a word always says it too. `dress` changes what a terminal cannot show.
+is carried by colour alone; a sign or a word always says it too. `terminal_filters` adapts both to the terminal.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ VEHICLE_COLOURS = (CALM, WARN, GOOD, KILL, "#f0e442", BAD, "#8f9df5", "#c3c9d0")
 # Low to high: from blue to yellow, which every common kind of colour blindness tells apart, and from dark to bright.
 HEIGHT_COLOURS = ("#6c7fd8", "#7ba6c9", "#a9b7a0", "#d3c46a", "#f7e03c")
 
-# Every colour that is drawn, and what stands for it on a light ground.
+# Every colour that is drawn, and its counterpart on a light ground.
 LIGHT = {
     GROUND: "#f8fafc", TEXT: "#17202a", FAINT: "#596673", RULE: "#c5ced7", GOOD: "#00734f", WARN: "#8f5a00",
     BAD: "#b93a06", KILL: "#9c2a73", CALM: "#0a5f9e", "#f0e442": "#6a6400", "#8f9df5": "#4347bd", "#c3c9d0": "#4d5863",
@@ -80,7 +80,7 @@ def style(colour: str = TEXT, *, bold: bool = False, dim: bool = False) -> Style
 
 @lru_cache(256)
 def faded(colour: str) -> str:
-    """A colour half way to the ground: for what lies behind."""
+    """Return a colour half way to the ground, for the background."""
     parts = (round(0.45 * int(colour[i : i + 2], 16) + 0.55 * int(GROUND[i : i + 2], 16)) for i in (1, 3, 5))
     return "#" + "".join(f"{part:02x}" for part in parts)
 
@@ -113,7 +113,7 @@ def _joins(char: str) -> bool:
 
 
 def number(value: object, digits: int = 1, *, sign: bool = False, unit: str = "", limit: float = 99_999.0) -> str:
-    """A number for people, or ``-`` for what is no finite, plausible number; never ``-0.0``."""
+    """Return a number as text, or ``-`` where it is not finite or not plausible; never ``-0.0``."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value) or abs(value) > limit:
         return "-"
     rounded = round(float(value), digits) + 0.0
@@ -144,7 +144,7 @@ def fit_name(name: str, width: int) -> str:
 
 
 def spark(values: Sequence[float], width: int, top: float) -> str:
-    """The last ``width`` values as little columns, ``top`` filling a cell; what is no number is a gap."""
+    """Return the last ``width`` values as little columns, ``top`` filling a cell; nan is a gap."""
     shown = [float(value) for value in values[-width:]] if width > 0 else []
     steps = "▁▂▃▄▅▆▇█"
     marks = (steps[int(8 * min(0.999, max(0.0, value / top)))] if math.isfinite(value) else " " for value in shown)

@@ -49,7 +49,7 @@ def blocks(subject: VehicleSubject, width: int) -> list[list[Strip]]:
         ("go / no-go", _checks),
         ("neighbours", _neighbours),
         ("thrust before and after OIST, m/s²", thrust_block),
-        ("attitude asked and flown", attitude_block),
+        ("attitude setpoint and measured", attitude_block),
         ("orders", _orders),
         ("log", _log),
     )
@@ -111,7 +111,7 @@ def _state(subject: VehicleSubject, width: int) -> list[Text | Strip]:
         (last.neighbour_age_s, "neighbours"),
     )
     message_ages = "  ".join(f"{label} {number(1e3 * age_s, 0, limit=1e6)}" for age_s, label in ages)
-    lines.append([(" news, ms   ", FAINT), (message_ages, tint)])
+    lines.append([(" ages, ms   ", FAINT), (message_ages, tint)])
     periods = (last.loop_period_p50_ms, last.loop_period_p99_ms, last.loop_period_max_ms)
     loop = "/".join(number(value, 0, limit=1e6) for value in periods)
     lines.append([(" loop, ms   ", FAINT), (f"p50/p99/max {loop}  late {last.late_ticks}", tint)])

@@ -1,0 +1,1 @@
+"""The fleet as the ground sees it: a frozen value, folded from the bus."""

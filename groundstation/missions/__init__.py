@@ -1,0 +1,1 @@
+"""Missions: files, the mission API, and the verdict."""

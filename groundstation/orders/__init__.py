@@ -1,0 +1,1 @@
+"""Orders: their words, plan, preview, forecast and result."""

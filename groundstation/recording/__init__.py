@@ -1,0 +1,1 @@
+"""Flight records: written, read, reported and played back."""

@@ -231,8 +231,6 @@ class AgentCore:
         state = self.own.state
         self._view = self._new_view(now_ns, state)
         self._distances_m = self.neighbours.distances_m(self._view.position_enu_m, now_ns)
-        position_enu_m = self._view.position_enu_m if self._view.has_position else None
-        flight.commands.extend(self._follower.due(position_enu_m, now_ns))
         self._supervise()
         state_machine.advance(flight, self._view)
         return control.inputs(state, flight.goal, flight.phase, self.neighbours, now_ns, dt_s)
@@ -252,6 +250,7 @@ class AgentCore:
         )
         messages = self._publisher.every_tick(result)
         out = [*self._publisher.telemetry(result), *self.flight.take_commands(), *setpoint, *messages]
+        out.extend(self._follower.due(view.position_enu_m if view.has_position else None, view.now_ns))
         bodies = self.neighbours.bodies_to_track(view.now_ns)
         if bodies:
             out.append(WatchBodies(tuple(bodies)))

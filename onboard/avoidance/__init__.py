@@ -1,0 +1,1 @@
+"""The avoidance law (OIST), pure; README.md maps the paper to the code."""

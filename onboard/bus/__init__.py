@@ -1,0 +1,1 @@
+"""The bus: topics, messages, bytes and the Zenoh session."""

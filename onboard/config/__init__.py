@@ -1,0 +1,1 @@
+"""Fleet files as frozen, checked values."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from typing import Literal
+from typing import Literal, get_args
 
 import msgspec
 
@@ -49,7 +49,7 @@ def problems(mocap: MocapConfig, bodies: Mapping[str, str | None]) -> Iterator[s
                     'already. Set mocap.source = "motioncapture", or remove the key.'
                 )
     elif mocap.type is None:
-        yield "'mocap.type' is missing: one of optitrack, vicon, qualisys, vrpn, motionanalysis, mock."
+        yield f"'mocap.type' is missing: one of {', '.join(get_args(SystemType))}."
     elif mocap.type != "mock" and not mocap.hostname:
         yield f"'mocap.hostname' is missing: the name or address of the computer on which {mocap.type} runs."
     for key, value, low, high in (

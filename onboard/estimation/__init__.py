@@ -1,0 +1,1 @@
+"""Kalman filter of the own motion, disturbance observer, hover thrust; pure."""

@@ -1,0 +1,1 @@
+"""The steps of a flight as a table, and the checks of orders."""

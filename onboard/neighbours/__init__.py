@@ -1,0 +1,1 @@
+"""The other vehicles as this agent knows them."""

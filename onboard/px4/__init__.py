@@ -1,0 +1,1 @@
+"""PX4 over MAVLink, and the parameters that it must have."""

@@ -1,0 +1,1 @@
+"""The pipeline over many vehicles at once, interpreted or compiled; pure."""

@@ -1,7 +1,7 @@
 """Faults of the emulator as a table: names, parameters, bounds and contradictions. Pure.
 
-A fault is one line, for instance ``mav1 motor_weak at=20 duration=5 motor=2 effectiveness=0.6``. What it does stands in
-`effects.py`.
+A fault is one line, for instance ``mav1 motor_weak at=20 duration=5 motor=2 effectiveness=0.6``. Its effect stands in
+`sitl/emulator/fault_effects.py`; that of a fault of poses in `pose_faults.py`, of a link in `lossy_channel.py`.
 """
 
 from __future__ import annotations

@@ -1,0 +1,1 @@
+"""MAVLink of an emulated PX4: bytes, links, commands, streams."""

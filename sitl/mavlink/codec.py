@@ -2,7 +2,7 @@
 
 pymavlink's message objects cost several microseconds each; here a message is a tuple in wire order, packed by the
 message's own struct, which gives the same bytes. What pymavlink's dialects lack (events, link node status, ...) is
-declared in `layouts.py`.
+declared in `extra_dialect.py`.
 """
 
 from __future__ import annotations

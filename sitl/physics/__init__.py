@@ -1,0 +1,1 @@
+"""Physics of the emulated vehicles: one step, contacts, wind, frames."""

@@ -1,0 +1,1 @@
+"""PX4 itself as emulated: commander, modes, failsafes, estimator, controllers, parameters."""

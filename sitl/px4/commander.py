@@ -2,8 +2,8 @@
 
 The mode that was asked for (`intent`) and the mode that is flown (`mode`) are two things, as in PX4: a failsafe changes
 only the second, and when its cause is gone the first is flown again without being asked for. What each mode needs is in
-`modes.py`, what forbids arming in `checks.py`, what takes a vehicle out of its mode in `failsafes.py`, how a mode is
-flown in `flight.py`, what is said in `events.py`.
+`modes.py`, what forbids arming in `arming_checks.py`, what takes a vehicle out of its mode in `failsafes.py`, how a
+mode is flown in `mode_control.py`, what is said in `events.py`.
 """
 
 from __future__ import annotations

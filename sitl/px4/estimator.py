@@ -1,9 +1,9 @@
 """The autopilot's estimate of its own state: not an EKF, but an estimate that errs as PX4's does.
 
-Each vehicle has its own local origin. Position and velocity carry the slow errors of `errors.py`, sized by the source:
-satellites, external vision, nothing. Without satellites the estimate follows vision, right or wrong: a jump sideways at
-once, one in height when it has been refused for 5 s; each jump of the estimate counts up PX4's reset counters. Without
-any source it drifts away.
+Each vehicle has its own local origin. Position and velocity carry the slow errors of `estimator_errors.py`, sized by
+the source: satellites, external vision, nothing. Without satellites the estimate follows vision, right or wrong: a
+jump sideways at once, one in height when it has been refused for 5 s; each jump of the estimate counts up PX4's
+reset counters. Without any source it drifts away.
 """
 
 from __future__ import annotations

@@ -25,6 +25,14 @@ def test_every_file_that_the_readme_names_exists() -> None:
         assert (ROOT / target).exists(), target
 
 
+def test_every_file_that_the_guide_for_contributors_names_exists() -> None:
+    guide = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    paths = re.findall(r"`((?:onboard|groundstation|sitl|tests|docs)/[^` ]*)`", guide)
+    assert len(paths) > 20
+    for path in paths:
+        assert (ROOT / path).exists(), path
+
+
 def test_every_shipped_mission_is_valid() -> None:
     missions = sorted((ROOT / "configs" / "missions").iterdir())
     assert missions

@@ -17,6 +17,7 @@ BENCHMARKS = {
     "silence": ("tests.bench.silence.bench", "how soon the link to PX4 is silent after an agent hangs"),
     "agents": ("tests.bench.agents", "period, processor and memory of agents in flight"),
     "soak": ("tests.bench.soak", "memory, orders and late ticks of a long flight"),
+    "tick": ("tests.bench.tick", "processor time of one control tick with 0 to 12 neighbours"),
     "law": ("tests.bench.peers.bench", "the law beside other methods, and without each of its ideas"),
 }
 

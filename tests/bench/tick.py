@@ -10,6 +10,7 @@ import math
 import random
 import statistics
 import time
+from collections.abc import Sequence
 
 from onboard.config.fleet import load_fleet
 from onboard.control import pipeline
@@ -51,11 +52,13 @@ def tick_times_s(count: int, ticks: int) -> list[float]:
     return sorted(times_s)
 
 
-def main() -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Print the shortest and the median tick with 0, 2, 6 and 12 neighbours."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="make bench-tick", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--ticks", type=int, default=2000)
-    options = parser.parse_args()
+    options = parser.parse_args(argv)
     for count in (0, 2, 6, 12):
         times_s = tick_times_s(count, options.ticks)
         shortest_ms, median_ms = 1e3 * times_s[0], 1e3 * statistics.median(times_s)

@@ -71,7 +71,7 @@ class VehicleScreen(LiveScreen):
 
 
 class VehiclePage(Lines, ScrollView, can_focus=True):
-    """Blocks in one, two or three columns; what does not fit scrolls."""
+    """Blocks in one, two or three columns that scroll."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("down,j", "scroll_page(1, False)", "down", show=False),

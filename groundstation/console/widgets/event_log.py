@@ -57,7 +57,7 @@ class EventLog(RichLog, can_focus=False):
         self.extend([LogEntry.of(sentence, sign, vehicle=vehicle)])
 
     def extend(self, entries: Iterable[LogEntry]) -> None:
-        """Add entries; who has scrolled back stays there."""
+        """Add entries; a log that is scrolled back stays there."""
         new = list(entries)
         self._entries.extend(new)
         if self._width and new:

@@ -57,7 +57,7 @@ class Lines(Widget):
         self.post_message(self.Alone("" if is_alone else str(self.id)))
 
     async def action_together(self) -> None:
-        """Escape gives the room back first, and then means what it means everywhere."""
+        """Show all panels again, or go back to the fleet when they are."""
         if self.screen.has_class(f"only-{self.id}"):
             self.action_alone()
         else:

@@ -1,4 +1,4 @@
-"""The line where orders are written: history on the arrows, completion on tab; what is pasted waits for Enter."""
+"""The line for written orders: history on the arrows, completion on tab; pasted text waits for Enter."""
 
 from __future__ import annotations
 

@@ -1,0 +1,1 @@
+"""The relay from a motion-capture system to the fleet's bus, and its check."""

@@ -159,7 +159,7 @@ def test_a_host_that_has_rebooted_is_measured_anew_and_its_old_offset_forgotten(
     assert a.offset_s("b", 21 * _S)[0] == pytest.approx(-17.0, abs=0.002)
 
 
-def test_what_others_heard_of_our_life_before_a_reboot_bounds_nothing() -> None:
+def test_arrivals_of_our_messages_before_a_reboot_bound_nothing() -> None:
     b = Clocks("b", _B)
     b.hear(Clocks("a", _A).message(9000 * _S), 50 * _S)
     a = Clocks("a", _A + 1)
@@ -212,7 +212,7 @@ def test_a_clock_message_of_twenty_nodes_is_small_and_comes_back_the_same() -> N
     assert len(data) < 1000
 
 
-def test_only_other_hosts_are_told_with_how_well_they_are_known_and_forgotten_when_they_are_gone() -> None:
+def test_only_other_hosts_have_bounds_and_are_forgotten_when_they_are_gone() -> None:
     world = _World(80 * _S, 0.0, lambda: 0.002, lambda: 0.004)
     world.b.hear(ClockMessage(node="c", host=_B, sequence=1, sent_ns=5, heard=()), 5)  # of its own host
     world.run(0.1)

@@ -13,7 +13,7 @@ EVENT = schema.Event(vehicle="mav0", stamp_ns=5, severity="info", code="armed", 
 KINDS = [spec.message for spec in TOPICS.values() if spec.message is not None]
 
 
-def test_a_message_survives_the_wire() -> None:
+def test_a_message_survives_encoding() -> None:
     assert decode(encode(EVENT), schema.Event) == EVENT
 
 

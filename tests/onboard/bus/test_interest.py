@@ -89,7 +89,7 @@ def say(talker: BusSession, name: str) -> None:
     talker.publish(Topic.EVENT, name, Event(vehicle=name, stamp_ns=1, severity="info", code="c", sentence=text))
 
 
-def test_what_is_not_followed_does_not_come_over_the_wire(talker: tuple[BusSession, int]) -> None:
+def test_a_topic_that_is_not_followed_is_not_sent(talker: tuple[BusSession, int]) -> None:
     session, port = talker
     relay = Relay(port)
     listener = BusSession(namespace="covey/i", node="listener", connect=[relay.endpoint])
@@ -222,7 +222,7 @@ def publish_many(session: BusSession) -> float:
     return longest_s
 
 
-def test_a_node_that_hangs_does_not_hold_up_who_publishes(
+def test_a_node_that_hangs_does_not_hold_up_the_publisher(
     talker: tuple[BusSession, int], hanging: subprocess.Popen[str]
 ) -> None:
     assert publish_many(talker[0]) < 0.5  # one message that waits for its place costs a second

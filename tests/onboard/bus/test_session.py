@@ -119,7 +119,7 @@ def test_a_fault_is_asked_of_the_emulator_and_answered(agent: BusSession, ground
     assert replies[0].reason == "mav0: motor 2 stops"
 
 
-def test_leaving_is_seen_by_liveliness(agent: BusSession, ground: BusSession) -> None:
+def test_leaving_shows_in_the_liveliness(agent: BusSession, ground: BusSession) -> None:
     agent.stop()
     agent.stop()
     wait_for(lambda: "mav0" not in ground.alive)  # type: ignore[attr-defined]

@@ -82,7 +82,7 @@ def test_in_the_air_px4_begins_anew_only_near_where_it_thinks_that_it_is() -> No
         assert _sent(feed, after, lambda _: 0.0, _in_the_air(drift_m)) == ([1] * 5 if is_near else [])
 
 
-def test_in_the_air_a_px4_that_tells_no_position_is_told_none_after_a_gap() -> None:
+def test_in_the_air_a_px4_without_a_position_gets_no_pose_after_a_gap() -> None:
     feed = OdometryForwarder()
     _sent(feed, [0.0, 20.0])
     assert _sent(feed, [900.0, 920.0], snapshot=_in_the_air(0.0, knows_position=False)) == []

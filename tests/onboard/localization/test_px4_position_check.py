@@ -65,7 +65,7 @@ def test_on_the_ground_before_a_flight_it_has_no_say() -> None:
     assert not check.contradicts((3.0, 0.0, 0.0), 19 * _TENTH_NS)
 
 
-def test_who_comes_down_unbelieved_lies_there_until_a_pose_says_so_too() -> None:
+def test_a_vehicle_that_comes_down_while_poses_are_rejected_lies_there_until_a_pose_agrees() -> None:
     check = _flown()
     check.update(_seen(21, (2.0, 1.05, 0.5)), None, 21 * _TENTH_NS)
     check.update(_seen(22, (2.0, 1.1, 0.0), landed=Landed.ON_GROUND), None, 22 * _TENTH_NS)

@@ -64,7 +64,7 @@ def test_a_body_that_nothing_moves_with_is_found() -> None:
     assert "does not tilt as its PX4 does" in found["mav0"].sentence
 
 
-def test_what_was_not_tilted_and_who_is_not_there_is_not_judged() -> None:
+def test_a_vehicle_that_was_not_tilted_or_is_missing_is_not_judged() -> None:
     found = _judge(_tilted(1), deque())
     assert found["mav1"].is_ok is False or "not" in found["mav1"].sentence
     (alone,) = judge({"mav0": "a"}, {"a": _tilted(1)}, {}, latency_s=0.0)
@@ -74,7 +74,7 @@ def test_what_was_not_tilted_and_who_is_not_there_is_not_judged() -> None:
     assert "propellers off" in still.sentence
 
 
-def test_a_body_that_is_not_seen_while_its_vehicle_tilts_is_wrong() -> None:
+def test_a_body_that_is_not_tracked_while_its_vehicle_tilts_is_wrong() -> None:
     found = _judge(deque(), _tilted(2))
     assert found["mav0"].is_ok is False
     assert "was not tracked" in found["mav0"].sentence

@@ -118,7 +118,7 @@ def test_wrong_input_and_a_silent_system_have_a_sentence_and_a_status(
     assert words in found.stdout + found.stderr
 
 
-def test_unknown_missing_and_unnameable_bodies_are_told_and_the_rest_is_passed_on(tmp_path: Path) -> None:
+def test_unknown_missing_and_unnameable_bodies_are_reported_and_the_rest_is_passed_on(tmp_path: Path) -> None:
     def bodies() -> dict[str, Pose | None]:
         x = 0.1 * math.sin(time.monotonic())
         return dict.fromkeys(("mav0", "cf 2", "person"), ((x, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)))

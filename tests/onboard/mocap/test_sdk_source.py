@@ -38,7 +38,7 @@ def test_the_systems_latency_comes_off_the_arrival() -> None:
     assert (pose.boot_id, pose.sequence, pose.is_tracked) == (7, 1, True)
 
 
-def test_a_body_that_leaves_the_frames_is_told_as_lost_where_it_was_and_then_forgotten() -> None:
+def test_a_body_that_leaves_the_frames_is_passed_on_as_lost_and_then_forgotten() -> None:
     poses = PoseConverter(_MOCK, boot_id=7)
     told = {at: poses.poses(_frame(at, "a", *(["b"] if at < 100 else []))) for at in range(0, 12_000, 20)}
     of_b = {at: [pose for pose in found if pose.body == "b"] for at, found in told.items()}
@@ -150,7 +150,7 @@ def test_a_reading_process_that_dies_is_started_again_and_its_poses_count_on() -
 
 
 @needs_package
-def test_who_asks_the_agents_processes_to_end_does_not_end_the_poses_that_it_lands_by() -> None:
+def test_a_signal_to_the_agents_processes_does_not_end_the_poses_that_it_lands_by() -> None:
     with NatNetServer(["mav0"], _circle) as server, _Listener(_optitrack(server)) as heard:
         heard.wait(lambda: len(heard.poses) > 5)
         reader = heard.source.reader_pid

@@ -66,7 +66,7 @@ def test_a_third_agent_that_hears_both_tells_them() -> None:
         assert not reply.is_accepted
 
 
-def test_who_flies_when_a_newcomer_appears_flies_on_and_the_newcomer_sends_nothing() -> None:
+def test_an_agent_in_flight_flies_on_when_a_second_one_appears_and_the_second_one_sends_nothing() -> None:
     rig = Rig()
     rig.fly()
     begin_ns = rig.now_ns

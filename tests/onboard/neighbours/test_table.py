@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from onboard.bus.schema import StateMessage
 from onboard.neighbours.table import SILENT_S, NeighbourTable
@@ -100,7 +102,7 @@ def test_a_restarted_neighbour_is_heard_again_although_its_count_begins_anew() -
     assert table.hear(_state(boot_id=2, sequence=1, position_enu_m=(3.0, 0.0, 0.0)), 6 * S)
 
 
-def test_a_message_of_a_life_that_is_over_is_no_news() -> None:
+def test_a_message_from_before_a_restart_changes_nothing() -> None:
     table = _table()
     table.hear(_state(boot_id=1, stamp_ns=4 * S), 4 * S)
     table.hear(_state(boot_id=2, sequence=1, stamp_ns=5 * S), 5 * S)
@@ -108,11 +110,11 @@ def test_a_message_of_a_life_that_is_over_is_no_news() -> None:
     assert table.age_s("mav1", 6 * S) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("stamp_ns", [10**17, 7 * S])
-def test_a_stamp_of_the_future_counts_from_its_arrival(stamp_ns: int) -> None:
-    table = _table()
-    table.hear(_state(stamp_ns=stamp_ns), 5 * S)
-    assert table.age_s("mav1", 5 * S + 100_000_000) == pytest.approx(0.10)
+def test_a_stamp_of_the_future_counts_from_its_arrival() -> None:
+    for stamp_ns in (10**17, 7 * S):
+        table = _table()
+        table.hear(_state(stamp_ns=stamp_ns), 5 * S)
+        assert table.age_s("mav1", 5 * S + 100_000_000) == pytest.approx(0.10), stamp_ns
 
 
 def test_a_message_that_was_held_up_is_as_old_as_it_is() -> None:
@@ -125,36 +127,39 @@ def test_strangers_are_ignored() -> None:
     assert not _table().hear(_state(vehicle="stranger"), 5 * S)
 
 
-def test_a_round_of_messages_is_heard_like_one_after_the_other() -> None:
-    rng = np.random.default_rng(0)
-    names = ("mav0", "mav1", "mav2")
-    single, whole = (NeighbourTable(fleet(names), "mav1") for _ in range(2))
-    hall = Tables([whole])
-    for step in range(40):
-        now_ns = 5 * S + step * 20_000_000
+_NAMES = ("mav0", "mav1", "mav2")
+_MESSAGE = st.fixed_dictionaries(
+    {
+        "sequence": st.integers(0, 6),
+        "boot_id": st.integers(1, 2),
+        "age_ns": st.sampled_from([1_000_000, 3 * S, -S]),
+        "is_valid": st.booleans(),
+        "is_airborne": st.booleans(),
+        "is_cooperative": st.booleans(),
+        "position_enu_m": st.tuples(st.floats(-50.0, 50.0) | st.just(math.nan), st.floats(-50.0, 50.0), st.just(1.0)),
+    }
+)
+_ROUNDS = st.lists(st.tuples(st.dictionaries(st.sampled_from(_NAMES), _MESSAGE), st.integers(0, S)), max_size=12)
+
+
+@settings(max_examples=100, deadline=None)
+@given(_ROUNDS)
+def test_a_round_of_messages_is_heard_like_one_after_the_other(rounds: list[tuple[dict[str, Any], int]]) -> None:
+    single, whole = (NeighbourTable(fleet(_NAMES), "mav1") for _ in range(2))
+    tables, now_ns = Tables([whole]), 5 * S
+    for changes, wait_ns in rounds:
         messages = [
-            _state(
-                vehicle=name,
-                sequence=int(rng.integers(step, step + 3)),
-                boot_id=int(rng.integers(1, 3)) if step % 9 == 0 else 1,
-                stamp_ns=now_ns - int(rng.choice([1_000_000, 3 * S, -S])),
-                is_valid=bool(rng.random() < 0.8),
-                is_airborne=bool(rng.random() < 0.5),
-                is_cooperative=bool(rng.random() < 0.5),
-                position_enu_m=tuple(rng.normal(size=3).tolist()) if rng.random() < 0.9 else (math.nan, 0.0, 0.0),
-                crowd_count=float(rng.integers(0, 4)),
-            )
-            for name in names
+            _state(vehicle=name, stamp_ns=now_ns - values.pop("age_ns"), **values)
+            for name, values in ((name, dict(values)) for name, values in changes.items())
         ]
-        messages = [message for message in messages if rng.random() < 0.9]
         for message in messages:
             single.hear(message, now_ns)
-        said = Round.of(messages, {name: place for place, name in enumerate(names)})
-        hall.hear(said, now_ns, hall.all_listening)
-        now_ns += int(rng.integers(0, S))
+        if messages:
+            indices = {name: index for index, name in enumerate(_NAMES)}
+            tables.hear(Round.of(messages, indices), now_ns, tables.all_listening)
+        now_ns += wait_ns
         assert single.snapshot(now_ns) == whole.snapshot(now_ns)
         assert single.silent(now_ns) == whole.silent(now_ns)
         assert single.distances_m((0.0, 0.0, 0.0), now_ns) == whole.distances_m((0.0, 0.0, 0.0), now_ns)
         assert single.followed_ages_s(now_ns) == whole.followed_ages_s(now_ns)
         assert (single.ignored_messages, single.last_heard_ns) == (whole.ignored_messages, whole.last_heard_ns)
-    assert single.ignored_messages > 10

@@ -139,7 +139,7 @@ def test_required_parameters_are_read_found_wrong_set_and_found_right(link: Px4L
     assert "did not send" in differences({"NO_SUCH": 1}, link.read_params({"NO_SUCH": 1}))[0]
 
 
-def test_a_flight_follows_the_setpoints_and_a_silent_loop_is_silence_on_the_wire(link: Px4Link) -> None:
+def test_a_flight_follows_the_setpoints_and_a_silent_loop_sends_none(link: Px4Link) -> None:
     yaw = 0.5 * math.pi  # PX4's north, where the emulated vehicle's nose points at the start
     level = quaternion_from_yaw(yaw)
 

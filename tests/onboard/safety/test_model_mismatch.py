@@ -37,7 +37,7 @@ def flown(
 @pytest.mark.parametrize("late_s", [-0.05, 0.0, 0.06, 0.1])
 @pytest.mark.parametrize(("gain", "lean_deg"), [(1.0, 0.0), (0.9, 1.5)])
 @pytest.mark.parametrize("dt_s", [DT_S, 5 * DT_S])
-def test_how_late_a_vehicle_answers_is_seen_through_gain_and_lean(
+def test_the_lateness_of_a_vehicle_is_measured_whatever_its_gain_and_bias(
     late_s: float, gain: float, lean_deg: float, dt_s: float
 ) -> None:
     found, std = model_mismatch.late_s(flown(late_s, gain=gain, lean_deg=lean_deg, dt_s=dt_s))

@@ -53,7 +53,7 @@ def test_a_px4_whose_clock_drifts_is_well() -> None:
         assert px4.conditions == set(), clock
 
 
-def test_a_silent_px4_is_told_within_half_a_second() -> None:
+def test_a_silent_px4_is_detected_within_half_a_second() -> None:
     px4 = Px4()
     px4.run(2.0)
     px4.run(0.30, sends=False)
@@ -100,7 +100,7 @@ def test_a_clock_that_begins_anew_is_a_reboot_and_nothing_else() -> None:
     assert px4.conditions == set()
 
 
-def test_a_heartbeat_that_stays_away_is_told_though_everything_else_comes() -> None:
+def test_a_missing_heartbeat_is_detected_although_everything_else_arrives() -> None:
     px4 = Px4()
     px4.run(2.0)
     px4.run(3.0, beats=False)
@@ -138,12 +138,12 @@ def test_an_attitude_that_follows_weakly_late_and_leaning_still_follows() -> Non
     assert not answer(square, measured, 20.0).is_attitude_lost
 
 
-def test_an_attitude_that_does_not_follow_is_told_within_seven_tenths_of_a_second_of_a_real_tilt() -> None:
+def test_an_attitude_that_does_not_follow_is_detected_within_seven_tenths_of_a_second_of_a_real_tilt() -> None:
     monitor = answer(lambda t: 0.0, lambda t: 0.0, 1.0)
     assert answer(lambda t: 20.0, lambda t: 0.0, 0.7, monitor).is_attitude_lost
 
 
-def test_a_vehicle_on_its_side_is_told_at_once() -> None:
+def test_a_vehicle_on_its_side_is_detected_at_once() -> None:
     assert answer(lambda t: 0.0, lambda t: 80.0, 0.14).is_attitude_lost
 
 

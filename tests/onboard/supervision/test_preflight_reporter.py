@@ -57,7 +57,7 @@ def swap_body(rig: Rig) -> None:
     rig.position = np.array([1.5, 0.0, 0.0])  # where mav1 should stand
 
 
-def twin(rig: Rig) -> None:
+def second_agent(rig: Rig) -> None:
     assert rig.state is not None
     other = msgspec.structs.replace(rig.state, boot_id=99)
     rig.core.handle(ev.NeighbourReceived(other, rig.now_ns), rig.now_ns)
@@ -148,7 +148,7 @@ BREAKS: dict[str, Callable[[Rig], None]] = {
 
 
 @pytest.mark.parametrize("name", [name for name in BREAKS if name not in ("alone", "fence")])
-def test_each_thing_that_breaks_shows_in_its_own_line_and_refuses_the_take_off(name: str) -> None:
+def test_each_broken_thing_shows_in_its_own_line_and_refuses_the_take_off(name: str) -> None:
     rig = ready()
     assert refusals(rig) == {}
     BREAKS[name](rig)
@@ -177,7 +177,7 @@ def test_the_time_before_px4_spoke_makes_no_slow_link() -> None:
 def test_a_second_agent_for_this_vehicle_refuses_until_it_is_gone() -> None:
     rig = ready()
     for _ in range(60):
-        twin(rig)
+        second_agent(rig)
         rig.run(0.02)
     assert set(refusals(rig)) == {"alone"}
     assert "Another agent runs for mav0" in rig.order("takeoff", height_m=1.0).reason
@@ -233,7 +233,7 @@ def test_a_mocap_with_another_axis_up_is_found_at_rest() -> None:
     assert "which way is up" in refusals(rig)["agreement"]
 
 
-def test_a_px4_that_believes_to_be_elsewhere_refuses_only_where_it_is_told_the_mocaps_position() -> None:
+def test_a_px4_with_another_position_refuses_only_if_it_fuses_the_mocaps() -> None:
     rig = ready()
     px4_elsewhere(rig)
     rig.run(2.0)
@@ -247,7 +247,7 @@ def test_a_px4_that_believes_to_be_elsewhere_refuses_only_where_it_is_told_the_m
     assert "PX4's compass" in checks["agreement"][0]
 
 
-def test_a_recorder_on_the_bus_is_seen_and_none_is_only_advised_against() -> None:
+def test_a_recorder_on_the_bus_is_noticed_and_a_missing_one_is_only_advice() -> None:
     rig = ready()
     assert {name for name, is_ok, _, remedy in reports(rig)[-1].checks if is_ok and remedy} == ADVICE
     rig.core.handle(ev.NodeChanged("recorder-17", True), rig.now_ns)

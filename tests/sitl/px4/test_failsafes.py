@@ -27,9 +27,8 @@ def decided(facts: Facts, **values: float) -> Action:
     return failsafe.delayed or failsafe.action
 
 
-@pytest.mark.parametrize(
-    ("value", "action"),
-    [
+def test_each_value_of_com_obl_rc_act_has_its_action() -> None:
+    for value, action in (
         (-1, Action.POSCTL),
         (0, Action.POSCTL),
         (1, Action.ALTCTL),
@@ -40,15 +39,12 @@ def decided(facts: Facts, **values: float) -> Action:
         (6, Action.TERMINATE),
         (7, Action.DISARM),
         (8, Action.POSCTL),
-    ],
-)
-def test_each_value_of_com_obl_rc_act_has_its_action(value: int, action: Action) -> None:
-    assert decided(replace(CALM, has_offboard_signal=False), COM_OBL_RC_ACT=value) is action
+    ):
+        assert decided(replace(CALM, has_offboard_signal=False), COM_OBL_RC_ACT=value) is action, value
 
 
-@pytest.mark.parametrize(
-    ("stage", "value", "action"),
-    [
+def test_each_value_of_com_low_bat_act_has_its_action() -> None:
+    for state, value, action in (
         (ChargeState.LOW, 3, Action.WARN),
         (ChargeState.CRITICAL, 0, Action.WARN),
         (ChargeState.CRITICAL, 2, Action.LAND),
@@ -56,10 +52,8 @@ def test_each_value_of_com_obl_rc_act_has_its_action(value: int, action: Action)
         (ChargeState.EMERGENCY, 0, Action.WARN),
         (ChargeState.EMERGENCY, 2, Action.LAND),
         (ChargeState.EMERGENCY, 3, Action.LAND),
-    ],
-)
-def test_each_value_of_com_low_bat_act_has_its_action(stage: ChargeState, value: int, action: Action) -> None:
-    assert decided(replace(CALM, battery=stage), COM_LOW_BAT_ACT=value) is action
+    ):
+        assert decided(replace(CALM, battery=state), COM_LOW_BAT_ACT=value) is action, (state, value)
 
 
 def test_a_patient_action_waits_in_hold_and_an_urgent_one_does_not() -> None:

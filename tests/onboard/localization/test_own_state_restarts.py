@@ -1,4 +1,4 @@
-"""Poses of sources that restart, are doubled or replayed: only what is newer counts, whoever says it."""
+"""Poses of sources that restart, are doubled or replayed: only newer poses count, whatever their source."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _taken(own: OwnState, pose: MocapPose, at_ms: int | None = None) -> bool:
     return own.add_pose(pose, pose.stamp_ns + 10 * _MS if at_ms is None else at_ms * _MS)
 
 
-def test_a_source_that_restarts_is_believed_at_once_and_its_life_before_no_more() -> None:
+def test_a_source_that_restarts_is_believed_at_once_and_its_earlier_poses_no_more() -> None:
     own = OwnState(fleet().vehicles["mav0"])
     assert all(_taken(own, _pose(1000 + 20 * n, 1, n)) for n in range(10))
     assert all(_taken(own, _pose(1200 + 20 * n, 2, n)) for n in range(10))
