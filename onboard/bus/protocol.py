@@ -83,7 +83,7 @@ class Bus(Protocol):
         """Collect a topic of exactly these names: new names are subscribed to, all others are dropped.
 
         A message that nobody follows is not sent at all. Not for the control loop, since each change of the names is
-        told to every peer. Only one thread may call this.
+        sent to every peer. Only one thread may call this.
 
         Args:
             topic: row of the table of topics.

@@ -26,8 +26,8 @@ from onboard.mocap.source import OnMalformed, OnPose
 
 _LOST_NS = 100_000_000
 _FORGOTTEN_NS = 10_000_000_000
-_QUIET_S = 2.0
-_CONNECT_S = 5.0
+QUIET_S = 2.0  # without frames, before the reading process is started again
+CONNECT_S = 5.0  # the same before the first frame
 _AGAIN_S = 1.0
 _LARGEST_FRAME = 1 << 20
 
@@ -165,11 +165,11 @@ class SdkMocap:
         pipe, pending = process.stdout.fileno(), bytearray()
         poller = select.poll()  # select.select knows no descriptors above 1023
         poller.register(pipe, select.POLLIN)
-        heard_s, patience_s = time.monotonic(), _CONNECT_S
+        heard_s, patience_s = time.monotonic(), CONNECT_S
         while not self._stopped.is_set():
             if not poller.poll(100):
                 if time.monotonic() - heard_s > patience_s:
-                    since = "anything" if patience_s == _CONNECT_S else "more"
+                    since = "anything" if patience_s == CONNECT_S else "more"
                     self._say(
                         f"{self._system} did not send {since} for {patience_s:.0f} s. Check that it streams, "
                         "mocap.hostname and the network. The reading process starts again now."
@@ -181,7 +181,7 @@ class SdkMocap:
                 self._say(self._problem or f"The process that reads {self._system} ended; starting it again.")
                 return
             pending += data
-            while (frame := _next_frame(pending)) is not None:
+            while (frame := next_frame(pending)) is not None:
                 if isinstance(frame, str):
                     self._on_malformed()
                     self._say(f"The process that reads {self._system} wrote invalid data: {frame}.")
@@ -190,13 +190,13 @@ class SdkMocap:
                     self._say(frame.problem)
                     continue
                 self._say("")
-                heard_s, patience_s = time.monotonic(), _QUIET_S
+                heard_s, patience_s = time.monotonic(), QUIET_S
                 for pose in self._converter.poses(frame):
                     if self._body in ("*", pose.body):
                         self._on_pose(pose, frame.arrived_ns)
 
 
-def _next_frame(pending: bytearray) -> RawFrame | str | None:
+def next_frame(pending: bytearray) -> RawFrame | str | None:
     """Take the first frame off ``pending``: a text if it is invalid, None if it is not complete yet."""
     if len(pending) < 4:
         return None

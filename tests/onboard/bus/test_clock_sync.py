@@ -6,7 +6,6 @@ import json
 import socket
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -130,7 +129,6 @@ needs_time_namespace = pytest.mark.skipif(not _can_shift_time(), reason="this ke
 def test_two_processes_with_clocks_really_apart_measure_each_other() -> None:
     here, there = _ports()
     command = [sys.executable, "-c", _OTHER_PROCESS]
-    began = time.monotonic()
     with (
         subprocess.Popen([*command, here, there, "one", "two"], stdout=subprocess.PIPE, text=True) as one,
         subprocess.Popen(
@@ -138,7 +136,6 @@ def test_two_processes_with_clocks_really_apart_measure_each_other() -> None:
         ) as two,
     ):
         found = [json.loads(process.communicate(timeout=60)[0]) for process in (one, two)]
-    assert time.monotonic() - began < 60.0
     for told, truth_s in zip(found, (_SHIFT_S, -_SHIFT_S), strict=True):
         assert not told["shares"]
         offset_s, bound_s = told["offset"]
