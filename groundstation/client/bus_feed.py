@@ -60,6 +60,10 @@ class BusFeed:
         """Whether the bus is open."""
         return self._loop is not None
 
+    def now_ns(self) -> int:
+        """Return the ground's monotonic clock [ns], which stamps what is received."""
+        return self._clock_ns()
+
     async def start(self) -> None:
         """Open the bus; a second call does nothing.
 

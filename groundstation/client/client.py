@@ -61,7 +61,13 @@ class FleetClient:
         self.author = author or _user()
         self._clock_ns = clock_ns
         self._feed = BusFeed(bus or _session(fleet), self._take_batch, recorded=extra_topics, clock_ns=clock_ns)
-        self._orders = OpenOrders(fleet, self._feed, send_direct=send, publish_event=self.publish_event)
+        self._orders = OpenOrders(
+            fleet,
+            self._feed,
+            send_direct=send,
+            publish_event=self.publish_event,
+            views=lambda: self._state.vehicles,
+        )
         self._order_count = itertools.count(1)
         self._held = HeldFormation(default_formation(fleet))
         self._state = initial(fleet)

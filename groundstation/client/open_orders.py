@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from groundstation.client.bus_feed import BusFeed
 from groundstation.client.direct_mavlink import DirectKind, DirectResult
-from groundstation.fleet.state import DIRECT_DISARMED
+from groundstation.fleet.state import DIRECT_DISARMED, VehicleView
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderResult, Phase
 from onboard.bus.codec import Malformed
@@ -16,6 +16,9 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
 
 REPLY_TIMEOUT_S = 1.5
+_KILL_EFFECT_S = 1.3  # PX4 reports that it is disarmed once a second
+_LINK_SILENT_S = 1.0  # age of PX4's last packet at the agent, after which its link counts as dead
+_WATCH_PERIOD_S = 0.05
 _WATCH_KILL_S, _WATCH_LAND_S = 2.0, 30.0  # wait so long for PX4 to report that it is disarmed
 _DIRECT: dict[str, DirectKind] = {"land": "land", "kill": "kill"}
 
@@ -31,12 +34,19 @@ class OpenOrders:
         feed: the client's side of the bus.
         send_direct: sends a land or kill command straight to PX4.
         publish_event: publishes an event of the ground.
+        views: returns the vehicles as known now.
     """
 
     def __init__(
-        self, fleet: FleetConfig, feed: BusFeed, *, send_direct: SendDirect, publish_event: PublishEvent
+        self,
+        fleet: FleetConfig,
+        feed: BusFeed,
+        *,
+        send_direct: SendDirect,
+        publish_event: PublishEvent,
+        views: Callable[[], Mapping[str, VehicleView]],
     ) -> None:
-        self._fleet, self._feed = fleet, feed
+        self._fleet, self._feed, self._views = fleet, feed, views
         self._send_direct, self._publish_event = send_direct, publish_event
         self._open: dict[str, OrderResult] = {}  # order id -> result
         self._tasks: set[asyncio.Task[None]] = set()
@@ -105,11 +115,12 @@ class OpenOrders:
                 result.update(vehicle, "accepted" if reply.is_accepted else "refused", reply.reason)
 
     def _begin_wait(self, result: OrderResult, vehicle: str, replied: asyncio.Event) -> None:
-        task = asyncio.get_running_loop().create_task(self._wait_for_reply(result, vehicle, replied))
+        task = asyncio.get_running_loop().create_task(self._follow(result, vehicle, replied))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _wait_for_reply(self, result: OrderResult, vehicle: str, replied: asyncio.Event) -> None:
+    async def _follow(self, result: OrderResult, vehicle: str, replied: asyncio.Event) -> None:
+        """Wait for the reply, and for the effect of a land or kill; without them the order goes straight to PX4."""
         direct = _DIRECT.get(result.planned.orders[vehicle].kind)
         limit_s = self._fleet.fleet.direct_command_timeout_s
         if direct is None:
@@ -118,26 +129,55 @@ class OpenOrders:
             async with asyncio.timeout(limit_s):
                 await replied.wait()
         except TimeoutError:
-            silence = f"{vehicle}'s agent did not answer within {limit_s:g} s"
+            problem = f"{vehicle}'s agent did not answer within {limit_s:g} s"
             if direct is None:
-                result.update(vehicle, "no answer", f"{silence}. Is it running?")
-            else:
-                await self._send_to_px4(result, self._fleet.vehicles[vehicle], direct, silence)
+                result.update(vehicle, "no answer", f"{problem}. Is it running?")
+                return
+        else:
+            if direct is None:
+                return
+            problem = await self._missing_effect(result, vehicle, direct)
+        if direct is not None and problem:
+            await self._send_to_px4(result, self._fleet.vehicles[vehicle], direct, problem)
 
-    async def _send_to_px4(self, result: OrderResult, vehicle: Vehicle, kind: DirectKind, silence: str) -> None:
+    async def _missing_effect(self, result: OrderResult, vehicle: str, kind: DirectKind) -> str:
+        """Watch an accepted land or kill.
+
+        A kill has its effect when the agent reports PX4's disarm. A landing takes its time: only a dead link between
+        agent and PX4 counts against it.
+
+        Returns:
+            The reason to go straight to PX4; empty when the order has ended, or was refused.
+        """
+        loop = asyncio.get_running_loop()
+        accepted_s, accepted_ns = loop.time(), self._feed.now_ns()
+        accepted = f"{vehicle}'s agent accepted {kind}"
+        while not result.results[vehicle].is_final:
+            await asyncio.sleep(_WATCH_PERIOD_S)
+            view = self._views()[vehicle]
+            telemetry = view.telemetry if view.received_ns > accepted_ns else None
+            if telemetry is not None and telemetry.is_armed and telemetry.autopilot_age_s > _LINK_SILENT_S:
+                return f"{accepted}, but it has not heard PX4 for {telemetry.autopilot_age_s:.1f} s"
+            if kind == "kill" and loop.time() - accepted_s > _KILL_EFFECT_S:
+                return f"{accepted}, but the vehicle did not show it within {_KILL_EFFECT_S:g} s"
+        if kind == "kill" and result.results[vehicle].phase in ("failed", "timed out"):
+            return f"{accepted}, but could not do it"
+        return ""
+
+    async def _send_to_px4(self, result: OrderResult, vehicle: Vehicle, kind: DirectKind, problem: str) -> None:
         name = vehicle.name
         if vehicle.direct is None:
-            sentence = f"{silence}, and the fleet file gives no direct endpoint. Use the RC switch."
+            sentence = f"{problem}, and the fleet file gives no direct endpoint. Use the RC switch."
             result.update(name, "no answer", sentence)
             return
-        sentence = f"{silence}; {kind} goes straight to PX4 at {vehicle.direct}."
+        sentence = f"{problem}; {kind} goes straight to PX4 at {vehicle.direct}."
         result.update(name, "direct", sentence)
         self._publish_event("warning", "direct_command", sentence, name)
         watch_s = _WATCH_KILL_S if kind == "kill" else _WATCH_LAND_S
         answer = await asyncio.to_thread(
             self._send_direct, vehicle.direct, vehicle.system_id, kind, timeout_s=3.0, watch_s=watch_s
         )
-        sentence = f"{silence}; {kind} was sent straight to PX4: {answer.sentence}."
+        sentence = f"{problem}; {kind} was sent straight to PX4: {answer.sentence}."
         phase: Phase = "done" if answer.is_accepted and answer.is_disarmed else "failed"
         code = DIRECT_DISARMED if answer.is_disarmed else "direct_result"
         self._publish_event("warning" if phase == "done" else "critical", code, sentence, name)

@@ -63,7 +63,7 @@ def simulate(
     wanted = _seeds(seeds)
     if jobs < 1:
         raise ConfigError(f"--jobs is {jobs}; it must be 1 or more.")
-    setup = settings.choose(law=law, types=type, fleet_path=fleet, errors=errors, scale=scale, changes=set)
+    setup = settings.setup_for(law=law, types=type, fleet_path=fleet, errors=errors, scale=scale, changes=set)
     records = run(names, wanted, setup, jobs=jobs, is_json=json, trace_folder=trace, picture=plot)
     return EXIT_OK if all(results.is_flawless(values) for values in records) else EXIT_FAILED
 

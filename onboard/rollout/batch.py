@@ -181,8 +181,9 @@ def step(memories: Rows, inputs: PassRows, obstacles: Rows, params: Rows, dt_s: 
         _flat(inputs.states),
         _flat(inputs.goals),
         floats(inputs.neighbours).reshape(size, most, NEIGHBOUR.width),
-        np.ascontiguousarray(inputs.is_present).reshape(size, most),
-        np.ascontiguousarray(inputs.phases, dtype=np.int64).reshape(size),
+        # an array that may not be written is of another type, for which all would be compiled once more
+        np.require(inputs.is_present, requirements=["C", "W"]).reshape(size, most),
+        np.require(inputs.phases, np.int64, ["C", "W"]).reshape(size),
     )
     _loops()[0](_flat(memories), flat, floats(obstacles), floats(params), _flat(ticks), dt_s)
     return ticks

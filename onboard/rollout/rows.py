@@ -62,8 +62,8 @@ class Layout:
 
 
 def floats(rows: Rows) -> Array:
-    """Return the numbers (..., width) of rows (...): the same memory where the rows are contiguous."""
-    whole = np.ascontiguousarray(rows)
+    """Return the numbers (..., width) of rows (...): the same memory where the rows are contiguous and writable."""
+    whole = np.require(rows, requirements=["C", "W"])
     return whole.view(np.float64).reshape(*whole.shape, whole.dtype.itemsize // 8)
 
 
@@ -84,7 +84,7 @@ def _parts(example: Any) -> dict[str, Any]:
     """Parts of a value by the text that reaches them."""
     if hasattr(example, "_fields"):
         return {f".{name}": getattr(example, name) for name in example._fields}
-    return {f"[{place}]": part for place, part in enumerate(example)}
+    return {f"[{index}]": part for index, part in enumerate(example)}
 
 
 def _dtype(example: Any) -> Any:

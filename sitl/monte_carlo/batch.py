@@ -29,7 +29,7 @@ def campaign(
     """Records of all scenarios and seeds in their order, chunk by chunk as they are ready.
 
     Args:
-        controller: who flies; with ``jobs`` > 1 a function at the top of a module.
+        controller: makes the control; with ``jobs`` > 1 a function at the top of a module.
         law: its name in the records, by default the setup's.
         trace_folder: where to write a trace of each flight.
     """

@@ -1,4 +1,4 @@
-"""Many flights at once, from start to arrival: sense, hear, control, publish, move, judge; tick by tick."""
+"""Many flights at once, from start to arrival: sense, hear, control, publish, move, measure; tick by tick."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from onboard.arrays import Array, BoolArray, IntArray
 from onboard.control import pipeline, trajectory
 from onboard.rollout import batch
 from onboard.rollout.rows import Rows
-from sitl.monte_carlo.metrics import Judge, Outcome
+from sitl.monte_carlo.metrics import FlightMetrics, Outcome
 from sitl.monte_carlo.noise import Noise
 from sitl.monte_carlo.radio import Radio
 from sitl.monte_carlo.scenarios import Plan
@@ -108,18 +108,18 @@ def _fly(
     pilots = controller([pipeline.pipeline_params(fleet, vehicle.name) for vehicle in vehicles], start)
     throttle = np.broadcast_to([vehicle.hover_thrust_frac for vehicle in vehicles], start.shape[:2])
     hover = throttle
-    judge = Judge(plans, longest_s, fleet, setup.errors, start, has_trace=has_trace)
+    metrics = FlightMetrics(plans, longest_s, fleet, setup.errors, start, has_trace=has_trace)
     orders = _Orders(plans)
     radio: Radio | None = None
     while True:
-        normals, luck = noise.next()
+        normals, link_draws = noise.next()
         states = senses.update(truth, normals, throttle, hover)
         if radio is None and not is_alone:
             radio = Radio(states, np.isfinite(scripted).all(-1), setup.perturbation)
-        frozen, mute = orders.lost(judge.time_s)
+        frozen, mute = orders.lost(metrics.time_s)
         neighbours = batch.NEIGHBOUR.rows((*start.shape[:2], 0))
         if radio is not None:
-            neighbours = radio.receive(luck, mute, frozen)
+            neighbours = radio.receive(link_draws, mute, frozen)
         # the autopilot of a frozen one holds by itself, and avoids nobody
         is_present = np.broadcast_to(~frozen[..., None], neighbours.shape)
         ticks = pilots.step(states, orders.goals(frozen, truth), neighbours, is_present, TICK_S)
@@ -129,13 +129,13 @@ def _fly(
         world.advance(ticks["attitude"]["quaternion_wxyz"], throttle, normals)
         truth = world.truth()
         active = ticks["law"]["active_neighbour"].astype(np.int64)
-        going_on = judge.look(truth, ticks, active if radio is None else radio.vehicle(active))
+        going_on = metrics.update(truth, ticks, active if radio is None else radio.vehicle(active))
         if len(going_on) == len(start):
             continue
         if not len(going_on):
-            return judge.outcomes
+            return metrics.outcomes
         start, throttle, hover = start[going_on], throttle[going_on], hover[going_on]
-        for part in (noise, senses, pilots, world, judge, orders, *(() if radio is None else (radio,))):
+        for part in (noise, senses, pilots, world, metrics, orders, *(() if radio is None else (radio,))):
             part.keep(going_on)
         truth = world.truth()
 
@@ -152,9 +152,9 @@ class _Orders:
         self._freezes, self._mutes = (np.zeros(self._goal.shape[:2], bool) for _ in range(2))
         for f, plan in enumerate(plans):
             if plan.lost is not None:
-                place, time_s, kind = plan.lost
-                self._lost_at[f, place] = time_s
-                self._freezes[f, place], self._mutes[f, place] = kind != "silent", kind != "frozen"
+                index, time_s, kind = plan.lost
+                self._lost_at[f, index] = time_s
+                self._freezes[f, index], self._mutes[f, index] = kind != "silent", kind != "frozen"
 
     def lost(self, time_s: float) -> tuple[BoolArray, BoolArray]:
         """Return the vehicles that stand still and avoid nobody, and those that send nothing more, (F, N) each."""

@@ -62,7 +62,7 @@ class Outcome:
         return math.isfinite(self.makespan_s)
 
 
-class Judge:
+class FlightMetrics:
     """Sums of the flights in the air (F rows), and the outcomes of those that have ended."""
 
     def __init__(
@@ -121,8 +121,8 @@ class Judge:
         self._nearest = np.minimum(self._nearest, nearest)
         self._sums["violation"] += TICK_S * (nearest < self._limit_m)
 
-    def look(self, truth: Truth, ticks: Rows, active: IntArray) -> IntArray:
-        """Judge one tick more; return the indexes of the flights that go on.
+    def update(self, truth: Truth, ticks: Rows, active: IntArray) -> IntArray:
+        """FlightMetrics one tick more; return the indexes of the flights that go on.
 
         Args:
             truth: after the tick.

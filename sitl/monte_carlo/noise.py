@@ -31,7 +31,7 @@ class Noise:
         self._links = [np.random.default_rng([seed, 3]) for seed in seeds] if has_links else []
         self._tick = _BLOCK_TICKS
         self._block = np.empty(0)
-        self._luck = np.empty(0, np.float32)
+        self._link_draws = np.empty(0, np.float32)
 
     def next(self) -> tuple[Array, Array]:
         """Standard normal numbers (F, N, 9), and uniform ones per link (F, receiver, sender), empty without links.
@@ -42,12 +42,12 @@ class Noise:
             n = self.count
             self._block = np.stack([rng.standard_normal((_BLOCK_TICKS, n, _PER_VEHICLE)) for rng in self._generators])
             if self._links:
-                self._luck = np.stack([rng.random((_BLOCK_TICKS, n, n), dtype=np.float32) for rng in self._links])
+                self._link_draws = np.stack([rng.random((_BLOCK_TICKS, n, n), dtype=np.float32) for rng in self._links])
             self._tick = 0
         tick = self._tick
         self._tick += 1
-        luck = self._luck[:, tick] if self._links else np.empty((len(self._generators), 0, 0), np.float32)
-        return self._block[:, tick], np.asarray(luck, dtype=np.float64)
+        link_draws = self._link_draws[:, tick] if self._links else np.empty((len(self._generators), 0, 0), np.float32)
+        return self._block[:, tick], np.asarray(link_draws, dtype=np.float64)
 
     def keep(self, flights: IntArray) -> None:
         """Go on with these flights of the batch only."""
@@ -56,4 +56,4 @@ class Noise:
         self._block = self._block[flights]
         if self._links:
             self._links = [self._links[k] for k in flights]
-            self._luck = self._luck[flights]
+            self._link_draws = self._link_draws[flights]

@@ -65,7 +65,7 @@ def draw(trace: Path, picture: Path) -> None:
         try:
             figure.savefig(picture, metadata={"Date": None} if picture.suffix == ".svg" else None)
         except OSError as error:
-            raise ConfigError(f"--plot {picture}: cannot be written ({error.strerror}). Name another place.") from None
+            raise ConfigError(f"--plot {picture}: cannot be written ({error.strerror}). Name another file.") from None
 
 
 def _read(trace: Path) -> _Data:
@@ -207,8 +207,8 @@ def _activity(axes: Any, data: _Data) -> None:
     else:
         axes.set_title("What the law did to each vehicle's thrust")
         palette, values = list(_STATUS_COLOURS), status
-        seen = sorted(set(np.unique(status).tolist()))
-        legend = [Patch(fc=_STATUS_COLOURS[k], ec=SOFT, label=_STATUS_WORDS[k]) for k in seen]
+        flown = sorted(set(np.unique(status).tolist()))
+        legend = [Patch(fc=_STATUS_COLOURS[k], ec=SOFT, label=_STATUS_WORDS[k]) for k in flown]
     colours = ListedColormap(palette)
     axes.pcolormesh(
         edges_s,

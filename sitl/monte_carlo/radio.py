@@ -38,19 +38,20 @@ class Radio:
         """Send everybody's message of this tick."""
         self._sent.appendleft(batch.message(states, ticks))
 
-    def receive(self, luck: Array, is_mute: BoolArray, is_frozen: BoolArray) -> Rows:
+    def receive(self, link_draws: Array, is_mute: BoolArray, is_frozen: BoolArray) -> Rows:
         """Return the newest messages (F, N, K) that each vehicle has of the others.
 
         Args:
-            luck: (F, N, N) uniform in [0, 1). is_mute: (F, N) sends nothing. is_frozen: (F, N) does not cooperate.
+            link_draws: (F, N, N) uniform in [0, 1). is_mute: (F, N) sends nothing.
+            is_frozen: (F, N) does not cooperate.
         """
         p = self._p
         silent = is_mute
         if p.burst_s > 0.0:
-            begins = np.einsum("fnn->fn", luck) < TICK_S / p.burst_every_s
+            begins = np.einsum("fnn->fn", link_draws) < TICK_S / p.burst_every_s
             self._silence_s = np.where(begins & (self._silence_s <= 0.0), p.burst_s, self._silence_s - TICK_S)
             silent = silent | (self._silence_s > 0.0)
-        arrived = (luck >= p.loss_share) & ~silent[:, None, :]
+        arrived = (link_draws >= p.loss_share) & ~silent[:, None, :]
         np.copyto(self._inbox, self._sent[-1][:, None], where=arrived)
         self._age_s = np.where(arrived, self._late * TICK_S, self._age_s + TICK_S)
         is_cooperative = (self._age_s <= SILENT_S) & ~(self._is_stranger | is_frozen)[:, None, :]

@@ -38,21 +38,18 @@ _CROSS_SPACING_M = 1.2
 class Plan:
     """One flight to be flown; N vehicles.
 
-    start_enu_m, goal_enu_m: (N, 3). duration_s: asked of the trajectory, 0 = as fast as the limits allow. earliest_s:
-    the flight is not over before. intruder_m_s: the last vehicle is somebody else's, flies straight from its start at
-    this velocity (3,) and listens to nobody. lost: place, time [s] and kind of a vehicle that is lost on the way:
-    "frozen" stops and avoids nobody, which its messages say; "silent" flies on, hears the others and is not heard;
-    "dead" stops, avoids nobody and is not heard.
+    Kinds of lost vehicles: "frozen" stops and avoids nobody, which its messages say; "silent" flies on, receives the
+    others and is not received; "dead" stops, avoids nobody and is not received.
     """
 
     scenario: str
     seed: int
-    start_enu_m: Array
-    goal_enu_m: Array
-    duration_s: float = 0.0
-    earliest_s: float = 0.0
-    intruder_m_s: Array | None = None
-    lost: tuple[int, float, str] | None = None
+    start_enu_m: Array  # (N, 3)
+    goal_enu_m: Array  # (N, 3)
+    duration_s: float = 0.0  # of the trajectory; 0: as fast as the limits allow
+    earliest_s: float = 0.0  # the flight is not over before
+    intruder_m_s: Array | None = None  # (3,) velocity of the last vehicle, which is of no fleet and avoids nobody
+    lost: tuple[int, float, str] | None = None  # index, time [s] and kind of a vehicle that is lost on the way
 
     @property
     def count(self) -> int:
@@ -162,8 +159,8 @@ def _cross(name: str, seed: int, number: str | None, angle: str | None) -> Plan:
     turn = math.radians(float(angle or 90))
     first = count // 2
     width = math.ceil(math.sqrt(count - first))
-    place = np.arange(count - first)
-    block = _CROSS_SPACING_M * np.stack([place // width, place % width], axis=1).astype(np.float64)
+    slot = np.arange(count - first)
+    block = _CROSS_SPACING_M * np.stack([slot // width, slot % width], axis=1).astype(np.float64)
     block -= 0.5 * (block.min(0) + block.max(0))
     reach = np.array([2.0 + 0.5 * _CROSS_SPACING_M * width, 0.0])
     turned = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
@@ -186,8 +183,8 @@ def _intruder(name: str, seed: int, number: str | None, speed: str | None) -> Pl
     count = _number(name, number, 6, low=1)
     speed_m_s = float(speed or 1)
     rng = np.random.default_rng(seed)
-    place = np.arange(count)
-    slots = 2.0 * np.stack([place % 3, place // 3], axis=1)
+    slot = np.arange(count)
+    slots = 2.0 * np.stack([slot % 3, slot // 3], axis=1)
     slots = slots - 0.5 * (slots.min(0) + slots.max(0))
     angle, aside = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-1.5, 1.5)
     along = np.array([math.cos(angle), math.sin(angle)])

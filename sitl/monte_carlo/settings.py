@@ -157,7 +157,7 @@ class Setup:
         )
 
 
-def choose(
+def setup_for(
     *,
     law: str | None = None,
     types: str | None = None,
@@ -166,7 +166,7 @@ def choose(
     scale: float = 1.0,
     changes: Sequence[str] = (),
 ) -> Setup:
-    """The setup that a command line asks for.
+    """Return the setup of a command line.
 
     Args:
         types: names separated by commas, given to the vehicles in turn (default: sih, or the fleet file's first).

@@ -113,17 +113,17 @@ class Physics:
         return np.asarray(values.reshape(-1, self._count, *values.shape[1:])[self._flights])
 
 
-def _profile(vehicle: Vehicle, p: Perturbation, luck: Array) -> VehicleProfile:
-    """Return the profile of one vehicle; ``luck`` (8,) uniform in [-1, 1). Dead time and 1/wn are stretched alike."""
-    stretch = 1.0 + p.lag_mismatch * float(luck[0])
+def _profile(vehicle: Vehicle, p: Perturbation, draws: Array) -> VehicleProfile:
+    """Return the profile of one vehicle; ``draws`` (8,) uniform in [-1, 1). Dead time and 1/wn are stretched alike."""
+    stretch = 1.0 + p.lag_mismatch * float(draws[0])
     return VehicleProfile(
         mass_kg=vehicle.mass_kg,
-        hover_thrust_frac=vehicle.hover_thrust_frac * (1.0 + p.hover_mismatch * float(luck[3])),
+        hover_thrust_frac=vehicle.hover_thrust_frac * (1.0 + p.hover_mismatch * float(draws[3])),
         attitude_delay_s=vehicle.attitude_delay_s * stretch + p.lag_error_s,
         attitude_wn_rad_s=vehicle.attitude_wn_rad_s / stretch,
         attitude_zeta=vehicle.attitude_zeta,
-        drag_1_s=vehicle.drag_1_s * (1.0 + p.drag_mismatch * float(luck[2])),
-        static_gain=vehicle.sitl.static_gain * (1.0 + p.gain * float(luck[1])),
+        drag_1_s=vehicle.drag_1_s * (1.0 + p.drag_mismatch * float(draws[2])),
+        static_gain=vehicle.sitl.static_gain * (1.0 + p.gain * float(draws[1])),
         yaw_wn_rad_s=vehicle.sitl.yaw_wn_rad_s,
         thrust_delay_s=vehicle.sitl.thrust_delay_s,
         motor_lag_s=vehicle.sitl.motor_lag_s,

@@ -53,9 +53,9 @@ def from_yaw_and_tilt(yaw_rad: Array, tilt_rad: Array) -> Array:
     scale = 0.5 * np.sinc(angle / (2.0 * math.pi))
     w, x, y = np.cos(0.5 * angle), scale * tilt_rad[..., 0], scale * tilt_rad[..., 1]
     cy, sy = np.cos(0.5 * yaw_rad), np.sin(0.5 * yaw_rad)
-    found = np.empty((*angle.shape, 4))
-    found[..., 0], found[..., 1], found[..., 2], found[..., 3] = cy * w, cy * x - sy * y, cy * y + sy * x, sy * w
-    return found
+    out = np.empty((*angle.shape, 4))
+    out[..., 0], out[..., 1], out[..., 2], out[..., 3] = cy * w, cy * x - sy * y, cy * y + sy * x, sy * w
+    return out
 
 
 def body_down(q: Array) -> Array:

@@ -93,7 +93,7 @@ def _flown(
     types: str | None = None,
     has_trace: bool = False,
 ) -> list[flight.Flown]:
-    setup = settings.choose(law=contestant.law, types=types, errors=errors, changes=contestant.sets)
+    setup = settings.setup_for(law=contestant.law, types=types, errors=errors, changes=contestant.sets)
     plans = [scenarios.plan(scenario, seed) for seed in seeds]
 
     return flight.fly(plans, setup, controller=controller, has_trace=has_trace)

@@ -54,7 +54,7 @@ def test_the_quick_bench_flies_everybody_and_its_table_says_who_kept_the_distanc
 
 @pytest.mark.parametrize("contestant", [*VARIANTS.values(), *PEERS.values()], ids=lambda one: one.title)
 def test_what_a_contestant_sets_exists(contestant):
-    fleet = settings.choose(law=contestant.law, changes=contestant.sets).fleet(4)
+    fleet = settings.setup_for(law=contestant.law, changes=contestant.sets).fleet(4)
     params = pipeline.pipeline_params(fleet, "v0")
     changed = contestant.change(params)
     is_alike = changed == params and not contestant.sets
@@ -63,7 +63,7 @@ def test_what_a_contestant_sets_exists(contestant):
 
 def test_a_contestant_in_the_laws_place_changes_nothing_when_it_is_the_law_itself():
     """The product's pipelines are compiled and a contestant's are interpreted: the same flight."""
-    plans, setup = [scenarios.plan("swap4", 3)], settings.choose()
+    plans, setup = [scenarios.plan("swap4", 3)], settings.setup_for()
     (plain,) = flight.fly(plans, setup)
     (ours,) = flight.fly(plans, setup, controller=COVEY.interpreted)
     assert ours.outcome.min_separation_m == pytest.approx(plain.outcome.min_separation_m, abs=1e-9)

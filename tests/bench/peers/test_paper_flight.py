@@ -40,7 +40,7 @@ OBEDIENT = (
 
 def ring_flights(changes: tuple[str, ...], errors: str, count: int) -> list[flight.Flown]:
     """``covey simulate form3 --seeds 0:COUNT --law paper --type ardrone``; six are every permutation of the slots."""
-    setup = settings.choose(law="paper", types="ardrone", errors=errors, changes=changes)
+    setup = settings.setup_for(law="paper", types="ardrone", errors=errors, changes=changes)
     return flight.fly([scenarios.plan("form3", seed) for seed in range(count)], setup)
 
 

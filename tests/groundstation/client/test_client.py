@@ -222,6 +222,58 @@ async def test_kill_and_land_go_straight_to_px4_when_the_agent_is_silent(
     assert "straight to PX4" in results["mav1"].sentence
 
 
+async def test_a_kill_that_is_accepted_but_shows_no_effect_goes_straight_to_px4(fleet: FleetConfig, bus: Any) -> None:
+    sent: list[str] = []
+
+    def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
+        sent.append(kind)
+        return DirectResult(True, True, "PX4 accepted it, and it is disarmed")
+
+    bus.misbehave["mav1"] = "stuck"
+    client = FleetClient(fleet, bus=bus, send=send)
+    await client.start()
+    results = await client.order("kill all", 5.0)
+    await client.stop()
+    assert sent == ["kill"]
+    assert all(result.is_done for result in results.values()), results
+    assert "accepted kill, but the vehicle did not show it" in results["mav1"].sentence
+
+
+@pytest.mark.parametrize("verb", ["land", "kill"])
+async def test_an_order_accepted_by_an_agent_that_does_not_hear_px4_goes_straight_to_px4(
+    fleet: FleetConfig, bus: Any, verb: str
+) -> None:
+    sent: list[str] = []
+
+    def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
+        sent.append(kind)
+        return DirectResult(True, True, "PX4 accepted it, and it is disarmed")
+
+    bus.misbehave["mav1"] = "stuck"
+    client = FleetClient(fleet, bus=bus, send=send)
+    await client.start()
+    handle = await client.submit(f"{verb} mav1")
+    while not handle.is_final:
+        bus.tell("mav1", is_armed=True, is_airborne=True, autopilot_age_s=2.5)
+        await asyncio.sleep(0.02)
+    await client.stop()
+    assert sent == [verb]
+    assert handle.is_done
+    assert "has not heard PX4 for 2.5 s" in handle.results["mav1"].sentence
+
+
+async def test_a_landing_that_takes_its_time_is_left_to_its_agent(fleet: FleetConfig, bus: Any) -> None:
+    bus.misbehave["mav1"] = "stuck"
+    client = FleetClient(fleet, bus=bus, send=lambda *_, **__: pytest.fail("straight to PX4"))
+    await client.start()
+    handle = await client.submit("land mav1")
+    for _ in range(100):
+        bus.tell("mav1", is_armed=True, is_airborne=True, autopilot_age_s=0.02)
+        await asyncio.sleep(0.02)
+    assert handle.results["mav1"].phase == "accepted"
+    await client.stop()
+
+
 async def test_what_an_agent_that_comes_back_says_does_not_end_an_order_that_went_straight_to_px4(
     fleet: FleetConfig, bus: Any
 ) -> None:

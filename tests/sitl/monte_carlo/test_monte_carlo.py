@@ -21,7 +21,7 @@ STILL = ("delay_s=0", "loss_share=0", "gust_m_s2=0", "lag_mismatch=0", "gain=0")
 
 
 def fly(name, seeds, *, setup=None, has_trace=True):
-    setup = setup or settings.choose()
+    setup = setup or settings.setup_for()
     return flight.fly([scenarios.plan(name, seed, scale=setup.scale) for seed in seeds], setup, has_trace=has_trace)
 
 
@@ -47,7 +47,7 @@ def judged(trace, limit_m, body_m):
     ],
 )
 def test_flight_alone_is_bit_for_bit_the_same_flight_in_a_batch(name, errors, types):
-    setup = settings.choose(errors=errors, types=types)
+    setup = settings.setup_for(errors=errors, types=types)
     together, alone = fly(name, range(5, 8), setup=setup), fly(name, [6], setup=setup)
     assert together[1].outcome.trace.position_enu_m.tobytes() == alone[0].outcome.trace.position_enu_m.tobytes()
     one, two = (results.line(results.record(flown, setup, "covey")) for flown in (together[1], alone[0]))
@@ -86,7 +86,7 @@ def test_trace_shows_what_the_line_says_and_without_the_law_they_collide(tmp_pat
 
 
 def test_law_off_takes_the_straight_line_time_and_the_law_at_least_that():
-    setup = settings.choose(law="off")
+    setup = settings.setup_for(law="off")
     for flown in fly("swap3x", [1, 2], setup=setup, has_trace=False):
         assert flown.outcome.makespan_s == flown.straight_line_s
     for flown in fly("swap3x", [1, 2], has_trace=False):
@@ -96,14 +96,14 @@ def test_law_off_takes_the_straight_line_time_and_the_law_at_least_that():
 
 
 def test_two_laws_meet_the_same_vehicles_noise_and_straight_line():
-    covey_, off = fly("rand4", [3]), fly("rand4", [3], setup=settings.choose(law="off"))
+    covey_, off = fly("rand4", [3]), fly("rand4", [3], setup=settings.setup_for(law="off"))
     assert covey_[0].straight_line_s == off[0].straight_line_s
     first = [flown[0].outcome.trace.position_enu_m[:10] for flown in (covey_, off)]
     np.testing.assert_allclose(*first, atol=1e-3)
 
 
 def test_goal_that_nobody_reaches_in_time_is_a_failure_with_a_reason():
-    setup = settings.choose(changes=["law.design_margin_m=1.5"])
+    setup = settings.setup_for(changes=["law.design_margin_m=1.5"])
     plan = scenarios.plan("squeeze", 0)
     outcome = flight.fly([plan], setup)[0].outcome
     assert not outcome.is_success
@@ -112,8 +112,8 @@ def test_goal_that_nobody_reaches_in_time_is_a_failure_with_a_reason():
 
 
 def test_lone_vehicle_has_no_separation_and_arrives_without_errors_to_fight():
-    flown = fly("rand1", [10], setup=settings.choose(errors="none", changes=STILL))[0]
-    values = results.record(flown, settings.choose(), "covey")
+    flown = fly("rand1", [10], setup=settings.setup_for(errors="none", changes=STILL))[0]
+    values = results.record(flown, settings.setup_for(), "covey")
     assert values["min_separation_m"] is None
     assert values["success"]
     assert values["ratio"] == 1.0
@@ -122,7 +122,7 @@ def test_lone_vehicle_has_no_separation_and_arrives_without_errors_to_fight():
 
 def test_perturbations_and_vehicle_values_have_their_effect():
     def spread(*changes, **options):
-        flown = fly("rand1", [10], setup=settings.choose(changes=[*STILL, *changes], **options))[0]
+        flown = fly("rand1", [10], setup=settings.setup_for(changes=[*STILL, *changes], **options))[0]
         return flown.outcome.trace.position_enu_m[:50]
 
     calm = spread(errors="none")
@@ -141,7 +141,7 @@ def test_perturbations_and_vehicle_values_have_their_effect():
 
 @pytest.mark.parametrize("changes", [["loss_share=1"], ["burst_s=60", "burst_every_s=0.1"]])
 def test_messages_that_never_arrive_let_the_vehicles_fly_into_each_other(changes):
-    outcome = fly("form3", [4], setup=settings.choose(changes=changes))[0].outcome
+    outcome = fly("form3", [4], setup=settings.setup_for(changes=changes))[0].outcome
     assert outcome.is_collision
 
 
@@ -154,7 +154,7 @@ def test_message_is_as_old_as_it_says(delay_s, ticks):
 
     nobody = np.zeros((1, 2), bool)
     station = radio.Radio(moved(0), nobody, settings.Perturbation(delay_s=delay_s, loss_share=0.0))
-    vehicles = settings.choose().fleet(2)
+    vehicles = settings.setup_for().fleet(2)
     pilots = rollout_batch.FleetPipeline(
         [pipeline_params(vehicles, name) for name in vehicles.vehicles], np.zeros((1, 2, 3))
     )
@@ -173,7 +173,7 @@ def test_intruder_moves_as_announced_and_the_formation_makes_way():
     trace, plan = flown.outcome.trace, flown.plan
     expected = plan.start_enu_m[-1] + trace.t_s[:, None] * plan.intruder_m_s
     np.testing.assert_allclose(trace.position_enu_m[:, -1], expected, atol=1e-9)
-    off = fly("intruder4@2", [3], setup=settings.choose(law="off"))[0]
+    off = fly("intruder4@2", [3], setup=settings.setup_for(law="off"))[0]
     assert flown.outcome.min_separation_m > off.outcome.min_separation_m
 
 
@@ -205,7 +205,7 @@ class _Hover:
 def test_another_controller_can_fly_the_campaign():
     records = [
         r
-        for part in batch.campaign(["squeeze"], range(2), settings.choose(), controller=_Hover, law="hover")
+        for part in batch.campaign(["squeeze"], range(2), settings.setup_for(), controller=_Hover, law="hover")
         for r in part
     ]
     assert [record["law"] for record in records] == ["hover", "hover"]
@@ -255,7 +255,7 @@ def test_bad_input_is_a_sentence_and_status_2(words, said, capsys):
 
 @pytest.mark.parametrize(("text", "value"), [(".7", 0.7), ("+.7", 0.7), ("0.7", 0.7), ("7e-1", 0.7), ("1", 1)])
 def test_numbers_of_set_may_be_written_as_anybody_writes_them(text, value):
-    setup = settings.choose(changes=[f"law.shortfall_gain={text}", f"vehicle.drag_1_s={text}", f"delay_s={text}"])
+    setup = settings.setup_for(changes=[f"law.shortfall_gain={text}", f"vehicle.drag_1_s={text}", f"delay_s={text}"])
     assert setup.law_table["shortfall_gain"] == value
     assert setup.fleet(2).law.shortfall_gain == value
     assert setup.fleet(2).vehicles["v1"].drag_1_s == value
@@ -263,7 +263,7 @@ def test_numbers_of_set_may_be_written_as_anybody_writes_them(text, value):
 
 
 def test_last_of_two_values_for_a_key_counts():
-    setup = settings.choose(changes=["tilt_deg=20", "vehicle.max_tilt_deg=22", "delay_s=0.1", "delay_s=0.2"])
+    setup = settings.setup_for(changes=["tilt_deg=20", "vehicle.max_tilt_deg=22", "delay_s=0.1", "delay_s=0.2"])
     assert setup.fleet(2).vehicles["v0"].max_tilt_deg == 22
     assert setup.perturbation.delay_s == 0.2
 
@@ -286,17 +286,17 @@ def test_fleet_file_gives_types_law_and_distances(tmp_path):
         "[defaults]", "[defaults]\nmax_acceleration_m_s2 = 1.25"
     )
     (tmp_path / "fleet.toml").write_text(text, encoding="utf-8")
-    setup = settings.choose(fleet_path=str(tmp_path / "fleet.toml"))
+    setup = settings.setup_for(fleet_path=str(tmp_path / "fleet.toml"))
     assert setup.types == ("ardrone",)
     fleet = setup.fleet(4)
     assert {vehicle.hover_thrust_frac for vehicle in fleet.vehicles.values()} == {0.75}
     assert {vehicle.max_acceleration_m_s2 for vehicle in fleet.vehicles.values()} == {1.25}
     assert fleet.fleet.safety_distance_m == 0.9
     assert fleet.law.kappa_1_1_s == 3.5
-    changed = settings.choose(fleet_path=str(tmp_path / "fleet.toml"), changes=["law.kappa_1_1_s=4", "tilt_deg=20"])
+    changed = settings.setup_for(fleet_path=str(tmp_path / "fleet.toml"), changes=["law.kappa_1_1_s=4", "tilt_deg=20"])
     assert changed.fleet(2).law.kappa_1_1_s == 4.0
     assert changed.fleet(2).vehicles["v1"].max_tilt_deg == 20.0
-    assert settings.choose(types="sih,ardrone").fleet(3).vehicles["v1"].type == "ardrone"
+    assert settings.setup_for(types="sih,ardrone").fleet(3).vehicles["v1"].type == "ardrone"
 
 
 @pytest.mark.parametrize("name", ["intruder3@2", "intruder9@2"])
