@@ -19,10 +19,12 @@ DirectKind = Literal["land", "kill"]
 _GCS_SYSTEM, _GCS_COMPONENT, _AUTOPILOT = 255, 190, 1
 _NAV_LAND, _ARM_DISARM, _FORCE = 21, 400, 21196.0
 _ARMED_FLAG = 128
+_MODE_LAND = 4 << 16 | 6 << 24  # PX4's AUTO.LAND in HEARTBEAT.custom_mode
 _RESULTS = {0: "accepted", 1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress"}
 _ACCEPTED = (0, 5)
 _PARAM_INT32 = 6
 _RETRY_S = 0.2
+_MAX_DATAGRAM = 65_535
 
 # PX4 answers for ever to the address that sent to it first. So a link is kept for the next command, and every process
 # of this computer sends from the same port, which follows from PX4's; of several processes the newest gets the answers.
@@ -60,15 +62,16 @@ def mavutil_address(endpoint: str) -> str:
 def send_direct(
     endpoint: str, system_id: int, kind: DirectKind, *, timeout_s: float = 3.0, watch_s: float = 0.0
 ) -> DirectResult:
-    """Send one command over MAVLink until PX4 acknowledges it, then wait for PX4 to disarm.
+    """Send one command over MAVLink until PX4's heartbeat shows its effect, then wait for PX4 to disarm.
 
-    The command is repeated every 0.2 s until acknowledged: both commands may arrive twice without harm.
+    The command is repeated every 0.2 s, whatever is answered: both commands may arrive twice without harm, and an
+    answer alone does not prove that the vehicle obeys. Messages of other senders are ignored.
 
     Args:
         endpoint: PX4's ground link, as ``udpout://127.0.0.1:18570``.
         system_id: PX4's MAVLink system id.
         kind: land, or kill: disarm by force.
-        timeout_s: longest wait for the acknowledgement [s].
+        timeout_s: longest wait for the acknowledgement or the effect [s].
         watch_s: longest wait for the disarm after it [s].
 
     Returns:
@@ -79,48 +82,59 @@ def send_direct(
     except (OSError, ValueError) as error:
         return DirectResult(False, False, f"the direct endpoint {endpoint} cannot be opened ({error})")
     try:
-        answer = _command(link, system_id, kind, timeout_s)
-        is_accepted = answer in _ACCEPTED
-        is_disarmed = is_accepted and _wait_for_disarm(link, system_id, watch_s)
+        answer, is_shown, is_disarmed = _command(link, system_id, kind, timeout_s, watch_s)
     except OSError as error:
         return DirectResult(False, False, f"the direct endpoint {endpoint} failed ({error})")
     finally:
         _idle_links[endpoint] = link
-    if answer is None:
+    if answer is None and not is_shown:
         return DirectResult(False, False, f"PX4 did not answer at {endpoint} within {timeout_s:g} s either")
-    ending = ", and it is disarmed" if is_disarmed else ""
-    return DirectResult(is_accepted, is_disarmed, f"PX4 {_RESULTS.get(answer, f'answered {answer}')} it{ending}")
+    verb = "did not acknowledge" if answer is None else _RESULTS.get(answer, f"answered {answer} to")
+    ending = ", and it is disarmed" if is_disarmed else ", and it lands" if is_shown else ""
+    return DirectResult(is_shown or answer in _ACCEPTED, is_disarmed, f"PX4 {verb} it{ending}")
 
 
-def _command(link: Any, system_id: int, kind: DirectKind, timeout_s: float) -> int | None:
-    """PX4's MAV_RESULT; None when it does not acknowledge the command in time."""
+def _command(
+    link: Any, system_id: int, kind: DirectKind, timeout_s: float, watch_s: float
+) -> tuple[int | None, bool, bool]:
+    """Return PX4's last MAV_RESULT, whether a heartbeat has shown the effect, and whether one has shown the disarm."""
     nan = math.nan
     command = _NAV_LAND if kind == "land" else _ARM_DISARM
     params = (0.0, 0.0, 0.0, nan, nan, nan, nan) if kind == "land" else (0.0, _FORCE, 0.0, 0.0, 0.0, 0.0, 0.0)
-    next_send_s = time.monotonic()
+    answer: int | None = None
+    is_shown = is_watched = False
+    next_send_s = next_beat_s = time.monotonic()
     end_s = next_send_s + timeout_s
     while (now_s := time.monotonic()) < end_s:
-        if now_s >= next_send_s:
+        if now_s >= next_beat_s:
             _send_heartbeat(link)
+            next_beat_s = now_s + 1.0
+        if now_s >= next_send_s and not is_shown:  # a landing that has begun may be taken over by a pilot
             link.mav.command_long_send(system_id, _AUTOPILOT, command, 0, *params)
             next_send_s = now_s + _RETRY_S
-        message = link.recv_match(type="COMMAND_ACK", blocking=True, timeout=0.1)
-        if message is not None and message.get_srcSystem() == system_id and message.command == command:
-            return int(message.result)
-    return None
+        message = link.recv_match(type=["COMMAND_ACK", "HEARTBEAT"], blocking=True, timeout=0.1)
+        if message is None or not _is_of_autopilot(message, system_id):
+            continue
+        if message.get_type() == "COMMAND_ACK":
+            if message.command == command and _is_for_this_ground(message):
+                answer = int(message.result)
+        elif not message.base_mode & _ARMED_FLAG:
+            return answer, True, True
+        elif kind == "land" and message.custom_mode == _MODE_LAND:
+            is_shown = True
+        if not is_watched and (is_shown or answer in _ACCEPTED):
+            is_watched, end_s = True, now_s + watch_s
+    return answer, is_shown, False
 
 
-def _wait_for_disarm(link: Any, system_id: int, timeout_s: float) -> bool:
-    next_send_s = time.monotonic()
-    end_s = next_send_s + timeout_s
-    while (now_s := time.monotonic()) < end_s:
-        if now_s >= next_send_s:
-            _send_heartbeat(link)
-            next_send_s = now_s + 1.0
-        message = link.recv_match(type="HEARTBEAT", blocking=True, timeout=0.1)
-        if _shows_armed(message, system_id) is False:
-            return True
-    return False
+def _is_of_autopilot(message: Any, system_id: int) -> bool:
+    return bool(message.get_srcSystem() == system_id and message.get_srcComponent() == _AUTOPILOT)
+
+
+def _is_for_this_ground(ack: Any) -> bool:
+    """Whether an acknowledgement is for this ground's command; MAVLink 1 has no target in it."""
+    target = (ack.target_system, ack.target_component)
+    return target in ((_GCS_SYSTEM, _GCS_COMPONENT), (0, 0))
 
 
 def _send_heartbeat(link: Any) -> None:
@@ -205,7 +219,7 @@ class DirectParams:
             end_s = time.monotonic() + 2.0 * _RETRY_S
             while time.monotonic() < end_s:
                 reply = self._link.recv_match(type="PARAM_VALUE", blocking=True, timeout=0.05)
-                if reply is None or reply.get_srcSystem() != self.system_id or reply.param_id != name:
+                if reply is None or not _is_of_autopilot(reply, self.system_id) or reply.param_id != name:
                     continue
                 self._kinds[name] = int(reply.param_type)
                 if reply.param_type == _PARAM_INT32:
@@ -216,9 +230,24 @@ class DirectParams:
 
 def _shows_armed(heartbeat: Any, system_id: int) -> bool | None:
     """Whether a heartbeat shows this autopilot as armed; None when it is of another sender, or none at all."""
-    if heartbeat is None or heartbeat.get_srcSystem() != system_id or heartbeat.get_srcComponent() != _AUTOPILOT:
+    if heartbeat is None or not _is_of_autopilot(heartbeat, system_id):
         return None
     return bool(heartbeat.base_mode & _ARMED_FLAG)
+
+
+def _receive_from_px4_only(link: Any) -> None:
+    """Drop datagrams of any other address: the port is predictable, and anybody could play the autopilot there."""
+    host, port = link.destination_addr
+    px4 = (socket.gethostbyname(host), port)
+
+    def receive(_: int | None = None) -> bytes:
+        try:
+            data, sender = link.port.recvfrom(_MAX_DATAGRAM)
+        except (BlockingIOError, ConnectionRefusedError):
+            return b""
+        return data if sender == px4 else b""
+
+    link.recv = receive
 
 
 def _take_link(endpoint: str) -> Any:
@@ -235,6 +264,7 @@ def _take_link(endpoint: str) -> Any:
             link.port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             with contextlib.suppress(OSError):  # taken by something else: any port then
                 link.port.bind(("", _FIRST_PORT + int(address.rpartition(":")[2]) % _PORTS))
+            _receive_from_px4_only(link)
     while link.recv_match(blocking=False) is not None:
         pass
     return link

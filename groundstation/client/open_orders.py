@@ -178,7 +178,7 @@ class OpenOrders:
             self._send_direct, vehicle.direct, vehicle.system_id, kind, timeout_s=3.0, watch_s=watch_s
         )
         sentence = f"{problem}; {kind} was sent straight to PX4: {answer.sentence}."
-        phase: Phase = "done" if answer.is_accepted and answer.is_disarmed else "failed"
+        phase: Phase = "done" if answer.is_disarmed else "failed"
         code = DIRECT_DISARMED if answer.is_disarmed else "direct_result"
         self._publish_event("warning" if phase == "done" else "critical", code, sentence, name)
         result.update(name, phase, sentence)

@@ -1,0 +1,125 @@
+"""The direct path beside an autopilot, and beside sockets that play one."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import common
+
+from groundstation.client.direct_mavlink import send_direct
+
+ARMED, LANDING = 128, 4 << 16 | 6 << 24
+KILL, NAV_LAND = 400, 21
+OURS = (255, 190)
+
+
+class Autopilot(threading.Thread):
+    """A PX4 of one socket: answers each command with what ``answer`` packs, and counts the commands."""
+
+    def __init__(self, answer: Callable[[Autopilot, int], list[Any]], system: int = 1, component: int = 1) -> None:
+        super().__init__(daemon=True)
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.socket.settimeout(0.05)
+        self.port = self.socket.getsockname()[1]
+        self.mav = common.MAVLink(None, srcSystem=system, srcComponent=component)
+        self.answer, self.count, self.is_ended = answer, 0, threading.Event()
+        self.client: tuple[str, int] = ("", 0)
+
+    def run(self) -> None:
+        while not self.is_ended.is_set():
+            try:
+                data, self.client = self.socket.recvfrom(2048)
+            except TimeoutError:
+                continue
+            for message in self.mav.parse_buffer(data) or ():
+                if message.get_type() == "COMMAND_LONG":
+                    self.count += 1
+                    for reply in self.answer(self, message.command):
+                        self.socket.sendto(reply.pack(self.mav), self.client)
+
+
+@contextmanager
+def flying(answer: Callable[[Autopilot, int], list[Any]], **ids: int) -> Iterator[Autopilot]:
+    autopilot = Autopilot(answer, **ids)
+    autopilot.start()
+    try:
+        yield autopilot
+    finally:
+        autopilot.is_ended.set()
+        autopilot.join(2.0)
+        autopilot.socket.close()
+
+
+def ack(command: int, target: tuple[int, int] = OURS, result: int = 0) -> Any:
+    return common.MAVLink_command_ack_message(command, result, 0, 0, *target)
+
+
+def heartbeat(*, is_armed: bool, custom_mode: int = 0) -> Any:
+    return common.MAVLink_heartbeat_message(2, 12, ARMED if is_armed else 0, custom_mode, 4, 3)
+
+
+def test_a_kill_is_repeated_after_its_acknowledgement_until_the_heartbeat_shows_it() -> None:
+    def answer(px4: Autopilot, command: int) -> list[Any]:
+        return [ack(command), heartbeat(is_armed=px4.count < 4)]
+
+    with flying(answer) as px4:
+        result = send_direct(f"udpout://127.0.0.1:{px4.port}", 1, "kill", timeout_s=5.0, watch_s=5.0)
+    assert result.is_disarmed
+    assert result.sentence == "PX4 accepted it, and it is disarmed"
+    assert px4.count == 4
+
+
+def test_a_kill_that_only_the_heartbeat_confirms_is_done() -> None:
+    with flying(lambda px4, command: [heartbeat(is_armed=False)]) as px4:
+        result = send_direct(f"udpout://127.0.0.1:{px4.port}", 1, "kill", timeout_s=5.0)
+    assert (result.is_accepted, result.is_disarmed) == (True, True)
+    assert result.sentence == "PX4 did not acknowledge it, and it is disarmed"
+
+
+def test_a_landing_is_repeated_until_px4_shows_it_and_then_left_to_px4() -> None:
+    def answer(px4: Autopilot, command: int) -> list[Any]:
+        assert command == NAV_LAND
+        if px4.count < 3:
+            return [ack(command, result=1), heartbeat(is_armed=True)]
+        return [ack(command), heartbeat(is_armed=True, custom_mode=LANDING)]
+
+    with flying(answer) as px4:
+        result = send_direct(f"udpout://127.0.0.1:{px4.port}", 1, "land", timeout_s=5.0, watch_s=0.8)
+    assert (result.is_accepted, result.is_disarmed) == (True, False)
+    assert px4.count == 3
+
+
+@pytest.mark.parametrize(
+    ("system", "component", "target"), [(2, 1, OURS), (1, 195, OURS), (1, 1, (42, 7)), (1, 1, (255, 191))]
+)
+def test_an_acknowledgement_of_another_sender_or_for_another_ground_does_not_count(
+    system: int, component: int, target: tuple[int, int]
+) -> None:
+    def answer(px4: Autopilot, command: int) -> list[Any]:
+        beats = [] if (system, component) == (1, 1) else [heartbeat(is_armed=False)]
+        return [ack(command, target), *beats]
+
+    with flying(answer, system=system, component=component) as px4:
+        result = send_direct(f"udpout://127.0.0.1:{px4.port}", 1, "kill", timeout_s=0.7)
+    assert (result.is_accepted, result.is_disarmed) == (False, False), result
+    assert px4.count >= 3
+
+
+def test_another_socket_that_plays_the_autopilot_is_not_heard() -> None:
+    with flying(lambda px4, command: []) as impostor, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+
+        def answer(px4: Autopilot, command: int) -> list[Any]:
+            for message in (ack(command), heartbeat(is_armed=False)):
+                other.sendto(message.pack(impostor.mav), px4.client)
+            return [heartbeat(is_armed=True)]
+
+        with flying(answer) as px4:
+            result = send_direct(f"udpout://127.0.0.1:{px4.port}", 1, "kill", timeout_s=0.7)
+    assert (result.is_accepted, result.is_disarmed) == (False, False), result
+    assert "did not answer" in result.sentence
