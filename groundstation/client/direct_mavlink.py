@@ -82,49 +82,71 @@ def send_direct(
     except (OSError, ValueError) as error:
         return DirectResult(False, False, f"the direct endpoint {endpoint} cannot be opened ({error})")
     try:
-        answer, is_shown, is_disarmed = _command(link, system_id, kind, timeout_s, watch_s)
+        progress = _command(link, system_id, kind, timeout_s, watch_s)
     except OSError as error:
         return DirectResult(False, False, f"the direct endpoint {endpoint} failed ({error})")
     finally:
         _idle_links[endpoint] = link
-    if answer is None and not is_shown:
+    answer = progress.answer
+    if answer is None and not progress.is_shown:
         return DirectResult(False, False, f"PX4 did not answer at {endpoint} within {timeout_s:g} s either")
     verb = "did not acknowledge" if answer is None else _RESULTS.get(answer, f"answered {answer} to")
-    ending = ", and it is disarmed" if is_disarmed else ", and it lands" if is_shown else ""
-    return DirectResult(is_shown or answer in _ACCEPTED, is_disarmed, f"PX4 {verb} it{ending}")
+    ending = ", and it is disarmed" if progress.is_disarmed else ", and it lands" if progress.is_landing else ""
+    return DirectResult(progress.is_accepted, progress.is_disarmed, f"PX4 {verb} it{ending}")
 
 
-def _command(
-    link: Any, system_id: int, kind: DirectKind, timeout_s: float, watch_s: float
-) -> tuple[int | None, bool, bool]:
-    """Return PX4's last MAV_RESULT, whether a heartbeat has shown the effect, and whether one has shown the disarm."""
+class _Progress:
+    """Acknowledgement and effect of one command, by PX4's messages."""
+
+    def __init__(self, system_id: int, kind: DirectKind) -> None:
+        self._system_id, self._kind = system_id, kind
+        self.command = _NAV_LAND if kind == "land" else _ARM_DISARM
+        self.answer: int | None = None  # last MAV_RESULT
+        self.is_landing = False
+        self.is_disarmed = False
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether a heartbeat has shown the effect."""
+        return self.is_landing or self.is_disarmed
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether PX4 has accepted the command, by word or by effect."""
+        return self.is_shown or self.answer in _ACCEPTED
+
+    def take(self, message: Any) -> None:
+        """Take over a COMMAND_ACK or HEARTBEAT of PX4, and ignore those of others."""
+        if not _is_of_autopilot(message, self._system_id):
+            return
+        if message.get_type() == "COMMAND_ACK":
+            if message.command == self.command and _is_for_this_ground(message):
+                self.answer = int(message.result)
+        else:
+            self.is_disarmed = not message.base_mode & _ARMED_FLAG
+            self.is_landing = self._kind == "land" and (self.is_landing or message.custom_mode == _MODE_LAND)
+
+
+def _command(link: Any, system_id: int, kind: DirectKind, timeout_s: float, watch_s: float) -> _Progress:
     nan = math.nan
-    command = _NAV_LAND if kind == "land" else _ARM_DISARM
     params = (0.0, 0.0, 0.0, nan, nan, nan, nan) if kind == "land" else (0.0, _FORCE, 0.0, 0.0, 0.0, 0.0, 0.0)
-    answer: int | None = None
-    is_shown = is_watched = False
+    progress = _Progress(system_id, kind)
+    is_watched = False
     next_send_s = next_beat_s = time.monotonic()
     end_s = next_send_s + timeout_s
-    while (now_s := time.monotonic()) < end_s:
+    while (now_s := time.monotonic()) < end_s and not progress.is_disarmed:
         if now_s >= next_beat_s:
             _send_heartbeat(link)
             next_beat_s = now_s + 1.0
-        if now_s >= next_send_s and not is_shown:  # a landing that has begun may be taken over by a pilot
-            link.mav.command_long_send(system_id, _AUTOPILOT, command, 0, *params)
+        if now_s >= next_send_s and not progress.is_landing:  # a pilot may take over a landing that has begun
+            link.mav.command_long_send(system_id, _AUTOPILOT, progress.command, 0, *params)
             next_send_s = now_s + _RETRY_S
         message = link.recv_match(type=["COMMAND_ACK", "HEARTBEAT"], blocking=True, timeout=0.1)
-        if message is None or not _is_of_autopilot(message, system_id):
-            continue
-        if message.get_type() == "COMMAND_ACK":
-            if message.command == command and _is_for_this_ground(message):
-                answer = int(message.result)
-        elif not message.base_mode & _ARMED_FLAG:
-            return answer, True, True
-        elif kind == "land" and message.custom_mode == _MODE_LAND:
-            is_shown = True
-        if not is_watched and (is_shown or answer in _ACCEPTED):
+        if message is not None:
+            progress.take(message)
+        if progress.is_accepted and not is_watched:
             is_watched, end_s = True, now_s + watch_s
-    return answer, is_shown, False
+    return progress
 
 
 def _is_of_autopilot(message: Any, system_id: int) -> bool:
