@@ -53,6 +53,19 @@ def into_disc(u: Vec2, radius: float) -> Vec2:
     return Vec2(share * u.x, share * u.y)
 
 
+def largest_violation(u: Vec2, rows: list[HalfPlane]) -> float:
+    """Return by how much a point misses the row that it misses most; negative where it satisfies all.
+
+    Args:
+        u: point.
+        rows: of any length.
+    """
+    largest = -math.inf
+    for normal, bound in rows:
+        largest = max(largest, bound - normal.x * u.x - normal.y * u.y)
+    return largest
+
+
 def foot(u: Vec2, row: HalfPlane) -> Vec2:
     """Return the nearest point of one half-plane of unit length.
 

@@ -12,8 +12,17 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from onboard.avoidance.half_planes import EXACT, HalfPlane, corner, foot, in_disc, on_circle, unit_row
-from onboard.avoidance.relaxation import largest_violation, least_slack
+from onboard.avoidance.half_planes import (
+    EXACT,
+    HalfPlane,
+    corner,
+    foot,
+    in_disc,
+    largest_violation,
+    on_circle,
+    unit_row,
+)
+from onboard.avoidance.relaxation import least_slack
 from onboard.types import LawStatus
 from onboard.vectors import Vec2, dot_2, length_2
 

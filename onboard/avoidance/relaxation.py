@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from onboard.avoidance.half_planes import EXACT, HalfPlane, corner, difference, in_disc, on_circle
+from onboard.avoidance.half_planes import EXACT, HalfPlane, corner, difference, in_disc, largest_violation, on_circle
 from onboard.vectors import Vec2, length_2
 
 _PARALLEL = 1e-12
@@ -54,19 +54,6 @@ def least_slack_of(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
             if slack < best:
                 best, u = slack, point
     return best, u
-
-
-def largest_violation(u: Vec2, rows: list[HalfPlane]) -> float:
-    """Return by how much a point misses the row that it misses most; negative where it satisfies all.
-
-    Args:
-        u: point.
-        rows: of any length.
-    """
-    largest = -math.inf
-    for normal, bound in rows:
-        largest = max(largest, bound - normal.x * u.x - normal.y * u.y)
-    return largest
 
 
 def candidates(rows: list[HalfPlane], radius: float) -> list[Vec2]:
