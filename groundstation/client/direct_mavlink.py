@@ -18,6 +18,7 @@ from typing import Any, Literal
 DirectKind = Literal["land", "kill"]
 _GCS_SYSTEM, _GCS_COMPONENT, _AUTOPILOT = 255, 190, 1
 _NAV_LAND, _ARM_DISARM, _FORCE = 21, 400, 21196.0
+_PREFLIGHT_STORAGE = 245
 _ARMED_FLAG = 128
 _MODE_LAND = 4 << 16 | 6 << 24  # PX4's AUTO.LAND in HEARTBEAT.custom_mode
 _RESULTS = {0: "accepted", 1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress"}
@@ -225,6 +226,25 @@ class DirectParams:
             kind = self._kinds.get(name)
             if kind is not None:
                 self._value_after(name, lambda name=name, kind=kind, value=value: self._set(name, kind, value))
+
+    def request_storage(self, timeout_s: float) -> int | None:
+        """Have PX4 write its parameters to its storage.
+
+        Args:
+            timeout_s: longest wait for the acknowledgement [s].
+
+        Returns:
+            PX4's MAV_RESULT, which comes before it writes; None when it does not answer.
+        """
+        self._link.mav.command_long_send(
+            self.system_id, _AUTOPILOT, _PREFLIGHT_STORAGE, 0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        )
+        end_s = time.monotonic() + timeout_s
+        while time.monotonic() < end_s:
+            ack = self._link.recv_match(type="COMMAND_ACK", blocking=True, timeout=0.05)
+            if ack is not None and ack.get_srcSystem() == self.system_id and ack.command == _PREFLIGHT_STORAGE:
+                return int(ack.result)
+        return None
 
     def _request(self, name: str) -> None:
         self._link.mav.param_request_read_send(self.system_id, _AUTOPILOT, name.encode(), -1)

@@ -36,7 +36,7 @@ def params(
     Args:
         vehicles: only these: names or indices, a,b or 0-2 (default all)
         exclude: all but these
-        apply: set those that differ and read them back; disarmed vehicles only
+        apply: set those that differ, have PX4 store them, and read them back; disarmed vehicles only
         json: one object instead of the list
     """
     config = load_fleet(fleet)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import textwrap
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -20,6 +20,8 @@ from onboard.px4.mavsdk_link import Px4Link
 from onboard.px4.required_params import RequiredParam, all_params
 
 _ANSWER_S = 4.0
+_STORE_S, _SECOND_WRITE_S = 5.0, 0.5
+_ACCEPTED = 0
 _WIDTH = 118
 
 
@@ -30,6 +32,7 @@ class ParamsLink(Protocol):
     def is_armed(self, timeout_s: float) -> bool | None: ...
     def read_params(self, names: Mapping[str, float | int]) -> dict[str, float | int | None]: ...
     def apply_params(self, values: Mapping[str, float | int]) -> None: ...
+    def request_storage(self, timeout_s: float) -> int | None: ...
 
 
 class _LinkParams:
@@ -38,11 +41,8 @@ class _LinkParams:
     def __init__(self, endpoint: str, system_id: int) -> None:
         self._link = Px4Link(endpoint, system_id)
         self._link.start()
-        self.read_params, self.apply_params, self.stop = (
-            self._link.read_params,
-            self._link.apply_params,
-            self._link.stop,
-        )
+        self.read_params, self.apply_params = self._link.read_params, self._link.apply_params
+        self.request_storage, self.stop = self._link.request_storage, self._link.stop
 
     def is_armed(self, timeout_s: float) -> bool | None:
         """Return whether the first heartbeat says armed; None without a heartbeat."""
@@ -83,6 +83,7 @@ class VehicleParams:
     endpoint: str
     rows: tuple[ParameterState, ...]
     trouble: str = ""
+    is_stored: bool = False  # PX4 has written them: a restart keeps them
 
     @property
     def answers(self) -> bool:
@@ -138,13 +139,14 @@ def _by(link: ParamsLink, vehicle: Vehicle, endpoint: str, is_armed: bool, appli
     values = link.read_params({demand.name: demand.value for demand in wanted})
     wrong = {demand.name: demand.value for demand in wanted if not demand.is_met(values[demand.name])}
     rows = tuple(ParameterState(demand, values[demand.name]) for demand in wanted)
-    if not applies or not wrong:
+    if not applies or (is_armed and not wrong):
         return VehicleParams(vehicle.name, endpoint, rows)
     if is_armed:
         return VehicleParams(
             vehicle.name, endpoint, rows, "It is armed, and parameters are set on the ground only: land and disarm it."
         )
     link.apply_params({name: value for name, value in wrong.items() if values[name] is not None})
+    is_stored = store(link.request_storage, _STORE_S)
     again = link.read_params(wrong)
     rows = tuple(
         ParameterState(
@@ -153,7 +155,31 @@ def _by(link: ParamsLink, vehicle: Vehicle, endpoint: str, is_armed: bool, appli
         for demand in wanted
     )
     failed = [row.demand.name for row in rows if row.before is not None and not row.was_set]
-    return VehicleParams(vehicle.name, endpoint, rows, f"PX4 did not take {', '.join(failed)}." if failed else "")
+    troubles = [f"PX4 did not take {', '.join(failed)}."] if failed else []
+    if not is_stored:
+        troubles.append(
+            "PX4 did not confirm that it stored them: a restart may lose them. Run this once more before a restart."
+        )
+    return VehicleParams(vehicle.name, endpoint, rows, " ".join(troubles), is_stored)
+
+
+def store(
+    request: Callable[[float], int | None], timeout_s: float, sleep: Callable[[float], None] = time.sleep
+) -> bool:
+    """Have PX4 write its parameters, and wait until it has; False when that was not confirmed in time.
+
+    PX4 writes changed parameters by itself up to 3.5 s later, and a restart before that loses them. PREFLIGHT_STORAGE
+    writes at once, but is accepted before the writing. While PX4 writes it rejects another one: so the next acceptance
+    shows that the first writing has ended. The second has nothing new to write.
+    """
+    end_s = time.monotonic() + timeout_s
+    accepted = 0
+    while accepted < 2 and time.monotonic() < end_s:
+        accepted += request(0.5) == _ACCEPTED
+        sleep(0.1)
+    if accepted == 2:
+        sleep(_SECOND_WRITE_S)
+    return accepted == 2
 
 
 def exit_status(answers: Sequence[VehicleParams]) -> int:
@@ -178,6 +204,8 @@ def as_text(answers: Sequence[VehicleParams]) -> str:
             lines += textwrap.wrap(_line(row), _WIDTH, subsequent_indent=" " * 10, initial_indent="  ")
         if answer.trouble:
             lines.append(f"  {answer.trouble}")
+        if answer.is_stored:
+            lines.append("  Stored: PX4 keeps them over a restart.")
         if answer.restarts_for:
             lines.append(f"  Restart PX4: it reads {', '.join(answer.restarts_for)} only when it starts.")
     return "\n".join(lines)
@@ -202,6 +230,7 @@ def as_mapping(answers: Sequence[VehicleParams]) -> dict[str, Any]:
             "is_fine": answer.is_fine,
             "asked_at": answer.endpoint,
             "trouble": answer.trouble,
+            "is_stored": answer.is_stored,
             "restart_for": list(answer.restarts_for),
             "params": {
                 row.demand.name: {

@@ -9,6 +9,7 @@ only blocking calls and belong on an executor of their own (:meth:`Px4Link.apply
 from __future__ import annotations
 
 import math
+import queue
 import threading
 import time
 from collections.abc import Mapping
@@ -299,6 +300,28 @@ class Px4Link:
                 except ParamError:
                     continue
                 break
+
+    def request_storage(self, timeout_s: float) -> int | None:
+        """PREFLIGHT_STORAGE, to write parameters: PX4's MAV_RESULT, which comes before it writes; None: no answer."""
+        direct = self._direct
+        if direct is None:
+            return None
+        results: queue.SimpleQueue[int] = queue.SimpleQueue()
+
+        def keep(message: MavlinkMessage, _: Any) -> None:
+            keep_thread_state()
+            ack = msgspec.json.decode(message.fields_json)
+            if message.system_id == self.system_id and ack.get("command") == modes.CMD_PREFLIGHT_STORAGE:
+                results.put(int(ack["result"]))
+
+        subscription = direct.subscribe_message("COMMAND_ACK", keep)
+        try:
+            self._command(modes.CMD_PREFLIGHT_STORAGE, 1.0)
+            return results.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+        finally:
+            direct.unsubscribe_message(subscription)
 
     def _read_param(self, name: str, like: float | int) -> float | int | None:
         if self._param is None:

@@ -59,7 +59,8 @@ _MOCAP_ADVICE = (
     ),
     RequiredParam("EKF2_TAU_VEL", 0.02, "PX4's output follows its filter at once [s]", False, True),
     RequiredParam("EKF2_TAU_POS", 0.1, "PX4's output follows its filter at once [s]", False, True),
-    RequiredParam("EKF2_DELAY_MAX", 20.0, "PX4's filter lags no further than the mocap does [ms]", True, True, 30.0),
+    # PX4 raises it to the largest delay of any sensor, used or not: 110 ms for satellites in v1.16, 100 ms for airspeed
+    RequiredParam("EKF2_DELAY_MAX", 100.0, "PX4's filter lags no further than it must [ms]", True, True, 80.0),
 )
 
 

@@ -153,6 +153,10 @@ def _start_mission(link: CommandedLink, command: Command) -> Answer:
     return Result.DENIED, []  # there is none
 
 
+def _store(link: CommandedLink, command: Command) -> Answer:
+    return (Result.TEMPORARILY_REJECTED if link.autopilot.is_armed else Result.ACCEPTED), []
+
+
 def _reboot(link: CommandedLink, command: Command) -> Answer:
     wanted = command.integer(1)
     if wanted == 0:
@@ -202,7 +206,7 @@ _COMMANDS: dict[int, Handler] = {
     185: _terminate,  # DO_FLIGHTTERMINATION
     189: _accept,  # DO_LAND_START: the landing part of a mission; without one nothing happens
     192: _reposition,  # DO_REPOSITION
-    245: _accept,  # PREFLIGHT_STORAGE: parameters are kept for the run
+    245: _store,  # PREFLIGHT_STORAGE: parameters are kept for the run
     246: _reboot,  # PREFLIGHT_REBOOT_SHUTDOWN
     300: _start_mission,  # MISSION_START
     400: _arm,  # COMPONENT_ARM_DISARM

@@ -171,6 +171,8 @@ _SYSTEM: dict[str, int | float] = {
     "SYS_FAILURE_EN": 0,
     "SYS_HITL": 2,
 }
+# PX4 raises it to the largest delay of any sensor, used or not: that of satellites.
+_LEAST = {"EKF2_DELAY_MAX": 110.0}
 DEFAULTS: dict[str, int | float] = dict(sorted((_COMMANDER | _BATTERY | _ESTIMATOR | _CONTROL | _SYSTEM).items()))
 _NAMES: tuple[str, ...] = tuple(DEFAULTS)
 _INDICES: dict[str, int] = {name: index for index, name in enumerate(_NAMES)}
@@ -224,5 +226,5 @@ class Parameters:
         if kind == MAV_PARAM_TYPE_INT32:
             self.values[name] = int(struct.unpack("<i", struct.pack("<f", encoded))[0])
         elif math.isfinite(encoded):
-            self.values[name] = float(encoded)
+            self.values[name] = max(float(encoded), _LEAST.get(name, -math.inf))
         return True

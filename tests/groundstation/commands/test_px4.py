@@ -14,7 +14,7 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.client.direct_mavlink import DirectParams
-from groundstation.commands.px4_params import ParameterState, VehicleParams, exit_status, read_or_set
+from groundstation.commands.px4_params import ParameterState, VehicleParams, as_text, exit_status, read_or_set, store
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.px4.port_lock import PortClaim
 from onboard.px4.required_params import all_params, differences, required_params
@@ -78,6 +78,8 @@ def test_all_that_differs_is_shown_and_with_apply_set_and_read_back(
     assert main(["px4", "params", "--fleet", fleet.path, "--apply"]) == 0
     applied = capsys.readouterr().out
     assert "set     COM_OBL_RC_ACT   0 -> 4, read back" in applied
+    assert "set     EKF2_DELAY_MAX   200 -> 110, read back" in applied  # PX4 allows no less
+    assert "Stored: PX4 keeps them over a restart." in applied
     assert "Restart PX4: it reads EKF2_HGT_REF, EKF2_MAG_TYPE, EKF2_DELAY_MAX only when it starts." in applied
     assert main(["px4", "params", "--fleet", fleet.path, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["solo"]
@@ -85,6 +87,41 @@ def test_all_that_differs_is_shown_and_with_apply_set_and_read_back(
     assert told["asked_at"] == fleet.vehicles["solo"].autopilot
     assert told["params"]["COM_OF_LOSS_T"]["is"] == pytest.approx(0.3)
     assert told["params"]["EKF2_EV_CTRL"]["is"] == 15
+
+
+class SlowPx4:
+    """PX4 that loses at a restart all that it has not stored."""
+
+    def __init__(self, *results: int | None) -> None:
+        self.results, self.sent = list(results), 0
+
+    def __call__(self, wait_s: float) -> int | None:
+        self.sent += 1
+        return self.results.pop(0) if self.results else 0
+
+
+def test_parameters_count_as_stored_only_once_px4_accepts_the_next_storing() -> None:
+    busy, denied = 1, 2
+    for results, commands in (((), 2), ((0, busy, busy, 0), 4), ((None, 0, None, 0), 4), ((busy, 0, 0), 3)):
+        px4 = SlowPx4(*results)
+        assert store(px4, 5.0, lambda _: None), results
+        assert px4.sent == commands, results
+    assert not store(SlowPx4(*[0, *[busy] * 1_000_000]), 0.02, lambda _: None)
+    assert not store(SlowPx4(*[denied] * 1_000_000), 0.02, lambda _: None)
+
+
+def test_parameters_that_px4_did_not_store_are_no_success(
+    fleet: FleetConfig, emulator: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr("onboard.px4.mavsdk_link.Px4Link.request_storage", lambda *_: 4)  # failed
+        patch.setattr("groundstation.commands.px4_params._STORE_S", 0.3)
+        answer = read_or_set(fleet.vehicles["solo"], applies=True)
+    assert not answer.is_fine
+    assert "did not confirm that it stored them" in as_text([answer])
+    again = read_or_set(fleet.vehicles["solo"], applies=True)
+    assert again.is_fine
+    assert again.is_stored
 
 
 def test_past_an_agent_that_holds_the_link_px4s_ground_link_is_asked_and_again_by_the_next_process(
@@ -97,6 +134,7 @@ def test_past_an_agent_that_holds_the_link_px4s_ground_link_is_asked_and_again_b
         first = read_or_set(vehicle, applies=True)
         assert first.endpoint == vehicle.direct
         assert first.is_fine, first
+        assert first.is_stored
         # PX4 answers only to the first address that spoke to it: another process has to be at the same one
         command = [sys.executable, "-m", "groundstation", "px4", "params", "--fleet", fleet.path]
         again = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
