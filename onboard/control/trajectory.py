@@ -141,11 +141,6 @@ def duration_s(memory: TrajectoryMemory) -> float:
     return memory.first_duration_s + memory.second_duration_s
 
 
-def is_finished(memory: TrajectoryMemory) -> bool:
-    """Whether the setpoint rests on the goal."""
-    return memory.elapsed_s >= duration_s(memory)
-
-
 def shortest_duration_s(distance_m: float, params: TrajectoryParams) -> float:
     """Return the duration of a leg from rest to rest over a distance at the bounds [s]."""
     by_speed = _SPEED_FACTOR * distance_m / params.max_speed_m_s
