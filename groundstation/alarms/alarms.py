@@ -30,7 +30,11 @@ _C, _G = Condition, Ground
 _NUMBERED = frozenset(
     (_G.CLOSE, _C.BATTERY_LOW, _C.BATTERY_WARNING, _C.LEFT_OFFBOARD)
 )  # a shared line shows the lowest number
-_EVENT_KINDS: dict[str, Kind] = {"record_failed": _G.RECORD_ENDED, "process_ended": _G.PROCESS_ENDED}
+_EVENT_KINDS: dict[str, Kind] = {
+    "record_failed": _G.RECORD_ENDED,
+    "process_ended": _G.PROCESS_ENDED,
+    "killed": _G.KILLED,
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,6 +34,7 @@ class Ground(Enum):
     FILES_DIFFER = "fleet files differ"
     RECORD_ENDED = "record ended"
     PROCESS_ENDED = "process ended"
+    KILLED = "killed in the air"
 
 
 Kind = Condition | Ground
@@ -54,6 +55,7 @@ _C, _G = Condition, Ground
 
 TABLE: dict[Kind, AlarmRow] = {
     _G.COLLIDED: AlarmRow(_CRIT, _CRIT, "{who} collided", "Land all; look at the vehicle before it flies again."),
+    _G.KILLED: AlarmRow(_CRIT, _CRIT, "{who}: {what}", "Keep off until its motors stand; hold or land the others."),
     _G.CLOSE: AlarmRow(_CRIT, _NOTE, "{who}: {what}", "Hold or land one of them."),
     _G.SILENT: AlarmRow(
         _CRIT, _WARN, "{who}: silent", "Keep clear, RC switch ready: its failsafe lands it. Is its agent running?"

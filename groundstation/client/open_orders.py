@@ -130,6 +130,10 @@ class OpenOrders:
                 await replied.wait()
         except TimeoutError:
             problem = f"{vehicle}'s agent did not answer within {limit_s:g} s"
+            if direct == "kill" and self._views()[vehicle].is_airborne:  # an agent that accepts says this itself
+                order = result.planned.orders[vehicle]
+                sentence = f"Killed in the air by order of {order.author} (from {order.node})."
+                self._publish_event("critical", "killed", sentence, vehicle)
             if direct is None:
                 result.update(vehicle, "no answer", f"{problem}. Is it running?")
                 return

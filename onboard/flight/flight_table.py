@@ -63,6 +63,15 @@ ORDERS = (
     Row(_DISARMABLE, E.DISARM, p.px4_is_armed, S.DISARMING, Disarm(), reason=""),
     Row(_DISARMABLE, E.DISARM, to=S.DISARMED, request=Disarm(), reason=""),
     Row(_SILENT, E.DISARM, to=S.FAILED_DISARMING, request=Disarm()),
+    Row(
+        tuple(S),
+        E.KILL,
+        p.px4_is_armed_in_the_air,
+        S.KILLING,
+        Kill(),
+        reason=sentences.killed,
+        says=("critical", "killed", sentences.killed_in_the_air),
+    ),
     Row(tuple(S), E.KILL, to=S.KILLING, request=Kill(), reason=sentences.killed),
 )
 

@@ -56,6 +56,11 @@ def px4_is_armed(flight: FlightContext, view: FlightView) -> bool:
     return view.snapshot.is_armed
 
 
+def px4_is_armed_in_the_air(flight: FlightContext, view: FlightView) -> bool:
+    """Whether the last heartbeat says armed, and PX4 does not say that it is on the ground."""
+    return view.snapshot.is_armed and not view.is_on_ground
+
+
 def px4_is_disarmed_on_ground(flight: FlightContext, view: FlightView) -> bool:
     """Whether PX4 says disarmed, and on the ground."""
     return not view.snapshot.is_armed and view.is_on_ground

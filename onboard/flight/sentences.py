@@ -20,6 +20,16 @@ def killed(flight: FlightContext, view: FlightView) -> str:
     return f"Killed by order of {'' if flight.order is None else flight.order.author}."
 
 
+def killed_in_the_air(flight: FlightContext, view: FlightView) -> str:
+    """Return the sentence about motors that an order stops in the air, with its author and node."""
+    order = flight.order
+    return (
+        ""
+        if order is None
+        else f"Killed in the air by order of {order.author} (from {order.node or 'an unnamed ground'})."
+    )
+
+
 def still_armed(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why an order to disarm or to kill has not been confirmed."""
     sentence = "PX4 is still armed" if view.snapshot.is_armed else "PX4 has not said that it is disarmed"

@@ -234,6 +234,20 @@ def test_an_event_that_ends_the_record_stays_until_it_is_acknowledged(ground: Gr
     assert [line.alarm.kind for line in ground.alarms.over] == [Ground.RECORD_ENDED]
 
 
+def test_a_kill_in_the_air_is_an_alarm_until_it_is_acknowledged(ground: Ground3) -> None:
+    ground.all_hear()
+    sentence = "Killed in the air by order of ann (from ground-1)."
+    event = Event(vehicle="mav1", stamp_ns=1, severity="critical", code="killed", sentence=sentence)
+    ground.state = fleet_state.fold(ground.state, event, ground.now_ns)
+    ground.update()
+    ground.wait(60.0)
+    ground.all_hear(is_airborne=False)
+    ground.update()
+    (line,) = ground.alarms.lines
+    assert (line.alarm.kind, line.alarm.severity) == (Ground.KILLED, Severity.CRITICAL)
+    assert line.alarm.sentence == "mav1: Killed in the air by order of ann (from ground-1)"
+
+
 def test_a_vehicle_that_comes_and_goes_a_thousand_times_costs_no_memory(ground: Ground3) -> None:
     for _ in range(1000):
         ground.all_hear(battery_frac=0.05)

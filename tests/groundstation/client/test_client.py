@@ -211,10 +211,14 @@ async def test_kill_and_land_go_straight_to_px4_when_the_agent_is_silent(
         return DirectResult(True, True, "PX4 accepted it, and it is disarmed")
 
     bus.misbehave["mav1"] = "silent"
-    client = FleetClient(fleet, bus=bus, send=send)
+    client = FleetClient(fleet, author="tester", bus=bus, send=send)
     await client.start()
+    bus.tell("mav1", is_armed=True, is_airborne=True)
     results = await client.order(f"{verb} all", 5.0)
     await client.stop()
+    killed = [logged.event for logged in client.state.events if logged.event.code == "killed"]
+    assert [(event.vehicle, event.severity) for event in killed] == [("mav1", "critical")] * (verb == "kill")
+    assert all("by order of tester (from ground-test)" in event.sentence for event in killed)
     ((endpoint, system_id, kind),) = sent
     assert (endpoint, system_id, kind) == ("udpout://127.0.0.1:18571", 2, verb)
     assert results["mav1"].is_done

@@ -151,6 +151,19 @@ def test_asked_to_stop_on_the_ground_it_ends_at_once() -> None:
     assert rig.count(ev.Exit) == 1
 
 
+def test_a_kill_in_the_air_is_a_critical_event_with_author_and_node_and_one_on_the_ground_is_none() -> None:
+    rig = Rig()
+    rig.run(3.0)
+    rig.order("kill")
+    rig.run(1.5)
+    assert not [event for event in rig.events if event.code == "killed"]
+    rig = Rig()
+    rig.fly()
+    rig.order("kill", node="ground-17-ab")
+    (event,) = [event for event in rig.events if event.code == "killed"]
+    assert (event.severity, event.sentence) == ("critical", "Killed in the air by order of tester (from ground-17-ab).")
+
+
 def test_kill_is_repeated_until_px4_is_disarmed() -> None:
     rig = Rig()
     rig.fly()
