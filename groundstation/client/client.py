@@ -58,6 +58,7 @@ class FleetClient:
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.fleet = fleet
+        self.is_recording = False  # this ground, as announced to the vehicles
         self.author = author or _user()
         self._clock_ns = clock_ns
         self._feed = BusFeed(bus or _session(fleet), self._take_batch, recorded=extra_topics, clock_ns=clock_ns)
@@ -143,6 +144,7 @@ class FleetClient:
         Args:
             is_on: whether it records now.
         """
+        self.is_recording = is_on
         bus = self._feed.bus
         (bus.claim if is_on else bus.release)(f"recorder-{bus.node}")
 

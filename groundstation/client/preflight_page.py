@@ -125,17 +125,18 @@ def has_reported(state: FleetState, names: Sequence[str], now_ns: int) -> bool:
     return all(view.has_preflight(now_ns) or (view.is_fresh(now_ns) and view.is_airborne) for view in views)
 
 
-def advice_of(state: FleetState, names: Sequence[str]) -> dict[str, list[str]]:
+def advice_of(state: FleetState, names: Sequence[str], *, is_recording: bool = False) -> dict[str, list[str]]:
     """Collect the advice of the newest reports. Emulated vehicles need no kill switch.
 
     Args:
         state: the fleet as known now.
         names: vehicles to look at.
+        is_recording: this ground records: reports from before it began may still advise to.
 
     Returns:
         Advice -> vehicles.
     """
-    skipped = {"kill switch"} if state.is_simulated else set()
+    skipped = {name for name, skips in (("kill switch", state.is_simulated), ("record", is_recording)) if skips}
     advice: dict[str, list[str]] = {}
     for name in names:
         report = state.vehicles[name].preflight

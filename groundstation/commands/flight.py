@@ -14,14 +14,14 @@ from pathlib import Path
 
 from groundstation.client.client import FleetClient
 from groundstation.missions.files import Mission, load_mission
+from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.findings import refuse_unflyable
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
-from groundstation.missions.verdict import Verdict, judge
+from groundstation.missions.verdict import Verdict
 from groundstation.processes.free_ports import busy_ports, toml_text, with_free_ports
 from groundstation.processes.supervisor import ProcessError, Processes, agent_command, leaves_room
 from groundstation.recording.channels import RECORDED
-from groundstation.recording.report import FlightReport, report
-from groundstation.recording.writer import FLUSH_PERIOD_S, RECORD_NAME, RecordWriter, write_json
+from groundstation.recording.writer import FLUSH_PERIOD_S, RECORD_NAME, RecordWriter
 from onboard.bus.schema import Event
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping
 from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_WRONG_INPUT
@@ -165,7 +165,8 @@ class MissionFlight:
                 from groundstation.console.app import ConsoleApp
                 from groundstation.orders.forecast_process import Forecaster
 
-                title = f"{self.settings.mission.name} - law {self._fleet.law.name}"
+                law = f" - law {self._fleet.law.name}" if self.settings.is_simulated else ""  # else the agents' own
+                title = self.settings.mission.name + law
                 try:
                     console = ConsoleApp(
                         self._fleet,
@@ -189,12 +190,12 @@ class MissionFlight:
             on_failure=self._record_failed,
         )
         try:
+            record.start()
+            client.add_sink(record.put)
             if self.settings.is_simulated:
                 names = self._fleet.enabled_names
                 self._say(f"Starting the emulator and {len(names)} agents; everything goes to {self.settings.folder}.")
                 start_processes(self.settings, self._processes)
-            record.start()
-            client.add_sink(record.put)
             await client.start()
             client.announce_recording(record.failure is None)
             yield client
@@ -216,22 +217,20 @@ class MissionFlight:
     async def _mission(self) -> Verdict:
         assert self._run is not None
         assert self._record is not None
-        live = await self._run.run()
+        await self._run.run()
         if self.settings.is_headless and self._client is not None:
             # The record ends with the flight; in the console it goes on until the operator leaves.
             await asyncio.to_thread(self._record.stop)
         else:
             await asyncio.sleep(FLUSH_PERIOD_S + 0.3)
-        final_report: FlightReport | None = None
-        with contextlib.suppress(ConfigError):
-            final_report = await asyncio.to_thread(report, self.settings.folder)
-        verdict = judge(self._run.flown(), self.settings.mission.expect, final_report, str(self.settings.folder))
-        if final_report is None:
-            verdict = live
-        failure = await asyncio.to_thread(write_json, self.settings.folder / "verdict.json", verdict)
-        if failure is not None:
-            self._say(failure)
-        return verdict
+        return await asyncio.to_thread(
+            final_verdict,
+            self._run.flown(),
+            self.settings.mission.expect,
+            self.settings.folder,
+            begin_ns=self._record.begin_ns,
+            record_failure=self._record.failure,
+        )
 
     async def _watch_processes(self, run: MissionRun) -> None:
         while True:  # the kernel sets no asyncio.Event when a child ends

@@ -32,6 +32,13 @@ async def land_all(
     if superseded:  # the next telemetry shows whether the new order is to land
         await client.wait_for(lambda _: all(_is_landing(client, name) for name in superseded), TELEMETRY_WITHIN_S)
     left = up
+    said: set[str] = set()
+
+    def say_once(line: str) -> None:
+        if line not in said:
+            said.add(line)
+            say(line)
+
     while left and client.now_ns() < end_ns:
         ordered = tuple(name for name in left if not _is_landing(client, name))
         if not ordered:
@@ -39,7 +46,7 @@ async def land_all(
                 return True
             left = tuple(name for name in left if not is_landed(client.state, name))
             continue
-        say(f"Landing {', '.join(ordered)}.")
+        say_once(f"Landing {', '.join(ordered)}.")
         order = await client.submit(Intent("land", ordered))
         await order.wait((end_ns - client.now_ns()) * 1e-9)
         # An order can end before the vehicle is down: when a failsafe has taken over, PX4 lands by itself.
@@ -50,7 +57,7 @@ async def land_all(
             return True
         for name, result in order.results.items():
             if not result.is_done:
-                say(f"  {name} {result.phase}: {result.sentence}")
+                say_once(f"  {name} {result.phase}: {result.sentence}")
         left = tuple(name for name in left if not is_landed(client.state, name))
     return not left
 

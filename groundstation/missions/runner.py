@@ -73,8 +73,8 @@ class MissionRun:
         # the vehicles land after any exception of a mission, also after a mistake of its author
         error = None if task.cancelled() else task.exception()
         if task.cancelled() and self._aborted is not None:
-            self._failure = self._aborted
-            self.fleet.say(f"The mission ends here: {self._failure}")
+            self._failure = self._aborted  # an event has said it
+            self.fleet.say("The mission ends here.")
             if self._can_land:
                 await self.fleet.land_all(LAND_TIMEOUT_S)
         elif task.cancelled():
@@ -105,7 +105,7 @@ class MissionRun:
         """End the mission as failed, for a reason from outside.
 
         Args:
-            reason: a sentence.
+            reason: a sentence, which the caller has published as an event.
             can_land: whether vehicles can still be reached.
         """
         if self._aborted is None and not self._is_interrupted:
@@ -159,7 +159,8 @@ class MissionRun:
         self.fleet.say(f"Waiting for {', '.join(self.fleet.names)} to be ready.")
         await self.fleet.ready(self._ready_timeout_s)
         self._begin_ns = self.client.now_ns()
-        for advice, names in advice_of(self.client.state, self.fleet.names).items():
+        advised = advice_of(self.client.state, self.fleet.names, is_recording=self.client.is_recording)
+        for advice, names in advised.items():
             self.fleet.say(f"Preflight, {', '.join(names)}: {advice}")
         if self.mission.is_python:
             await load_function(self.mission)(self.fleet)

@@ -128,6 +128,32 @@ def is_landed(state: FleetState, name: str) -> bool:
     return view.is_disarmed_by_px4
 
 
+def flown_law(state: FleetState, fleet: FleetConfig) -> str:
+    """Return the law that the agents report; that of the fleet file as long as none has reported."""
+    vehicles_by_law: dict[str, list[str]] = {}
+    for name, view in state.vehicles.items():
+        if view.telemetry is not None:
+            vehicles_by_law.setdefault(view.telemetry.law, []).append(name)
+    if len(vehicles_by_law) > 1:
+        return ", ".join(f"{law} ({', '.join(names)})" for law, names in vehicles_by_law.items())
+    return next(iter(vehicles_by_law), fleet.law.name)
+
+
+def _still_up(state: FleetState, expect: Expect) -> str:
+    """A sentence about vehicles that a mission has left armed or in the air without declaring it."""
+    up = [
+        name
+        for name, view in state.vehicles.items()
+        if view.telemetry is not None and (view.is_airborne or view.telemetry.is_armed) and not is_landed(state, name)
+    ]
+    if not up or expect.all_landed is not None:
+        return ""
+    return (
+        f"The mission has ended and {', '.join(up)} {'is' if len(up) == 1 else 'are'} not down. End it with a step "
+        "'land', or declare expect.all_landed = false."
+    )
+
+
 def smallest(state: FleetState) -> Separation | None:
     """Return the smallest separation so far, by ground truth where there is one."""
     return state.smallest_truth or state.smallest
@@ -196,7 +222,15 @@ def check(
     return checks
 
 
-def judge(flown: FlightObservations, expect: Expect, report: FlightReport | None = None, record: str = "") -> Verdict:
+def judge(
+    flown: FlightObservations,
+    expect: Expect,
+    report: FlightReport | None = None,
+    record: str = "",
+    *,
+    begin_ns: int | None = None,
+    record_failure: str | None = None,
+) -> Verdict:
     """Judge a flight. Of the live state and the record, the smaller distance counts.
 
     Args:
@@ -204,6 +238,8 @@ def judge(flown: FlightObservations, expect: Expect, report: FlightReport | None
         expect: expectations at the end of the mission.
         report: evaluation of the record.
         record: its folder.
+        begin_ns: zero of the flight's seconds, the begin of the record [ns]; None: the mission's first step.
+        record_failure: sentence about a record that ended early.
 
     Returns:
         The verdict with its exit status.
@@ -221,6 +257,7 @@ def judge(flown: FlightObservations, expect: Expect, report: FlightReport | None
     landed = {name: is_landed(state, name) for name in fleet.enabled_names}
     checks = check(expect, fleet, closest, flown.arrivals, landed, collided)
     is_collision = bool(collided) or (closest is not None and closest.distance_m < fleet.fleet.body_diameter_m)
+    broken = " ".join(filter(None, (flown.failure, _still_up(state, expect), record_failure)))
     failed = [step for step in flown.steps if not step.is_done]
     is_mixed = any(len(set(step.vehicles.values())) > 1 for step in failed)
     exit_status = (
@@ -235,17 +272,18 @@ def judge(flown: FlightObservations, expect: Expect, report: FlightReport | None
         else EXIT_MIXED
         if is_mixed
         else EXIT_FAILED
-        if failed or flown.failure
+        if failed or broken
         else EXIT_OK
     )
-    summary = _summary(flown, checks, exit_status)
+    law = flown_law(state, fleet)
+    summary = _summary(flown, law, checks, broken, exit_status)
     return Verdict(
         passed=exit_status == EXIT_OK,
         exit_status=exit_status,
         summary=summary,
         mission=flown.mission,
         fleet=fleet.fleet.name,
-        law=fleet.law.name,
+        law=law,
         checks=checks,
         steps=flown.steps,
         closest=None
@@ -254,7 +292,7 @@ def judge(flown: FlightObservations, expect: Expect, report: FlightReport | None
             closest.first,
             closest.second,
             round(closest.distance_m, 4),
-            round((closest.stamp_ns - flown.begin_ns) * 1e-9, 2),
+            round((closest.stamp_ns - (flown.begin_ns if begin_ns is None else begin_ns)) * 1e-9, 2),
             "truth" if closest.is_truth else "telemetry",
         ),
         is_collision=is_collision,
@@ -277,7 +315,7 @@ def describe(verdict: Verdict) -> list[str]:
         touch = ": THEY COLLIDED" if verdict.is_collision else ""
         lines.append(
             f"Closest: {near.first} and {near.second}, {near.distance_m:.2f} m between centres, "
-            f"{near.time_s:.1f} s into the flight{by}{touch}."
+            f"at {near.time_s:.1f} s{by}{touch}."
         )
     if verdict.arrivals:
         within = next((one.sentence for one in verdict.checks if one.name == "arrived_within_m"), "")
@@ -291,15 +329,15 @@ def describe(verdict: Verdict) -> list[str]:
     return lines
 
 
-def _summary(flown: FlightObservations, checks: Sequence[ExpectationResult], exit_status: int) -> str:
-    law = f"law '{flown.fleet.law.name}'"
+def _summary(
+    flown: FlightObservations, law: str, checks: Sequence[ExpectationResult], failure: str, exit_status: int
+) -> str:
     if exit_status == EXIT_OK:
-        return f"PASSED: mission '{flown.mission}' with {law}: everything it declares came true."
+        return f"PASSED: mission '{flown.mission}' with law '{law}': everything it declares came true."
     if exit_status == EXIT_INTERRUPTED:
         return f"INTERRUPTED: mission '{flown.mission}' was ended by the operator."
     broken = [one.sentence for one in checks if not one.has_come_true]
-    reason = [flown.failure] if flown.failure else []
-    return f"FAILED: mission '{flown.mission}' with {law}. {' '.join([*broken, *reason])}".strip()
+    return f"FAILED: mission '{flown.mission}' with law '{law}'. {' '.join([*broken, failure])}".strip()
 
 
 def _loops(state: FleetState, report: FlightReport | None) -> dict[str, Loop]:

@@ -49,6 +49,7 @@ class RecordWriter:
         self.folder = folder
         self.dropped = 0
         self.failure: str | None = None
+        self.begin_ns = 0  # zero of the record's seconds, on the ground's clock
         self.on_failure = on_failure
         self._open_file = open_file
         self._waiting: deque[_Item] = deque()
@@ -66,7 +67,8 @@ class RecordWriter:
         self.folder.mkdir(parents=True, exist_ok=True)
         begin = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
         stream = self._open_file(self.folder / RECORD_NAME)
-        files = RecordFiles(self.folder, stream, begin_ns=time.monotonic_ns(), begin=begin)
+        self.begin_ns = time.monotonic_ns()
+        files = RecordFiles(self.folder, stream, begin_ns=self.begin_ns, begin=begin)
         self._thread = threading.Thread(target=self._run, args=(files,), name="record", daemon=True)
         self._thread.start()
 

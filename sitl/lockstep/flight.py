@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import gc
 from collections.abc import Callable, Coroutine
 from pathlib import Path
@@ -16,14 +15,13 @@ from groundstation.client.direct_mavlink import DirectKind, DirectResult
 from groundstation.fleet.state import FleetState
 from groundstation.missions.api import Fleet
 from groundstation.missions.files import Mission, load_mission
+from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
-from groundstation.missions.verdict import Verdict, judge
+from groundstation.missions.verdict import Verdict
 from groundstation.orders.result import VehicleResult
 from groundstation.recording.channels import RECORDED
-from groundstation.recording.report import FlightReport, report
-from groundstation.recording.writer import write_json
 from onboard.bus.schema import Event
-from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.config.fleet import FleetConfig, load_fleet
 from sitl.emulator.mocap import MocapSettings
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.agents import AgentShell
@@ -168,15 +166,8 @@ class Lockstep:
         if self.record is None or self.folder is None:
             return verdict
         self.record.stop()
-        report_of_record: FlightReport | None = None
-        with contextlib.suppress(ConfigError):
-            report_of_record = report(self.folder)
-        if report_of_record is not None:
-            verdict = judge(run.flown(), mission.expect, report_of_record, str(self.folder))
-        failure = write_json(self.folder / "verdict.json", verdict)
-        if failure is not None:
-            self._tell(failure)
-        return verdict
+        failure = self.record.failure
+        return final_verdict(run.flown(), mission.expect, self.folder, begin_ns=EPOCH_NS, record_failure=failure)
 
     async def _watch(self, run: MissionRun) -> None:
         while not run.abort_if_silent():  # noqa: ASYNC110 - silence is no event

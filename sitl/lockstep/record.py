@@ -19,6 +19,7 @@ class LockstepRecord:
 
     def __init__(self, folder: Path, begin_ns: int, *, on_failure: Callable[[str], None]) -> None:
         self.folder, self._on_failure = folder, on_failure
+        self.failure: str | None = None
         folder.mkdir(parents=True, exist_ok=True)
         stream = (folder / RECORD_NAME).open("wb")
         self._files: RecordFiles | None = RecordFiles(folder, stream, begin_ns=begin_ns, begin="the start, simulated")
@@ -46,4 +47,5 @@ class LockstepRecord:
         files, self._files = self._files, None
         if files is not None:
             files.close()
-            self._on_failure(failure_sentence(self.folder, error))
+            self.failure = failure_sentence(self.folder, error)
+            self._on_failure(self.failure)

@@ -125,7 +125,7 @@ def test_who_hangs_in_flight_is_landed_and_named_even_if_it_comes_back(
             os.kill(pid, signal.SIGCONT)
         output, _ = process.communicate(timeout=120)
     assert process.returncode == 1, output
-    assert LOST in output.split("The mission ends here:", 1)[-1], output
+    assert LOST in output.split("The mission ends here", 1)[-1], output
     assert_everybody_is_down_and_nobody_was_hit(tmp_path)
     if continued_after_s is not None:
         log = (tmp_path / "flight" / f"{LOST}.log").read_text()

@@ -11,7 +11,11 @@ import numpy as np
 import pytest
 
 from groundstation.missions.files import load_mission, mission_from_mapping
+from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.runner import MissionRun
+from groundstation.recording.writer import RecordWriter
+from onboard.bus.schema import PreflightReport
+from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -162,6 +166,98 @@ async def test_a_fleet_left_in_the_air_fails_all_landed(fleet: FleetConfig, clie
     verdict = await MissionRun(make(fleet, HOP, expect={"all_landed": True}), client).run()
     assert verdict.exit_status == 1
     assert not any(verdict.landed.values())
+
+
+async def test_a_mission_that_leaves_vehicles_in_the_air_has_not_passed_unless_it_declares_so(
+    fleet: FleetConfig, client: Any
+) -> None:
+    verdict = await MissionRun(make(fleet, HOP), client).run()
+    assert verdict.exit_status == 1
+    assert "mav0, mav1, mav2 are not down. End it with a step 'land'" in verdict.summary
+    declared = await MissionRun(make(fleet, HOP, expect={"all_landed": False}), client).run()
+    assert declared.passed, declared.summary
+
+
+async def test_the_verdict_names_the_law_that_the_agents_flew(fleet: FleetConfig, client: Any, bus: Any) -> None:
+    mission = make(fleet, [*HOP, {"do": "land"}])
+    for name in fleet.enabled_names:
+        bus.tell(name, law="off")
+    verdict = await MissionRun(mission, client).run()
+    assert verdict.law == "off"
+    assert "with law 'off'" in verdict.summary
+    bus.tell("mav1", law="covey")
+    assert (await MissionRun(mission, client).run()).law == "off (mav0, mav2), covey (mav1)"
+
+
+async def test_an_ending_from_outside_is_said_once_and_landing_again_is_not_repeated(
+    fleet: FleetConfig, client: Any, bus: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("groundstation.missions.landing.LAND_AGAIN_S", 0.05)
+    monkeypatch.setattr("groundstation.missions.runner.LAND_TIMEOUT_S", 1.0)
+    lines: list[str] = []
+    client.add_event_listener(lambda event: lines.append(event.sentence) if event.severity == "critical" else None)
+    run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client, say=lines.append)
+    task = asyncio.create_task(run.run())
+    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    bus.misbehave["mav1"] = "fail"  # as with a PX4 that is dead
+    reason = "mav1 was ended by signal 9."
+    client.publish_event("critical", "process_ended", reason)
+    run.abort(reason)
+    verdict = await asyncio.wait_for(task, 10.0)
+    assert sum(reason in line for line in lines) == 1, lines
+    assert [order.kind for name, order in bus.orders if name == "mav1"].count("land") > 2
+    assert lines.count("Landing mav1.") == 1, lines
+    assert reason in verdict.summary
+
+
+async def test_a_recording_ground_passes_on_no_advice_to_record(fleet: FleetConfig, client: Any, bus: Any) -> None:
+    advice = ("record", True, "Nobody records this flight.", "Fly it with covey fly.")
+    for name in fleet.enabled_names:
+        report = PreflightReport(vehicle=name, boot_id=1, sequence=1, stamp_ns=0, checks=(advice,))
+        bus.on_message[Topic.PREFLIGHT](Topic.PREFLIGHT, name, report)
+    lines: list[str] = []
+    mission = make(fleet, [HOP[0], {"do": "land"}])
+    await MissionRun(mission, client, say=lines.append).run()
+    assert any("Nobody records" in line for line in lines)
+    lines.clear()
+    client.announce_recording(True)
+    await MissionRun(mission, client, say=lines.append).run()
+    assert not any("Nobody records" in line for line in lines), lines
+
+
+async def test_the_verdict_and_the_record_count_seconds_from_the_same_begin(
+    fleet: FleetConfig, client: Any, tmp_path: Path
+) -> None:
+    writer = RecordWriter(tmp_path)
+    writer.start()
+    client.add_sink(writer.put)
+    await asyncio.sleep(0.5)  # processes start, vehicles get ready
+    run = MissionRun(make(fleet, [HOP[0], {"do": "land"}]), client)
+    await run.run()
+    client.publish_event("info", "mission", "This is the end.")
+    writer.stop()
+    verdict = final_verdict(run.flown(), run.mission.expect, tmp_path, begin_ns=writer.begin_ns, record_failure=None)
+    by_event = float((tmp_path / "events.txt").read_text().splitlines()[-1].split()[0])
+    assert verdict.closest is not None
+    assert by_event - verdict.duration_s - 0.5 < verdict.closest.time_s <= by_event
+    assert verdict.closest.time_s >= 0.5
+
+
+async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
+    fleet: FleetConfig, client: Any, tmp_path: Path
+) -> None:
+    run = MissionRun(make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client)
+    assert (await run.run()).passed
+    flown, expect = run.flown(), run.mission.expect
+    whole = final_verdict(flown, expect, tmp_path, begin_ns=0, record_failure=None)
+    assert whole.passed, whole.summary
+    assert whole.closest is not None
+    full = final_verdict(flown, expect, tmp_path, begin_ns=0, record_failure="The record ended: disk full.")
+    assert full.exit_status == 1
+    assert "The record ended: disk full." in full.summary
+    lost = final_verdict(flown, expect, tmp_path / "absent", begin_ns=0, record_failure=None)
+    assert lost.exit_status == 1
+    assert "verdict.json cannot be written" in lost.summary
 
 
 async def test_an_expect_step_stops_the_mission_where_it_fails(fleet: FleetConfig, client: Any, bus: Any) -> None:
