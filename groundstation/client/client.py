@@ -30,6 +30,7 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 
 CONTROL_PERIOD_NS = 100_000_000
+_STARTS = ("arm", "takeoff")
 _AGE_PERIOD_S = 0.2  # ages change the state without any message
 
 
@@ -200,6 +201,16 @@ class FleetClient:
         """
         self._held = planned.held
         return self._orders.send(planned)
+
+    def may_start(self, vehicle: str) -> bool:
+        """Whether a vehicle may be starting: an order of this client to arm or take off goes on, or it reports one.
+
+        Args:
+            vehicle: its name.
+        """
+        view = self._state.vehicles[vehicle]
+        kind = view.telemetry.order_kind if view.telemetry is not None and view.is_fresh(self._clock_ns()) else ""
+        return kind in _STARTS or self._orders.has_open(vehicle, _STARTS)
 
     async def submit(self, order: Intent | str) -> OrderResult:
         """Plan an order and send it at once.

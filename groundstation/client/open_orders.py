@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 from groundstation.client.bus_feed import BusFeed
 from groundstation.client.direct_mavlink import DirectKind, DirectResult
@@ -69,6 +69,18 @@ class OpenOrders:
         for vehicle, event in replied.items():
             self._feed.call(self._begin_wait, result, vehicle, event)
         return result
+
+    def has_open(self, vehicle: str, kinds: Collection[str]) -> bool:
+        """Whether an order of one of these kinds was sent to a vehicle and has not ended.
+
+        Args:
+            vehicle: its name.
+            kinds: of orders, as on the bus.
+        """
+        mine = [result for result in self._open.values() if vehicle in result.planned.orders]
+        return any(
+            result.planned.orders[vehicle].kind in kinds and not result.results[vehicle].is_final for result in mine
+        )
 
     def end(self, event: Event) -> None:
         """Take over the end of an order, where an event reports one.

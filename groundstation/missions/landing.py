@@ -27,7 +27,7 @@ async def land_all(
     Returns:
         Whether all are landed and disarmed.
     """
-    up = tuple(name for name in client.fleet.enabled_names if _may_fly(client.state, name))
+    up = tuple(name for name in client.fleet.enabled_names if _may_fly(client, name))
     end_ns = client.now_ns() + int(timeout_s * 1e9)
     if superseded:  # the next telemetry shows whether the new order is to land
         await client.wait_for(lambda _: all(_is_landing(client, name) for name in superseded), TELEMETRY_WITHIN_S)
@@ -42,9 +42,9 @@ async def land_all(
     while left and client.now_ns() < end_ns:
         ordered = tuple(name for name in left if not _is_landing(client, name))
         if not ordered:
-            if await client.wait_for(_all_landed(up), LAND_AGAIN_S):
+            if await client.wait_for(_all_down(client, up), LAND_AGAIN_S):
                 return True
-            left = tuple(name for name in left if not is_landed(client.state, name))
+            left = tuple(name for name in left if not _is_down(client, name))
             continue
         say_once(f"Landing {', '.join(ordered)}.")
         order = await client.submit(Intent("land", ordered))
@@ -53,25 +53,30 @@ async def land_all(
         # A vehicle that PX4 itself reports as disarmed, on the direct path, has no agent left to send telemetry.
         down = {name for name, result in order.results.items() if result.is_done}
         left = tuple(name for name in left if name not in down)
-        if await client.wait_for(_all_landed(up), LAND_AGAIN_S if left else 1.0):
+        if await client.wait_for(_all_down(client, up), LAND_AGAIN_S if left else 1.0):
             return True
         for name, result in order.results.items():
             if not result.is_done:
                 say_once(f"  {name} {result.phase}: {result.sentence}")
-        left = tuple(name for name in left if not is_landed(client.state, name))
+        left = tuple(name for name in left if not _is_down(client, name))
     return not left
 
 
-def _all_landed(names: Sequence[str]) -> Callable[[FleetState], bool]:
-    return lambda state: all(is_landed(state, name) for name in names)
+def _all_down(client: FleetClient, names: Sequence[str]) -> Callable[[FleetState], bool]:
+    return lambda _: all(_is_down(client, name) for name in names)
 
 
-def _may_fly(state: FleetState, name: str) -> bool:
+def _is_down(client: FleetClient, name: str) -> bool:
+    """Whether it is landed and nothing may take it up again."""
+    return is_landed(client.state, name) and not client.may_start(name)
+
+
+def _may_fly(client: FleetClient, name: str) -> bool:
     """Whether it flies or is about to: an order to take off precedes the telemetry that shows it."""
-    telemetry = state.vehicles[name].telemetry
+    telemetry = client.state.vehicles[name].telemetry
     if telemetry is None:
-        return False
-    return not is_landed(state, name) or telemetry.state in ("armed", "taking off", "flying", "holding", "landing")
+        return client.may_start(name)
+    return not _is_down(client, name) or telemetry.state in ("armed", "taking off", "flying", "holding", "landing")
 
 
 def _is_landing(client: FleetClient, name: str) -> bool:

@@ -42,11 +42,11 @@ class Row(NamedTuple):
 
 _START = (S.WAITING, S.READY, S.LANDED)
 _ARMED = (S.ARM_OFFBOARD, S.ARM_ARMING, S.ARMED, S.TAKEOFF_OFFBOARD, S.TAKEOFF_ARMING)
+_STARTING = tuple(step for step in _ARMED if step is not S.ARMED)
 _FREE = (S.CLIMB, S.LEG, S.ARRIVED, S.HOLDING, S.TAKEOVER)
 _DOWN = (S.DESCENT, S.CONTACT)
 _SILENT = (S.FAILED, S.FAILED_DISARMING, S.KILLING)
-_DISARMABLE = (*_START, S.ARM_OFFBOARD, S.ARM_ARMING, S.ARMED, S.DISARMING, S.DISARMED, S.FAILSAFE_DISARMING,
-               S.CONTACT, S.PX4_LANDING)  # fmt: skip
+_DISARMABLE = (*_START, *_ARMED, S.DISARMING, S.DISARMED, S.FAILSAFE_DISARMING, S.CONTACT, S.PX4_LANDING)
 _NO_OFFBOARD = f"PX4 did not enter OFFBOARD within {p.CONFIRM_TIMEOUT_S:.0f} s"
 
 ORDERS = (
@@ -57,9 +57,17 @@ ORDERS = (
     Row(_FREE, E.HOLD, to=S.HOLDING, effect=effects.stop_here, reason="ordered"),
     # an agent that found its vehicle in the air, or lost it, flies it again from PX4's hold
     Row(_SILENT, E.HOLD, to=S.TAKEOVER, effect=effects.take_over, reason=S.TAKEOVER.text),
-    Row((*_FREE, *_DOWN), E.LAND, to=S.DESCENT, effect=effects.descend, reason="ordered"),
+    # a start is stopped by any of the three orders: until PX4 confirms that it is armed by disarming, then by landing
+    Row((S.LIFTOFF,), E.HOLD, to=S.DESCENT, effect=effects.descend, reason="ordered"),
+    Row(_ARMED, E.LAND, p.px4_is_armed, S.DISARMING, Disarm(), reason=""),
+    Row(_ARMED, E.LAND, to=S.DISARMED, request=Disarm(), reason=""),
+    Row(_STARTING, E.HOLD, p.px4_is_armed, S.DISARMING, Disarm(), reason=""),
+    Row(_STARTING, E.HOLD, to=S.DISARMED, request=Disarm(), reason=""),
+    Row((S.LIFTOFF, *_FREE, *_DOWN), E.LAND, to=S.DESCENT, effect=effects.descend, reason="ordered"),
     Row((S.PX4_LANDING,), E.LAND),  # what PX4 is landing already, it lands
     Row(_SILENT, E.LAND, to=S.PX4_LANDING, request=Px4Land(), reason="ordered"),
+    # without thrust first, so that it stands even if PX4 has seen it lift off meanwhile
+    Row((S.LIFTOFF,), E.DISARM, to=S.CONTACT, request=Disarm(), effect=effects.expect_contact, reason="ordered"),
     Row(_DISARMABLE, E.DISARM, p.px4_is_armed, S.DISARMING, Disarm(), reason=""),
     Row(_DISARMABLE, E.DISARM, to=S.DISARMED, request=Disarm(), reason=""),
     Row(_SILENT, E.DISARM, to=S.FAILED_DISARMING, request=Disarm()),
@@ -94,16 +102,18 @@ GROUND = (
         reason=sentences.FLIES_WITHOUT_AGENT),
     Row((S.ARMED,), E.TICK, p.px4_confirms_disarmed, S.READY, reason="",
         says=("warning", "auto-disarmed", "PX4 disarmed by itself before take-off.")),
-    Row((S.DISARMING,), E.TICK, p.px4_confirms_disarmed, S.READY, reason="", ends=("done", sentences.DISARMED)),
+    Row((S.DISARMING,), E.TICK, p.px4_stays_disarmed, S.READY, reason="", ends=("done", sentences.DISARMED)),
     Row((S.DISARMING,), E.TICK, p.px4_has_not_confirmed_in_time, S.FAILED,
         reason=sentences.still_armed, ends=("timed out", sentences.still_armed)),
-    Row((S.DISARMED,), E.TICK, p.px4_confirms_disarmed, S.READY, ends=("done", sentences.DISARMED)),
+    # the arming that it ended may have been on its way
+    Row((S.DISARMED,), E.TICK, p.px4_is_armed, S.DISARMING, Disarm()),
+    Row((S.DISARMED,), E.TICK, p.px4_stays_disarmed, S.READY, ends=("done", sentences.DISARMED)),
     Row((S.DISARMED,), E.TICK, p.px4_has_not_confirmed_in_time, S.READY, ends=("timed out", sentences.still_armed)),
     Row((S.FAILED_DISARMING, S.KILLING), E.TICK, p.px4_confirms_disarmed, S.FAILED,
         ends=("done", sentences.DISARMED)),
     Row((S.FAILED_DISARMING, S.KILLING), E.TICK, p.px4_has_not_confirmed_in_time, S.FAILED,
         ends=("timed out", sentences.still_armed)),
-    Row((S.DISARMING, S.DISARMED, S.FAILED_DISARMING), E.TICK, p.px4_is_armed, request=Disarm()),
+    Row((S.DISARMING, S.FAILED_DISARMING), E.TICK, p.px4_is_armed, request=Disarm()),
     Row((S.KILLING,), E.TICK, p.px4_is_armed, request=Kill()),
     Row((S.FAILED,), E.TICK, p.px4_is_disarmed_on_ground, S.LANDED,
         says=("info", "landed", "On the ground and disarmed.")),

@@ -14,7 +14,7 @@ from onboard.flight import takeover
 from onboard.flight.context import FlightContext
 from onboard.flight.effects import takeoff_height_m
 from onboard.flight.state_machine import accepts
-from onboard.flight.types import FlightView
+from onboard.flight.types import FlightView, Step
 
 _LOWEST_GOAL_M = 0.2
 _LONGEST_MOVE_S = 3600.0
@@ -46,14 +46,16 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
         return takeover.refusal(facts.view, facts.not_ready_in_air(), facts.distances_m, facts.fleet)
     if not accepts(flight.step, order.kind):
         return _wrong_step(order, flight)
-    if order.kind == "disarm" and flight.state == "failed" and not facts.view.is_on_ground:
-        return _IN_AIR
+    if order.kind == "disarm" and flight.step in _MAY_BE_UP and not facts.view.is_on_ground:
+        return _NOT_ON_GROUND
     if order.kind in ("arm", "takeoff"):
         return _start(order, facts)
     return _move(order, facts) if order.kind == "move" else None
 
 
 _IN_AIR = "The vehicle is in the air: order land, or kill if it must fall."
+_NOT_ON_GROUND = "PX4 does not say that the vehicle is on the ground: order land, or kill if it must fall."
+_MAY_BE_UP = {Step.LIFTOFF, Step.CONTACT, Step.PX4_LANDING, Step.FAILED, Step.FAILED_DISARMING, Step.KILLING}
 
 
 def _wrong_step(order: Order, flight: FlightContext) -> str:

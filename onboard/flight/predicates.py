@@ -10,6 +10,7 @@ CONFIRM_TIMEOUT_S = 5.0
 LIFTOFF_TIMEOUT_S, CLIMB_TIMEOUT_S, HOLD_TIMEOUT_S, PX4_LANDING_TIMEOUT_S = 6.0, 40.0, 15.0, 60.0
 _STREAM_BEFORE_OFFBOARD_S = 0.3
 _LEAST_OFFBOARD_S = 0.1
+_ARM_ON_ITS_WAY_S = 0.5  # an older request to arm has had its effect
 _LIFTED_M = 0.12
 _ARRIVED_S, _REST_S = 0.5, 0.3
 _CONTACT_HEIGHT_M, _CONTACT_M_S, _CONTACT_S = 0.06, 0.10, 0.3
@@ -39,6 +40,12 @@ def px4_confirms_armed(flight: FlightContext, view: FlightView) -> bool:
 def px4_confirms_disarmed(flight: FlightContext, view: FlightView) -> bool:
     """Whether a heartbeat since the step began says disarmed."""
     return not view.snapshot.is_armed and _is_confirmed(flight, view)
+
+
+def px4_stays_disarmed(flight: FlightContext, view: FlightView) -> bool:
+    """Whether a heartbeat says disarmed that is later than any effect of an older request to arm."""
+    later_ns = view.snapshot.heartbeat_ns - flight.step_ns
+    return not view.snapshot.is_armed and later_ns > 1e9 * _ARM_ON_ITS_WAY_S
 
 
 def px4_has_not_confirmed_in_time(flight: FlightContext, view: FlightView) -> bool:
@@ -141,8 +148,8 @@ def floor_is_lower(flight: FlightContext, view: FlightView) -> bool:
 
 
 def landed_by_order(flight: FlightContext, view: FlightView) -> bool:
-    """Whether PX4 confirms the end of a landing that an operator ordered."""
-    return landed(flight, view) and flight.order is not None and flight.order.kind == "land"
+    """Whether PX4 confirms the end of a landing that an operator ordered; so do a hold and a disarm during lift-off."""
+    return landed(flight, view) and flight.order is not None and flight.order.kind in ("land", "hold", "disarm")
 
 
 def landed(flight: FlightContext, view: FlightView) -> bool:

@@ -279,6 +279,20 @@ async def test_an_interruption_lands_everybody_and_says_so(fleet: FleetConfig, c
     assert [order.kind for name, order in bus.orders if name == "mav2"] == ["takeoff", "land"]
 
 
+async def test_an_interruption_just_after_the_order_to_take_off_ends_when_nothing_starts_any_more(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    run = MissionRun(make(fleet, HOP), client)
+    task = asyncio.create_task(run.run())
+    assert await client.wait_for(lambda _: any(order.kind == "takeoff" for _, order in bus.orders), 5.0)
+    run.interrupt()  # no telemetry has shown the take-off yet
+    verdict = await asyncio.wait_for(task, 5.0)
+    assert verdict.exit_status == 130
+    for name in fleet.enabled_names:
+        assert [order.kind for ordered, order in bus.orders if ordered == name] == ["takeoff", "land"], name
+    assert not client.state.airborne_names
+
+
 async def test_cancelling_the_run_lands_too(fleet: FleetConfig, client: Any) -> None:
     task = asyncio.create_task(MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client).run())
     assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)

@@ -163,6 +163,15 @@ def _nonsense(flight: Lockstep, name: str) -> None:
     flight.at(flight.time_s + 1.5, liar.stop)
 
 
+def _order(verb: str) -> Inject:
+    """An operator orders something of one vehicle in the middle of a mission; it may be refused."""
+
+    def inject(flight: Lockstep, name: str) -> None:
+        flight.client.submit_now(f"{verb} {name}")
+
+    return inject
+
+
 def _f(*conditions: C) -> frozenset[C]:
     return frozenset(conditions)
 
@@ -224,4 +233,7 @@ INJECTIONS: tuple[Injection, ...] = (
               _f(C.ATTITUDE_NOT_FOLLOWED, C.NOT_CLIMBING, C.FALLEN, C.DISARMED, C.PX4_FAILSAFE, C.LEFT_OFFBOARD),
               is_silenced=True, may_leave_fence=True, is_falling=True),
     Injection("PX4's own vision lost", _fault("vision_lost", 3.0)),
+    Injection("one is ordered to land", _order("land")),
+    Injection("one is ordered to hold", _order("hold")),
+    Injection("one is ordered to disarm", _order("disarm")),
 )  # fmt: skip

@@ -1,0 +1,91 @@
+"""A start can be stopped at every moment by land, hold and disarm; nothing arms or lifts off afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from onboard import events as ev
+from onboard.bus.schema import OrderKind
+from onboard.flight.types import Step
+from tests.onboard.agent.rig import Rig
+
+STOPS: tuple[OrderKind, ...] = ("land", "hold", "disarm")
+
+
+def _in_step(step: Step, start: OrderKind = "takeoff") -> Rig:
+    rig = Rig()
+    rig.until("ready")
+    rig.order(start, order_id="start", **({"height_m": 1.0} if start == "takeoff" else {}))
+    for _ in range(400):
+        if rig.core.flight.step is step:
+            return rig
+        rig.step()
+    raise AssertionError(f"{step.name} was not reached")
+
+
+def _starts() -> Iterator[tuple[Step, OrderKind]]:
+    yield from ((step, "takeoff") for step in (Step.TAKEOFF_OFFBOARD, Step.TAKEOFF_ARMING))
+    yield from ((step, "arm") for step in (Step.ARM_OFFBOARD, Step.ARM_ARMING))
+
+
+def test_land_hold_and_disarm_each_end_a_start_that_is_not_armed_yet() -> None:
+    for step, start in _starts():
+        for kind in STOPS:
+            for ticks in (0, 1, 25):
+                rig = _in_step(step, start)
+                rig.run(0.02 * ticks)
+                reply = rig.order(kind, order_id="stop")
+                assert reply.is_accepted, (step.name, kind, reply.reason)
+                stopped_ns = rig.now_ns
+                rig.run(8.0)
+                case = step.name, kind, ticks
+                assert not rig.is_armed, case
+                assert not rig.has_flown, case
+                assert rig.count(ev.Arm, stopped_ns) == rig.count(ev.SetOffboard, stopped_ns) == 0, case
+                assert rig.outcomes()["start"] == "superseded", case
+                assert rig.outcomes()["stop"] == "done", case
+                assert rig.core.flight.state == "ready", case
+
+
+def test_an_arming_that_was_on_its_way_is_disarmed_before_the_order_to_stop_ends() -> None:
+    rig = _in_step(Step.TAKEOFF_ARMING)
+    rig.is_armed = False
+    rig.run(0.02)
+    rig.order("land", order_id="stop")
+    rig.is_armed = True  # PX4 executes the arming late; the first order to disarm was lost
+    rig.run(1.0)
+    assert "stop" not in rig.outcomes()
+    rig.run(4.0)
+    assert not rig.is_armed
+    assert rig.outcomes()["stop"] == "done"
+
+
+def test_land_and_hold_during_lift_off_land() -> None:
+    for kind in ("land", "hold"):
+        for seconds in (0.0, 0.1, 0.3):
+            rig = _in_step(Step.LIFTOFF)
+            rig.run(seconds)
+            if rig.core.flight.step is not Step.LIFTOFF:
+                continue
+            assert rig.order(kind, order_id="stop").is_accepted, kind  # type: ignore[arg-type]
+            highest_m = 0.0
+            for _ in range(600):
+                rig.step()
+                highest_m = max(highest_m, float(rig.position[2]))
+            assert highest_m < 0.3, (kind, seconds)
+            assert not rig.is_armed, (kind, seconds)
+            assert rig.outcomes()["stop"] == "done", (kind, seconds)
+
+
+def test_disarm_acts_on_confirmed_ground_and_is_refused_in_the_air() -> None:
+    rig = _in_step(Step.LIFTOFF)
+    assert rig.order("disarm", order_id="stop").is_accepted
+    rig.run(6.0)
+    assert not rig.is_armed
+    assert rig.outcomes()["stop"] == "done"
+    rig = Rig()
+    rig.fly()
+    rig.has_mocap = False
+    rig.run(1.0)
+    assert rig.core.flight.step is Step.PX4_LANDING
+    assert not rig.order("disarm").is_accepted
