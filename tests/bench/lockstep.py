@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from onboard.config.fleet import FleetConfig, load_fleet
-from sitl.lockstep.fleets import square_fleet
 from sitl.lockstep.flight import Lockstep
+from tests.sitl.square_fleets import square_fleet
 
 ROOT = Path(__file__).resolve().parents[2]
 SIZES = (3, 10, 100)

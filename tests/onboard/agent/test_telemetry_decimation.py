@@ -15,8 +15,8 @@ from onboard.agent.inbox import Inbox
 from onboard.agent.telemetry_decimation import TelemetryDecimation
 from onboard.bus.schema import Telemetry
 from onboard.bus.topics import Topic
-from sitl.lockstep.fleets import square_fleet
 from tests.onboard.agent.rig import Rig
+from tests.sitl.square_fleets import square_fleet
 
 _TENTH_NS = 100_000_000
 

@@ -8,8 +8,8 @@ from onboard.bus.schema import StateMessage
 from onboard.neighbours import subscription
 from onboard.neighbours.table import NeighbourTable
 from onboard.rollout.batch import NEIGHBOUR
-from sitl.lockstep.fleets import square_fleet
 from sitl.lockstep.neighbour_tables import Round, Tables
+from tests.sitl.square_fleets import square_fleet
 
 S = 1_000_000_000
 ZERO = (0.0, 0.0, 0.0)

@@ -29,9 +29,9 @@ from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.flight.types import Step
 from onboard.safety.failsafe_table import TABLE, WORDS, Action, Condition, Situation, decide
 from onboard.types import AttitudeSetpoint
-from sitl.lockstep.fleets import square_fleet
 from sitl.lockstep.flight import Lockstep
 from tests.sitl.lockstep.injections import INJECTIONS, Injection
+from tests.sitl.square_fleets import square_fleet
 
 ROOT = Path(__file__).resolve().parents[3]
 READY_S = 3.5  # the earliest take-off; what breaks before it is a matter of preflight, not of flight

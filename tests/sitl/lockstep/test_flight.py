@@ -15,7 +15,7 @@ from groundstation import cli
 from groundstation.missions.verdict import Verdict
 from groundstation.recording.reader import read
 from sitl.lockstep import agents
-from sitl.lockstep.fleets import block_mission, square_fleet
+from tests.sitl.square_fleets import block_mission, square_fleet
 
 ROOT = Path(__file__).resolve().parents[3]
 CONFIGS = ROOT / "configs"
