@@ -58,12 +58,6 @@ def from_yaw_and_tilt(yaw_rad: Array, tilt_rad: Array) -> Array:
     return out
 
 
-def body_down(q: Array) -> Array:
-    """Third column of the rotation matrix: where body z (down) points in the world, (..., 3)."""
-    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    return np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
-
-
 def uprightness(q: Array) -> float:
     """Cosine of the tilt of one attitude (4,): 1 level, 0 on the side, -1 upside down."""
     _, x, y, _ = q.tolist()
@@ -77,11 +71,6 @@ def tilt_from_down(down: Array) -> Array:
     angle = np.arctan2(horizontal, down[..., 2])
     scale = np.where(horizontal > 1e-9, angle / np.maximum(horizontal, 1e-9), 1.0)
     return np.stack([-y * scale, x * scale], axis=-1)
-
-
-def heading(q: Array) -> Array:
-    """Twist of a quaternion about world z (...,) [rad]: the heading left when the tilt is undone."""
-    return 2.0 * np.arctan2(q[..., 3], q[..., 0])
 
 
 def wrap(angle_rad: Array) -> Array:

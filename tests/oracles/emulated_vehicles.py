@@ -26,6 +26,17 @@ from sitl.px4.estimator_errors import BLEND_S
 Bools = NDArray[np.bool_]
 
 
+def heading(q: Array) -> Array:
+    """Twist of a quaternion about world z (...,) [rad]: the heading left when the tilt is undone."""
+    return 2.0 * np.arctan2(q[..., 3], q[..., 0])
+
+
+def body_down(q: Array) -> Array:
+    """Third column of the rotation matrix: where body z (down) points in the world, (..., 3)."""
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    return np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
+
+
 def step(
     motion: Records, response: Records, commanded: Records, newest: int, air: Array, push: Array, draws: Array
 ) -> None:
@@ -49,7 +60,7 @@ def step(
     free_yaw_rate = motion["yaw_rate"] + blend[:, 0] * (by_tilt["rate"][:, 2] - motion["yaw_rate"])
     free_yaw_rate = np.where(tumbles, motion["yaw_rate"], free_yaw_rate)
     q = _turn(motion["attitude"], free_rate, free_yaw_rate)
-    free_yaw = frames.heading(q)
+    free_yaw = heading(q)
     tilt = np.where(by_rate[:, None], _tilt_of(q, free_yaw), tilt)
     tilt_rate = np.where(by_rate[:, None], free_rate, tilt_rate)
     yaw, yaw_rate = np.where(by_rate, free_yaw, yaw), np.where(by_rate, free_yaw_rate, yaw_rate)
@@ -63,7 +74,7 @@ def step(
 
 
 def _tilt(motion: Records, response: Records, commanded: Array) -> tuple[Array, Array]:
-    down = frames.body_down(commanded)
+    down = body_down(commanded)
     cos_yaw, sin_yaw = np.cos(motion["yaw"]), np.sin(motion["yaw"])
     ahead, right = cos_yaw * down[:, 0] + sin_yaw * down[:, 1], -sin_yaw * down[:, 0] + cos_yaw * down[:, 1]
     from_heading = np.stack([ahead, right, down[:, 2]], axis=-1)
@@ -81,7 +92,7 @@ def _tilt(motion: Records, response: Records, commanded: Array) -> tuple[Array, 
 
 def _heading(motion: Records, response: Records, commanded: Array) -> tuple[Array, Array, Array, Array]:
     yaw, limit = motion["yaw"], response["max_yaw_rate"]
-    rate_setpoint = np.clip(response["yaw_p"] * frames.wrap(frames.heading(commanded) - yaw), -limit, limit)
+    rate_setpoint = np.clip(response["yaw_p"] * frames.wrap(heading(commanded) - yaw), -limit, limit)
     rate_error = rate_setpoint - motion["yaw_rate"]
     torque = response["yaw_rate_p"] * rate_error + motion["yaw_integral"]
     largest = response["max_yaw_torque"]
@@ -110,7 +121,7 @@ def _lift(motion: Records, response: Records, thrust_frac: Array, turning: Bools
 def _move(motion: Records, response: Records, lift: Array, air: Array, push: Array, draws: Array) -> None:
     blend = STEP_S / GUST_CORRELATION_S
     motion["gust"] = (1.0 - blend) * motion["gust"] + math.sqrt(2.0 * blend) * draws[:, 1:]
-    down = frames.body_down(motion["attitude"])
+    down = body_down(motion["attitude"])
     acceleration = -lift[:, None] * down + response["drag"][:, None] * (air - motion["velocity"]) + push
     acceleration[:, 2] += GRAVITY_M_S2
     acceleration[:, :2] += response["gust_std"][:, None] * motion["gust"]

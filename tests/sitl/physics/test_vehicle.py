@@ -300,6 +300,8 @@ def test_conversions_to_the_fleet_frame_are_those_of_a_rotation_matrix() -> None
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     turned = frames.enu_flu_from_ned_frd(q)
     # Body z up (FLU) is the opposite of body z down (FRD), seen in ENU.
-    np.testing.assert_allclose(frames.body_down(turned), -frames.swap_enu_ned(frames.body_down(q)), atol=1e-12)
+    np.testing.assert_allclose(
+        emulated_vehicles.body_down(turned), -frames.swap_enu_ned(emulated_vehicles.body_down(q)), atol=1e-12
+    )
     north = frames.enu_flu_from_ned_frd(np.array([1.0, 0.0, 0.0, 0.0]))
-    np.testing.assert_allclose(frames.heading(north), np.pi / 2, atol=1e-12)
+    np.testing.assert_allclose(emulated_vehicles.heading(north), np.pi / 2, atol=1e-12)
