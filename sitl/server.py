@@ -15,6 +15,8 @@ import socket
 import time
 from collections.abc import Callable, Sequence
 
+from msgspec.structs import asdict
+
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import FaultOrder, MocapPose, OrderReply, Truth
@@ -42,7 +44,7 @@ from sitl.physics.vehicle import STEP_S, VehicleProfile
 # A busy machine holds the process up now and then: up to this much it catches up (below PX4's shortest COM_OF_LOSS_T in
 # use), reading its sockets in between; a longer stall is a pause of simulated time.
 _LARGEST_BACKLOG_STEPS = 70
-_TRUTH_EVERY_STEPS = 5
+TRUTH_EVERY_STEPS = 5
 _REALTIME_PRIORITY = 5  # below that of the loops of agents, which they may ask for
 
 
@@ -55,20 +57,16 @@ def profile_of(vehicle: Vehicle) -> VehicleProfile:
         attitude_wn_rad_s=vehicle.attitude_wn_rad_s,
         attitude_zeta=vehicle.attitude_zeta,
         drag_1_s=vehicle.drag_1_s,
-        static_gain=vehicle.sitl.static_gain,
-        tilt_bias_deg=vehicle.sitl.tilt_bias_deg,
-        yaw_wn_rad_s=vehicle.sitl.yaw_wn_rad_s,
-        thrust_delay_s=vehicle.sitl.thrust_delay_s,
-        motor_lag_s=vehicle.sitl.motor_lag_s,
-        thrust_noise_frac=vehicle.sitl.thrust_noise_frac,
-        gust_std_m_s2=vehicle.sitl.gust_std_m_s2,
-        max_tilt_rate_deg_s=vehicle.sitl.max_tilt_rate_deg_s,
-        max_yaw_rate_deg_s=vehicle.sitl.max_yaw_rate_deg_s,
-        inertia_kg_m2=vehicle.sitl.inertia_kg_m2,
-        arm_m=vehicle.sitl.arm_m,
-        thrust_curve_frac=vehicle.sitl.thrust_curve_frac,
-        attitude_integral_s=vehicle.sitl.attitude_integral_s,
+        **asdict(vehicle.sitl),
     )
+
+
+def emulator_of(
+    fleet: FleetConfig, vehicles: Sequence[Vehicle], *, seed: int, environment: Environment | None = None
+) -> Emulator:
+    """Return the emulator of some vehicles of a fleet file."""
+    specs = [VehicleSpec(v.name, v.system_id, profile_of(v), v.start_enu_m) for v in vehicles]
+    return Emulator(specs, body_diameter_m=fleet.fleet.body_diameter_m, environment=environment, seed=seed)
 
 
 def answer_fault(emulator: Emulator, order: FaultOrder | Malformed) -> OrderReply:
@@ -84,6 +82,71 @@ def answer_fault(emulator: Emulator, order: FaultOrder | Malformed) -> OrderRepl
     except FaultError as error:
         return OrderReply(order_id=order.order_id, vehicle=order.vehicle, is_accepted=False, reason=str(error))
     return OrderReply(order_id=order.order_id, vehicle=order.vehicle, is_accepted=True, reason=taken.sentence)
+
+
+class Broadcast:
+    """Poses of an emulated motion capture and ground truth, as messages of the bus.
+
+    Args:
+        vehicles: those of the emulator, in its order.
+        mocap: quality of the motion capture. seed: of its noise.
+        boot_id: of the sender. source: its node, where receivers have other clocks than it.
+        stamp_ns: turns simulated seconds into the stamp of a message.
+        truth_offset_m: added to the true positions, to prove that no flight depends on them.
+    """
+
+    def __init__(
+        self,
+        emulator: Emulator,
+        vehicles: Sequence[Vehicle],
+        mocap: MocapSettings | None,
+        *,
+        seed: int,
+        boot_id: int,
+        stamp_ns: Callable[[float], int],
+        source: str = "",
+        truth_offset_m: float = 0.0,
+    ) -> None:
+        self._emulator, self._names = emulator, [v.name for v in vehicles]
+        self._bodies = [v.mocap_body or v.name for v in vehicles]
+        self._mocap = Mocap(len(vehicles), mocap, seed=seed, faults=emulator.disturbances.mocap)
+        self._boot_id, self._source, self._stamp_ns = boot_id, source, stamp_ns
+        self._truth_offset_m = truth_offset_m
+        self._sequence = 0
+
+    def messages(self) -> tuple[list[MocapPose], list[Truth]]:
+        """Return the poses that the motion capture delivers now, and the truth of every vehicle."""
+        emulator, states = self._emulator, self._emulator.world.vehicles.states
+        position, velocity, attitude = emulator.world.truth_enu()
+        poses: list[MocapPose] = []
+        for pose in self._mocap.step(emulator.time_s, position, attitude):
+            self._sequence += 1
+            message = MocapPose(
+                body=self._bodies[pose.index],
+                boot_id=self._boot_id,
+                sequence=self._sequence,
+                stamp_ns=self._stamp_ns(pose.time_s),
+                is_tracked=pose.is_tracked,
+                position_enu_m=pose.position_enu_m,
+                quaternion_enu_flu_wxyz=pose.quaternion_enu_flu_wxyz,
+                source=self._source,
+            )
+            poses.append(message)
+        stamp_ns, shown = self._stamp_ns(emulator.time_s), position + self._truth_offset_m
+        rows = (self._names, *(v.tolist() for v in (shown, velocity, attitude, states.on_ground, states.motors_dead)))
+        truths = [
+            Truth(
+                vehicle=name,
+                stamp_ns=stamp_ns,
+                position_enu_m=tuple(p),
+                velocity_enu_m_s=tuple(v),
+                quaternion_enu_flu_wxyz=tuple(q),
+                is_on_ground=on_ground,
+                is_collided=is_dead,
+            )
+            for name, p, v, q, on_ground, is_dead in zip(*rows, strict=True)
+        ]
+        return poses, truths
 
 
 class Server:
@@ -116,18 +179,24 @@ class Server:
     ) -> None:
         self._station = station
         self._vehicles = [fleet.vehicles[name] for name in vehicles]
-        specs = [VehicleSpec(v.name, v.system_id, profile_of(v), v.start_enu_m) for v in self._vehicles]
-        self.emulator = Emulator(specs, body_diameter_m=fleet.fleet.body_diameter_m, environment=environment, seed=seed)
+        self.emulator = emulator_of(fleet, self._vehicles, seed=seed, environment=environment)
         self.emulator.unix_start_s = time.time()
         for fault in injected:
             self.emulator.inject(fault)
-        self._mocap = Mocap(len(specs), mocap, seed=seed, faults=self.emulator.disturbances.mocap)
-        self._bus = bus
-        self._truth_offset_m = truth_offset_m
+        self.bus = bus
+        self._broadcast = Broadcast(
+            self.emulator,
+            self._vehicles,
+            mocap,
+            seed=seed,
+            boot_id=time.time_ns() & 0x7FFFFFFF,
+            # The event loop's clock is the monotonic one, so simulated time maps onto everybody's stamps.
+            stamp_ns=lambda time_s: round((self._epoch_s + time_s) * 1e9),
+            source="" if bus is None else bus.node,
+            truth_offset_m=truth_offset_m,
+        )
         self._sockets: list[Socket] = []
         self._ready = selectors.DefaultSelector()
-        self._sequence = 0
-        self._boot_id = time.time_ns() & 0x7FFFFFFF
         self._epoch_s = 0.0
 
     async def start(self) -> list[str]:
@@ -182,11 +251,6 @@ class Server:
             each.close(self._ready)
         self._sockets.clear()
 
-    @property
-    def malformed(self) -> int:
-        """Datagrams that were no MAVLink, over all links."""
-        return sum(each.endpoint.link.malformed for each in self._sockets)
-
     def _step(self, say: Callable[[str], None]) -> None:
         read_all(self._ready)
         for collision in self.emulator.step():
@@ -199,83 +263,31 @@ class Server:
             say(f"{notice} ({self.emulator.time_s:.2f} s)")
         for each in self._sockets:
             each.endpoint.poll()
-        if self._bus is not None and self.emulator.world.vehicles.steps % _TRUTH_EVERY_STEPS == 0:
-            self._publish(self._bus)
-
-    def _stamp_ns(self, time_s: float) -> int:
-        # The event loop's clock is the monotonic one, so simulated time maps onto everybody's stamps.
-        return round((self._epoch_s + time_s) * 1e9)
-
-    def _publish(self, bus: BusSession) -> None:
-        position, velocity, attitude = self.emulator.world.truth_enu()
-        for pose in self._mocap.step(self.emulator.time_s, position, attitude):
-            vehicle = self._vehicles[pose.index]
-            self._sequence += 1
-            body = vehicle.mocap_body or vehicle.name
-            message = MocapPose(
-                body=body,
-                boot_id=self._boot_id,
-                sequence=self._sequence,
-                stamp_ns=self._stamp_ns(pose.time_s),
-                is_tracked=pose.is_tracked,
-                position_enu_m=pose.position_enu_m,
-                quaternion_enu_flu_wxyz=pose.quaternion_enu_flu_wxyz,
-                source=bus.node,
-            )
-            bus.publish(Topic.MOCAP, body, message)
-        states = self.emulator.world.vehicles.states
-        stamp_ns = self._stamp_ns(self.emulator.time_s)
-        shown = position + self._truth_offset_m
-        rows = zip(self._vehicles, shown.tolist(), velocity.tolist(), attitude.tolist(), strict=True)
-        for index, (vehicle, p, v, q) in enumerate(rows):
-            truth = Truth(
-                vehicle=vehicle.name,
-                stamp_ns=stamp_ns,
-                position_enu_m=(p[0], p[1], p[2]),
-                velocity_enu_m_s=(v[0], v[1], v[2]),
-                quaternion_enu_flu_wxyz=(q[0], q[1], q[2], q[3]),
-                is_on_ground=bool(states.on_ground[index]),
-                is_collided=bool(states.motors_dead[index]),
-            )
-            bus.publish(Topic.TRUTH, vehicle.name, truth)
+        if self.bus is not None and self.emulator.world.vehicles.steps % TRUTH_EVERY_STEPS == 0:
+            poses, truths = self._broadcast.messages()
+            for pose in poses:
+                self.bus.publish(Topic.MOCAP, pose.body, pose)
+            for truth in truths:
+                self.bus.publish(Topic.TRUTH, truth.vehicle, truth)
 
 
-def run(
-    fleet: FleetConfig,
-    *,
-    vehicles: Sequence[str],
-    seed: int = 0,
-    mocap: MocapSettings | None = None,
-    with_bus: bool = True,
-    truth_offset_m: float = 0.0,
-    station: Address | None = None,
-    environment: Environment | None = None,
-    injected: Sequence[Fault] = (),
-) -> None:
-    """Emulate `vehicles` until SIGINT or SIGTERM; prints "ready: ..." when every port is bound and streams.
+def simulator_bus(fleet: FleetConfig) -> BusSession:
+    """Return the emulator's node on a fleet's bus, connected to its agents."""
+    agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
+    return BusSession(namespace=fleet.namespace, node="sitl", listen=[fleet.simulator_endpoint], connect=agents)
+
+
+def run(server: Server) -> None:
+    """Emulate until SIGINT or SIGTERM; prints "ready: ..." when every port is bound and streams.
 
     Raises:
-        StartError, SpawnError, FaultError, BusError: it could not start; a sentence.
+        StartError, BusError: it could not start; a sentence.
     """
-    bus = None
-    if with_bus:
-        agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
-        bus = BusSession(namespace=fleet.namespace, node="sitl", listen=[fleet.simulator_endpoint], connect=agents)
-    server = Server(
-        fleet,
-        vehicles,
-        seed=seed,
-        mocap=mocap,
-        bus=bus,
-        truth_offset_m=truth_offset_m,
-        station=station,
-        environment=environment,
-        injected=injected,
-    )
-    asyncio.run(_serve(server, bus))
+    asyncio.run(_serve(server))
 
 
-async def _serve(server: Server, bus: BusSession | None) -> None:
+async def _serve(server: Server) -> None:
+    bus = server.bus
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
     clock: asyncio.Task[None] | None = None

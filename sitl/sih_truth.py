@@ -24,6 +24,7 @@ from onboard.config.fleet import FleetConfig, Origin, Vehicle
 from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder
 from sitl.mavlink.endpoints import StartError
 from sitl.physics.frames import enu_flu_from_ned_frd
+from sitl.server import simulator_bus
 
 _FIRST_PORT = 19410
 _STATE, _ACTUATORS = "HIL_STATE_QUATERNION", "HIL_ACTUATOR_CONTROLS"
@@ -213,6 +214,4 @@ def run(fleet: FleetConfig, names: Sequence[str], *, with_mocap: bool) -> None:
         BusError: the bus cannot be opened.
         StartError: a port is taken.
     """
-    agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
-    bus = BusSession(namespace=fleet.namespace, node="sitl", listen=[fleet.simulator_endpoint], connect=agents)
-    asyncio.run(_run(fleet, names, bus, with_mocap=with_mocap))
+    asyncio.run(_run(fleet, names, simulator_bus(fleet), with_mocap=with_mocap))

@@ -19,7 +19,7 @@ from sitl.faults.catalogue import FaultError
 from sitl.mavlink.endpoints import GROUND_STATION, Address, StartError, ground_port_of, station_of
 from sitl.physics.contacts import SpawnError
 from sitl.physics.wind import WindSettings
-from sitl.server import run
+from sitl.server import Server, run, simulator_bus
 
 EPILOG = """\
 Examples:
@@ -92,9 +92,9 @@ def sitl(
     if not all(0.0 <= value <= _LARGEST for value in (gust_m_s, gust_s, error_scale)):
         raise ConfigError("--gust-m-s, --gust-s and --error-scale must lie between 0 and 30.")
     try:
-        run(
+        server = Server(
             config,
-            vehicles=names,
+            names,
             seed=seed,
             mocap=MocapSettings(
                 noise_m=mocap_noise_m,
@@ -102,12 +102,13 @@ def sitl(
                 dropout_per_s=mocap_dropouts_per_s,
                 dropout_s=mocap_dropout_s,
             ),
-            with_bus=not no_bus,
+            bus=None if no_bus else simulator_bus(config),
             truth_offset_m=truth_offset_m,
             station=_station(config, names, gcs, is_silent=no_gcs),
             environment=Environment(wind, has_common_errors=common_errors, error_scale=error_scale),
             injected=[catalogue.parse(line) for line in fault],
         )
+        run(server)
     except (StartError, SpawnError, FaultError, BusError) as error:
         raise ConfigError(str(error)) from None
     return EXIT_OK

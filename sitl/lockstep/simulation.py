@@ -11,11 +11,9 @@ import heapq
 import itertools
 from collections.abc import Callable
 
-from onboard.bus.schema import MocapPose, Truth
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
-from sitl.emulator.emulator import Emulator, VehicleSpec
-from sitl.emulator.mocap import Mocap, MocapSettings
+from sitl.emulator.mocap import MocapSettings
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.agent_batch import Batch
 from sitl.lockstep.agents import AgentShell, FleetTables, by_arrival
@@ -23,12 +21,11 @@ from sitl.lockstep.bus import BusSettings, SimBus
 from sitl.lockstep.link import LinkBank
 from sitl.physics.contacts import Collision
 from sitl.physics.vehicle import STEP_S
-from sitl.server import answer_fault, profile_of
+from sitl.server import TRUTH_EVERY_STEPS, Broadcast, answer_fault, emulator_of
 
 STEP_NS = round(STEP_S * 1e9)
 EPOCH_NS = 1_000_000_000  # zero means never, to everybody
 TICK_STEPS = 5
-_TRUTH_EVERY_STEPS = 5
 _SIMULATOR = "sitl"
 
 
@@ -53,12 +50,17 @@ class Simulation:
     ) -> None:
         self.fleet, self.names = fleet, fleet.enabled_names
         vehicles = [fleet.vehicles[name] for name in self.names]
-        specs = [VehicleSpec(v.name, v.system_id, profile_of(v), v.start_enu_m) for v in vehicles]
-        self.emulator = Emulator(specs, body_diameter_m=fleet.fleet.body_diameter_m, seed=seed)
+        self.emulator = emulator_of(fleet, vehicles, seed=seed)
         self._vehicles = self.emulator.world.vehicles
         self.collisions: list[Collision] = []
-        self._bodies = [v.mocap_body or v.name for v in vehicles]
-        self._mocap = Mocap(len(specs), mocap, seed=seed, faults=self.emulator.disturbances.mocap)
+        self._broadcast = Broadcast(
+            self.emulator,
+            vehicles,
+            mocap,
+            seed=seed,
+            boot_id=1,
+            stamp_ns=lambda time_s: EPOCH_NS + round(time_s * 1e9),
+        )
         self.bus = SimBus(bus or BusSettings(), lambda: self.now_ns, seed=seed)
         self._node = self.bus.node(_SIMULATOR)
         self._node.start()
@@ -73,7 +75,6 @@ class Simulation:
         self._indices = {name: index for index, name in enumerate(self.names)}
         self._planned: list[tuple[int, int, Callable[[], object]]] = []
         self._count = itertools.count()
-        self._sequence = 0
 
     @property
     def now_ns(self) -> int:
@@ -100,7 +101,7 @@ class Simulation:
         self.collisions.extend(self.emulator.step())
         self.links.step()
         steps = self.emulator.world.vehicles.steps
-        if steps % _TRUTH_EVERY_STEPS == 0:
+        if steps % TRUTH_EVERY_STEPS == 0:
             self._publish()
         self.bus.deliver()
         if steps % TICK_STEPS == 0:
@@ -109,39 +110,9 @@ class Simulation:
             self._batch.tick([agent for agent in self.agents.values() if agent.is_ticking], self.now_ns)
 
     def _publish(self) -> None:
-        position, velocity, attitude = self.emulator.world.truth_enu()
-        for pose in self._mocap.step(self.emulator.time_s, position, attitude):
-            self._sequence += 1
-            body = self._bodies[pose.index]
-            message = MocapPose(
-                body=body,
-                boot_id=1,
-                sequence=self._sequence,
-                stamp_ns=EPOCH_NS + round(pose.time_s * 1e9),
-                is_tracked=pose.is_tracked,
-                position_enu_m=pose.position_enu_m,
-                quaternion_enu_flu_wxyz=pose.quaternion_enu_flu_wxyz,
-            )
-            self._node.publish(Topic.MOCAP, body, message)
-        states, now_ns = self.emulator.world.vehicles.states, self.now_ns
-        rows = zip(
-            self.names,
-            position.tolist(),
-            velocity.tolist(),
-            attitude.tolist(),
-            states.on_ground.tolist(),
-            states.motors_dead.tolist(),
-            strict=True,
-        )
-        for name, p, v, q, on_ground, is_dead in rows:
-            truth = Truth(
-                vehicle=name,
-                stamp_ns=now_ns,
-                position_enu_m=tuple(p),
-                velocity_enu_m_s=tuple(v),
-                quaternion_enu_flu_wxyz=tuple(q),
-                is_on_ground=on_ground,
-                is_collided=is_dead,
-            )
+        poses, truths = self._broadcast.messages()
+        for pose in poses:
+            self._node.publish(Topic.MOCAP, pose.body, pose)
+        for truth in truths:
             for _, on_message in self.bus.subscribers.get((Topic.TRUTH, "*"), ()):
-                on_message(Topic.TRUTH, name, truth)  # a judge's view: no fault of the bus touches it
+                on_message(Topic.TRUTH, truth.vehicle, truth)  # a judge's view: no fault of the bus touches it

@@ -15,7 +15,7 @@ import pytest
 from groundstation import cli
 from groundstation.identification.manoeuvre import manoeuvre, mission_text
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle, fleet_from_mapping, load_fleet
-from sitl.lockstep import simulation
+from sitl import server
 
 pytest_plugins = ["sitl.lockstep.testing"]
 
@@ -50,8 +50,8 @@ def test_a_vehicle_that_the_fleet_file_has_wrong_is_identified_from_its_flight(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     true = edited(kind).vehicles["mav0"]
-    profile_of = simulation.profile_of
-    monkeypatch.setattr(simulation, "profile_of", lambda vehicle: profile_of(true))  # what really flies
+    profile_of = server.profile_of
+    monkeypatch.setattr(server, "profile_of", lambda vehicle: profile_of(true))  # what really flies
     believed = edited(kind, **wrong)
     mission = tmp_path / "mission.py"
     mission.write_text(mission_text(FLEETS[kind], "mav0", manoeuvre(believed, "mav0", seed=1)))
