@@ -63,7 +63,7 @@ class Link:
         self._decoder = Decoder()
         self._params_to_send: deque[str] = deque()
         self._texts_sent = 0
-        self._events_sent = self.autopilot.journal.events_said
+        self._events_sent = self.autopilot.journal.events.count
         self._text_id = 0
         self._gcs_time_s = -math.inf
         self._has_gcs = False
@@ -111,10 +111,10 @@ class Link:
             for _ in range(min(_PARAMS_PER_POLL, len(self._params_to_send))):
                 out.append(self._param_value(self._params_to_send.popleft()))
         journal = self.autopilot.journal
-        if journal.events_said != self._events_sent:
-            out.extend(self._event(event) for event in journal.events_since(self._events_sent))
-            self._events_sent = journal.events_said
-        if journal.texts_said != self._texts_sent or now - self._gcs_time_s < _GCS_TIMEOUT_S:
+        if journal.events.count != self._events_sent:
+            out.extend(self._event(event) for event in journal.events.since(self._events_sent))
+            self._events_sent = journal.events.count
+        if journal.texts.count != self._texts_sent or now - self._gcs_time_s < _GCS_TIMEOUT_S:
             out.extend(self._texts(now))
         return out
 
@@ -133,14 +133,14 @@ class Link:
     def _texts(self, now_s: float) -> list[bytes]:
         # PX4 tells a link its texts only while a ground station's heartbeat arrives on that very link.
         journal = self.autopilot.journal
-        new = journal.texts_since(self._texts_sent)
-        self._texts_sent = journal.texts_said
+        new = journal.texts.since(self._texts_sent)
+        self._texts_sent = journal.texts.count
         if now_s - self._gcs_time_s >= _GCS_TIMEOUT_S:
             self._has_gcs = False
             return []
         if not self._has_gcs:
             self._has_gcs = True
-            new = [text for text in journal.texts if now_s - text.time_s < _TEXT_BACKLOG_S]
+            new = [text for text in journal.texts.newest if now_s - text.time_s < _TEXT_BACKLOG_S]
         return [chunk for text in new for chunk in self._chunks(text)]
 
     def _chunks(self, text: Text) -> list[bytes]:
@@ -313,7 +313,7 @@ class Link:
     def _request_event(self, message: Message) -> list[bytes]:
         f = message.fields
         first, last = f["first_sequence"], f["last_sequence"]
-        events = self.autopilot.journal.events
+        events = self.autopilot.journal.events.newest
         span = (last - first) & 0xFFFF
         found = [event for event in events if (event.sequence - first) & 0xFFFF <= span]
         if found:

@@ -22,7 +22,7 @@ from sitl.px4.mode_control import TICK_S, Flight
 from sitl.px4.modes import MODES, Landed, Mode, ModeCondition, Result, SystemStatus
 from sitl.px4.parameters import Parameters
 from sitl.px4.position_control import Goal
-from sitl.px4.signals import Actuation, Setpoint, SetpointKind, Situation, Text
+from sitl.px4.signals import Actuation, Setpoint, SetpointKind, Situation
 
 __all__ = ["BOOT_S", "TICK_S", "Autopilot"]
 
@@ -61,11 +61,6 @@ class Autopilot:
     _last: Situation | None = None
 
     # -- what the messages show ---------------------------------------------------------------------------------
-
-    @property
-    def texts(self) -> list[Text]:
-        """The newest texts, oldest first."""
-        return self.journal.texts
 
     @property
     def landed(self) -> Landed:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 from sitl.px4.signals import Text
 
@@ -15,6 +15,7 @@ _CRITICAL, _ERROR, _WARNING, _INFO = 2, 3, 4, 6
 _EMERGENCY = 0
 _AUTOPILOT_NAMESPACE = 1 << 24
 _KEPT = 100
+Entry = TypeVar("Entry")
 
 
 def event_id(name: str) -> int:
@@ -105,20 +106,40 @@ class Event(NamedTuple):
 
 
 @dataclass(slots=True)
-class Journal:
-    """The newest texts and events of one vehicle; older ones are forgotten, their count is not."""
+class Log(Generic[Entry]):
+    """The newest entries of one kind; older ones are forgotten, their count is not."""
 
-    # texts, events: the newest ones, oldest first
-    texts: list[Text] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
-    # texts_before, events_before: how many have been forgotten
-    texts_before: int = 0
-    events_before: int = 0
+    newest: list[Entry] = field(default_factory=list)  # oldest first
+    forgotten: int = 0
+
+    @property
+    def count(self) -> int:
+        """Number of entries so far."""
+        return self.forgotten + len(self.newest)
+
+    def add(self, entry: Entry) -> None:
+        """Append one."""
+        if len(self.newest) >= 2 * _KEPT:
+            del self.newest[:_KEPT]
+            self.forgotten += _KEPT
+        self.newest.append(entry)
+
+    def since(self, count: int) -> list[Entry]:
+        """Return the entries after the first `count` ever, as far as they are kept."""
+        return self.newest[max(0, count - self.forgotten) :]
+
+
+@dataclass(slots=True)
+class Journal:
+    """The newest texts and events of one vehicle."""
+
+    texts: Log[Text] = field(default_factory=Log)
+    events: Log[Event] = field(default_factory=Log)
 
     @property
     def newest_sequence(self) -> int:
         """Sequence number of the newest event."""
-        return (self.events_before + len(self.events)) & 0xFFFF
+        return self.events.count & 0xFFFF
 
     def say(self, now_s: float, what: str, *arguments: float, **words: object) -> None:
         """Say one of :data:`SAYINGS`.
@@ -131,33 +152,9 @@ class Journal:
         """
         saying = SAYINGS[what]
         if saying.text is not None:
-            if len(self.texts) >= 2 * _KEPT:
-                del self.texts[:_KEPT]
-                self.texts_before += _KEPT
-            self.texts.append(Text(now_s, saying.severity, saying.text.format(**words)))
+            self.texts.add(Text(now_s, saying.severity, saying.text.format(**words)))
         if saying.event is not None:
-            if len(self.events) >= 2 * _KEPT:
-                del self.events[:_KEPT]
-                self.events_before += _KEPT
             packed = struct.pack("<" + saying.arguments, *arguments)
             levels = saying.internal << 4 | saying.severity
             sequence = (self.newest_sequence + 1) & 0xFFFF
-            self.events.append(Event(now_s, sequence, event_id(saying.event), levels, packed))
-
-    def texts_since(self, count: int) -> list[Text]:
-        """Texts after the first `count` ever said, as far as they are kept."""
-        return self.texts[max(0, count - self.texts_before) :]
-
-    def events_since(self, count: int) -> list[Event]:
-        """Events after the first `count` ever, as far as they are kept."""
-        return self.events[max(0, count - self.events_before) :]
-
-    @property
-    def texts_said(self) -> int:
-        """Number of texts so far."""
-        return self.texts_before + len(self.texts)
-
-    @property
-    def events_said(self) -> int:
-        """Number of events so far."""
-        return self.events_before + len(self.events)
+            self.events.add(Event(now_s, sequence, event_id(saying.event), levels, packed))

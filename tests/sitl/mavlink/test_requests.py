@@ -136,7 +136,7 @@ def test_an_unknown_automatic_mode_is_rejected_and_other_numbers_change_nothing(
     emu = emulator()
     client = Client(emu)
     assert client.command(176, 1, 4, 99) == [ACCEPTED, REJECTED]
-    assert emu.autopilots[0].texts[-1].text == "Unsupported auto mode\t"
+    assert emu.autopilots[0].journal.texts.newest[-1].text == "Unsupported auto mode\t"
     assert client.command(176, 1, 77) == [ACCEPTED, ACCEPTED]
     assert emu.autopilots[0].mode is Mode.LOITER
 
@@ -251,7 +251,7 @@ def test_a_take_off_goes_to_the_altitude_asked_for_but_not_below_the_default(
     assert client.command(22, 0, 0, 0, math.nan, math.nan, math.nan, above_sea_m) == [ACCEPTED]
     assert client.command(400, 1) == [ACCEPTED]
     pilot = emu.autopilots[0]
-    assert [text.text for text in pilot.texts if "altitude" in text.text] == ([said] if said else [])
+    assert [text.text for text in pilot.journal.texts.newest if "altitude" in text.text] == ([said] if said else [])
     until(emu, lambda: pilot.mode is Mode.LOITER, 15.0)
     assert -float(emu.estimator.position_ned_m[0, 2]) == pytest.approx(height_m, abs=0.4)
 
@@ -300,7 +300,7 @@ def test_a_setpoint_in_an_unknown_frame_or_of_nothing_is_refused_in_words() -> N
     client = Client(emu)
     client.send("SET_POSITION_TARGET_LOCAL_NED", target_system=1, coordinate_frame=9, x=1.0)
     client.send("SET_POSITION_TARGET_LOCAL_NED", target_system=1, coordinate_frame=1, type_mask=0x1FF)
-    said = [text.text for text in emu.autopilots[0].texts]
+    said = [text.text for text in emu.autopilots[0].journal.texts.newest]
     assert said == [
         "SET_POSITION_TARGET_LOCAL_NED coordinate frame 9 unsupported\t",
         "SET_POSITION_TARGET_LOCAL_NED invalid\t",

@@ -46,7 +46,7 @@ def test_offboard_without_setpoints_is_taken_when_disarmed_and_then_arming_is_de
     assert pilot.base_mode(emu.time_s) == 1
     assert pilot.system_status(emu.time_s) is SystemStatus.UNINIT
     assert pilot.request_arm(emu.time_s, True, 0.0) is Result.TEMPORARILY_REJECTED
-    assert pilot.texts[-1].text.startswith("Arming denied")
+    assert pilot.journal.texts.newest[-1].text.startswith("Arming denied")
 
 
 def test_offboard_without_setpoints_is_rejected_in_the_air() -> None:
@@ -81,7 +81,7 @@ def test_a_gap_shorter_than_the_loss_time_changes_nothing_and_a_longer_one_is_a_
     assert 0.98 < took_s < 1.14
     assert pilot.mode is Mode.LAND
     assert pilot.system_status(emu.time_s) is SystemStatus.CRITICAL
-    assert pilot.texts[-1].text == "Failsafe activated\t"
+    assert pilot.journal.texts.newest[-1].text == "Failsafe activated\t"
 
 
 @pytest.mark.parametrize(

@@ -129,7 +129,7 @@ def test_a_tilt_beyond_sixty_degrees_is_reported_and_flown_on() -> None:
     yaw_w, yaw_z = EAST_WXYZ[0], EAST_WXYZ[3]
     rolled = [yaw_w * tilted[0], yaw_w * tilted[1], yaw_z * tilted[1], yaw_z * tilted[0]]
     until(emu, lambda: bool(pilot.failsafe.present), 3.0, streamer(emu, 0.9, rolled))
-    said = [text.text for text in pilot.texts[-2:]]
+    said = [text.text for text in pilot.journal.texts.newest[-2:]]
     assert said == ["Preflight Fail: Attitude failure (roll)\t", "Failsafe activated\t"]
     assert pilot.mode is Mode.OFFBOARD
     assert pilot.system_status(emu.time_s) is SystemStatus.ACTIVE
@@ -196,10 +196,10 @@ def test_the_journal_forgets_the_old_but_not_how_much_there_was() -> None:
     journal = Journal()
     for second in range(1000):
         journal.say(float(second), "takeoff")
-    assert journal.texts_said == journal.events_said == 1000
-    assert len(journal.texts) <= 200
-    assert [event.sequence for event in journal.events_since(997)] == [998, 999, 1000]
-    assert journal.texts_since(998)[-1].time_s == 999.0
+    assert journal.texts.count == journal.events.count == 1000
+    assert len(journal.texts.newest) <= 200
+    assert [event.sequence for event in journal.events.since(997)] == [998, 999, 1000]
+    assert journal.texts.since(998)[-1].time_s == 999.0
 
 
 def test_events_have_the_numbers_that_follow_from_their_names() -> None:
