@@ -9,7 +9,6 @@ own tests.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any, cast
@@ -23,7 +22,7 @@ from onboard.px4 import modes
 from onboard.px4.required_params import differences, required_params
 from onboard.types import AttitudeSetpoint
 from sitl.emulator.emulator import Emulator
-from sitl.mavlink.view import View
+from sitl.mavlink.view import HALF_NOISE_RAD, View, measured_attitude
 from sitl.physics.vehicle import STEP_S
 from sitl.px4.estimator import POSITION_ACCURACY_M
 from sitl.px4.modes import MODES, Mode
@@ -33,7 +32,6 @@ _LANDED_EVERY_STEPS = 25
 _CHECKED_POSITION_EVERY_STEPS = 25  # of who flies by a motion capture
 _BATTERY_EVERY_STEPS = 125
 _HEARTBEAT_EVERY_STEPS = 250
-_HALF_NOISE_RAD = 0.5 * np.radians([0.06, 0.06, 0.11])  # of roll, pitch and yaw on the wire
 _TYPE_MASK_ATTITUDE_AND_THRUST = 7
 _NO_RATES = [0.0, 0.0, 0.0]
 
@@ -120,10 +118,10 @@ class LinkBank:
         turns = zip(
             emulator.world.vehicles.states.attitude.tolist(),
             emulator.estimator.yaw_error_rad.tolist(),
-            (_HALF_NOISE_RAD * self._rng.standard_normal((count, 3))).tolist(),
+            (np.multiply(HALF_NOISE_RAD, self._rng.standard_normal((count, 3)))).tolist(),
             strict=True,
         )
-        quaternions = [measured_attitude(attitude, yaw_error, noise) for attitude, yaw_error, noise in turns]
+        quaternions = [enu_flu_from_ned_frd(measured_attitude(*turn)) for turn in turns]
         rows: list[Fields | None] = [
             None
             if emulator.disturbances.is_hung[index]
@@ -265,19 +263,3 @@ class EmulatedLink:
                 command(emulator.autopilots[index], emulator.clock_s(index))
 
         self._bank.send(index, request)
-
-
-def measured_attitude(attitude: list[float], yaw_error_rad: float, half_noise_rad: list[float]) -> Vec4:
-    """The attitude NED <- FRD that an autopilot believes in, with a sample of noise, as FLU to ENU."""
-    c, s = math.cos(0.5 * yaw_error_rad), math.sin(0.5 * yaw_error_rad)
-    w, x, y, z = attitude
-    w, x, y, z = c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w
-    a, b, d = half_noise_rad
-    w, x, y, z = (
-        w - x * a - y * b - z * d,
-        x + w * a + y * d - z * b,
-        y + w * b + z * a - x * d,
-        z + w * d + x * b - y * a,
-    )
-    size = math.sqrt(w * w + x * x + y * y + z * z)
-    return enu_flu_from_ned_frd((w / size, x / size, y / size, z / size))

@@ -13,8 +13,7 @@ from sitl.px4.estimator import HOME_ALTITUDE_M as HOME_ALTITUDE_M
 HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG = 47.397742, 8.545594
 METRES_PER_DEGREE = 111_319.49
 METRES_PER_DEGREE_EAST = METRES_PER_DEGREE * math.cos(math.radians(HOME_LATITUDE_DEG))
-_ATTITUDE_NOISE_RAD = math.radians(0.06)
-_YAW_NOISE_RAD = math.radians(0.11)
+HALF_NOISE_RAD = tuple(0.5 * math.radians(std_deg) for std_deg in (0.06, 0.06, 0.11))  # of roll, pitch and yaw
 _GYRO_NOISE_RAD_S = math.radians(0.33)
 # Accelerometer noise of PX4's simulator per sample, and the little that is left on the ground.
 _ACCEL_NOISE_M_S2 = (0.5, 1.7, 1.4)
@@ -191,25 +190,13 @@ class View:
         self._step = step
         i = self.index
         states = self.emulator.world.vehicles.states
-        w, x, y, z = states.attitude[i].tolist()
-        # The compass's error turns the attitude about the vertical; the noise is small enough for a linear turn.
-        half = 0.5 * float(self.emulator.estimator.yaw_error_rad[i])
-        c, s = math.cos(half), math.sin(half)
-        w, x, y, z = c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w
-        roll, pitch = _ATTITUDE_NOISE_RAD * self._draw(), _ATTITUDE_NOISE_RAD * self._draw()
-        yaw = _YAW_NOISE_RAD * self._draw()
-        w, x, y, z = (
-            w - 0.5 * (x * roll + y * pitch + z * yaw),
-            x + 0.5 * (w * roll + y * yaw - z * pitch),
-            y + 0.5 * (w * pitch + z * roll - x * yaw),
-            z + 0.5 * (w * yaw + x * pitch - y * roll),
-        )
-        scale = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
-        self._attitude = (w * scale, x * scale, y * scale, z * scale)
+        yaw_error_rad = float(self.emulator.estimator.yaw_error_rad[i])
+        noise = [half_rad * self._draw() for half_rad in HALF_NOISE_RAD]
+        self._attitude = measured_attitude(states.attitude[i].tolist(), yaw_error_rad, noise)
         p, q = states.tilt_rate_rad_s[i].tolist()
         r = float(states.yaw_rate_rad_s[i])
-        noise = _GYRO_NOISE_RAD_S
-        self._rates = (p + noise * self._draw(), q + noise * self._draw(), r + noise * self._draw())
+        std = _GYRO_NOISE_RAD_S
+        self._rates = (p + std * self._draw(), q + std * self._draw(), r + std * self._draw())
         local = self.emulator.estimator.local(i)
         self._position, self._velocity = local.position_ned_m, local.velocity_ned_m_s
 
@@ -217,3 +204,22 @@ class View:
         if not self._noise:
             self._noise = self._rng.standard_normal(_NOISE_BLOCK).tolist()
         return self._noise.pop()
+
+
+def measured_attitude(attitude: list[float], yaw_error_rad: float, half_noise_rad: list[float]) -> Quaternion:
+    """Return the attitude NED <- FRD that an autopilot believes in, with a sample of noise.
+
+    The compass's error turns it about the vertical; the noise is small enough for a linear turn.
+    """
+    c, s = math.cos(0.5 * yaw_error_rad), math.sin(0.5 * yaw_error_rad)
+    w, x, y, z = attitude
+    w, x, y, z = c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w
+    a, b, d = half_noise_rad
+    w, x, y, z = (
+        w - x * a - y * b - z * d,
+        x + w * a + y * d - z * b,
+        y + w * b + z * a - x * d,
+        z + w * d + x * b - y * a,
+    )
+    size = math.sqrt(w * w + x * x + y * y + z * z)
+    return w / size, x / size, y / size, z / size
