@@ -168,7 +168,6 @@ class Recording:
     frames: int = 0
     v1_frames: int = 0
     octets: int = 0
-    not_mavlink: int = 0
 
     def take(self, datagram: bytes, clock: VehicleClock, port_s: float) -> None:
         """File the frames of a datagram."""
@@ -179,7 +178,6 @@ class Recording:
             is_v1 = datagram[start] == _MAGIC_V1
             left = len(datagram) - start
             if (not is_v1 and datagram[start] != _MAGIC_V2) or left < (8 if is_v1 else 12):
-                self.not_mavlink += 1
                 return
             length = datagram[start + 1] + (8 if is_v1 else 12 + 13 * (datagram[start + 2] & 1))
             frame = datagram[start : start + length]

@@ -256,11 +256,6 @@ class FaultPlan:
         self._acting: list[Fault] = []
         self.next_s = math.inf
 
-    @property
-    def acting(self) -> tuple[Fault, ...]:
-        """Those that have begun and not ended."""
-        return tuple(self._acting)
-
     def add(self, fault: Fault, now_s: float) -> Fault:
         """Take a fault; what is due in the past begins now.
 

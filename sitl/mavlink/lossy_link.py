@@ -23,11 +23,6 @@ class LossyLink:
         self.link = Link(emulator, index, rates_hz)
         self.boot = emulator.disturbances.boots[index]
 
-    @property
-    def malformed(self) -> int:
-        """Datagrams that were no MAVLink."""
-        return self.link.malformed
-
     def receive(self, datagram: bytes) -> list[bytes]:
         """Take one datagram; what leaves now."""
         if self._in.is_clear and self._out.is_clear:

@@ -85,7 +85,7 @@ def test_every_fault_of_the_table_has_a_sentence_and_can_begin_and_end() -> None
         notices = emu.disturbances.take_notices()
         assert notices[0] == f"fault: {fault.sentence}"
         assert len(notices) == (1 if kind.is_instant else 2)
-        assert not emu.disturbances.plan.acting
+        assert emu.disturbances.plan.next_s == math.inf  # nothing waits and nothing acts
         assert name in listing()
 
 
