@@ -149,40 +149,8 @@ class Emulator:
             self._estimate()
         return collisions
 
-    def situation(self, index: int) -> Situation:
-        """Return the knowledge of one autopilot about its vehicle."""
-        return self._situation(
-            index,
-            self.time_s,
-            self.estimator.position_ned_m[index].copy(),
-            self.estimator.velocity_ned_m_s[index].copy(),
-            self.believed_attitude(index),
-            self.believed_yaw_rad(index),
-        )
-
-    def _situation(
-        self,
-        index: int,
-        time_s: float,
-        position_ned_m: Array,
-        velocity_ned_m_s: Array,
-        attitude: Array,
-        yaw_rad: float,
-    ) -> Situation:
-        source = self.estimator.source[index]
-        return Situation(
-            time_s=self.disturbances.clocks[index].at(time_s),
-            position_ned_m=position_ned_m,
-            velocity_ned_m_s=velocity_ned_m_s,
-            attitude=attitude,
-            yaw_rad=yaw_rad,
-            on_ground=bool(self.world.vehicles.states.on_ground[index]),
-            has_global_position=self._has_global_position(index, source, time_s),
-            has_local_position=source is not Source.NONE,
-        )
-
     def _tick(self) -> None:
-        states, time_s = self.world.vehicles.states, self.time_s
+        states = self.world.vehicles.states
         for index, shift_ned_m in self.estimator.jumps:
             self.autopilots[index].flight.frame_jumped(shift_ned_m)
         self.estimator.jumps.clear()
@@ -190,25 +158,30 @@ class Emulator:
         yaws = frames.wrap(states.yaw_rad + self.estimator.yaw_error_rad)
         attitudes = frames.from_yaw_and_tilt(yaws, states.tilt_rad)
         for index, (autopilot, yaw_rad) in enumerate(zip(self.autopilots, yaws.tolist(), strict=True)):
-            if not self.disturbances.is_hung[index]:
-                autopilot.tick(
-                    self._situation(index, time_s, positions[index], velocities[index], attitudes[index], yaw_rad)
-                )
+            if self.disturbances.is_hung[index]:
+                continue
+            source = self.estimator.source[index]
+            situation = Situation(
+                time_s=self.clock_s(index),
+                position_ned_m=positions[index],
+                velocity_ned_m_s=velocities[index],
+                attitude=attitudes[index],
+                yaw_rad=yaw_rad,
+                on_ground=bool(states.on_ground[index]),
+                has_global_position=self._has_global_position(index, source),
+                has_local_position=source is not Source.NONE,
+            )
+            autopilot.tick(situation)
 
-    def _has_global_position(self, index: int, source: Source, time_s: float) -> bool:
+    def _has_global_position(self, index: int, source: Source) -> bool:
         # Satellites give it by themselves; a local position becomes one when somebody has said where its origin is.
-        by_satellites = self.estimator.sees_satellites(index, time_s)
+        by_satellites = self.estimator.sees_satellites(index, self.time_s)
         return by_satellites or (source is Source.VISION and self.has_global_origin[index])
 
     def believed_yaw_rad(self, index: int) -> float:
         """Heading with the compass's error [rad]."""
         yaw_rad = float(self.world.vehicles.states.yaw_rad[index]) + float(self.estimator.yaw_error_rad[index])
         return math.pi - (math.pi - yaw_rad) % (2.0 * math.pi)
-
-    def believed_attitude(self, index: int) -> Array:
-        """Attitude NED <- FRD (4,) with the compass's error, without noise."""
-        half = 0.5 * float(self.estimator.yaw_error_rad[index])
-        return _turned(self.world.vehicles.states.attitude[index], half)
 
     def attitude_setpoint(
         self, index: int, attitude_wxyz: list[float], rate_rad_s: list[float], thrust_frac: float, type_mask: int
