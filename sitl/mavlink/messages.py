@@ -48,6 +48,14 @@ def _clip(value: float, low: int, high: int) -> int:
     return max(low, min(high, round(value))) if math.isfinite(value) else 0
 
 
+def _degrees_and_mm(latitude_deg: float, longitude_deg: float, altitude_m: float) -> tuple[int, int, int]:
+    """Return a place as MAVLink's integers: degrees times 1e7, and millimetres."""
+    latitude, longitude, altitude = (
+        _clip(value, -(2**31), 2**31 - 1) for value in (latitude_deg * 1e7, longitude_deg * 1e7, altitude_m * 1e3)
+    )
+    return latitude, longitude, altitude
+
+
 def _int16(value: float) -> int:
     return _clip(value, -32768, 32767)
 
@@ -175,26 +183,16 @@ def odometry(v: View) -> Values:
 
 
 def global_position_int(v: View) -> Values:
-    latitude, longitude, altitude = v.global_position
-    vx, vy, vz = v.velocity_ned_m_s
+    place = v.global_position
+    above_home = _clip((place[2] - v.home_altitude_m) * 1e3, -(2**31), 2**31 - 1)
+    speed = (_int16(100.0 * c) for c in v.velocity_ned_m_s)
     heading = round(math.degrees(v.yaw_rad) * 100.0) % 36000
-    return (
-        v.boot_ms,
-        _clip(latitude * 1e7, -(2**31), 2**31 - 1),
-        _clip(longitude * 1e7, -(2**31), 2**31 - 1),
-        _clip(altitude * 1e3, -(2**31), 2**31 - 1),
-        _clip((altitude - v.home_altitude_m) * 1e3, -(2**31), 2**31 - 1),
-        _int16(100.0 * vx),
-        _int16(100.0 * vy),
-        _int16(100.0 * vz),
-        heading,
-    )
+    return (v.boot_ms, *_degrees_and_mm(*place), above_home, *speed, heading)
 
 
 def gps_raw(v: View) -> Values:
-    latitude, longitude, altitude = v.global_position
     fix, satellites = (3, 10) if v.has_fix else (0, 0)
-    lat, lon, alt = (_clip(c, -(2**31), 2**31 - 1) for c in (latitude * 1e7, longitude * 1e7, altitude * 1e3))
+    lat, lon, alt = _degrees_and_mm(*v.global_position)
     vx, vy, _ = v.velocity_ned_m_s
     speed, course = math.hypot(vx, vy), math.degrees(math.atan2(vy, vx)) % 360.0
     cm_s, cdeg = _clip(100.0 * speed, 0, _UINT16_MAX), _clip(100.0 * course, 0, 35999)
@@ -219,12 +217,12 @@ def home_position(v: View) -> Values | None:
     if not v.has_origin:
         return None
     north, east, down = v.home_ned_m
-    latitude, longitude, altitude = v.to_global(v.home_ned_m)
+    latitude, longitude, altitude = _degrees_and_mm(*v.to_global(v.home_ned_m))
     return _ordered(
         "HOME_POSITION",
-        latitude=_clip(latitude * 1e7, -(2**31), 2**31 - 1),
-        longitude=_clip(longitude * 1e7, -(2**31), 2**31 - 1),
-        altitude=_clip(altitude * 1e3, -(2**31), 2**31 - 1),
+        latitude=latitude,
+        longitude=longitude,
+        altitude=altitude,
         x=north,
         y=east,
         z=down,
@@ -239,8 +237,7 @@ def home_position(v: View) -> Values | None:
 def global_origin(v: View) -> Values | None:
     if not v.has_origin:
         return None
-    latitude, longitude = v.origin_deg
-    return (round(latitude * 1e7), round(longitude * 1e7), round(v.origin_altitude_m * 1e3), v.boot_us)
+    return (*_degrees_and_mm(*v.origin_deg, v.origin_altitude_m), v.boot_us)
 
 
 # -- setpoints and outputs --------------------------------------------------------------------------------------------
@@ -303,18 +300,7 @@ def hil_actuators(v: View) -> Values:
 def highres_imu(v: View) -> Values:
     height = HOME_ALTITUDE_M - v.position_ned_m[2]
     magnetometer, pressure_hpa = (0.21, 0.0, 0.43), 955.0
-    return (
-        v.boot_us,
-        *v.accelerometer(),
-        *v.rates_rad_s,
-        *magnetometer,
-        pressure_hpa,
-        0.0,
-        height,
-        25.0,
-        7167,
-        0,
-    )
+    return (v.boot_us, *v.accelerometer(), *v.rates_rad_s, *magnetometer, pressure_hpa, 0.0, height, 25.0, 7167, 0)
 
 
 def scaled_pressure(v: View) -> Values:
@@ -337,11 +323,10 @@ def hil_state(v: View) -> Values:
     states, i = v.emulator.world.vehicles.states, v.index
     north, east, down = states.position_ned_m[i].tolist()
     start_east, start_north, start_up = v.emulator.specs[i].start_enu_m
-    latitude, longitude, height = v.to_global((north - start_north, east - start_east, down + start_up))
+    position = _degrees_and_mm(*v.to_global((north - start_north, east - start_east, down + start_up)))
     speed = [_int16(100.0 * c) for c in states.velocity_ned_m_s[i].tolist()]
     p, q = states.tilt_rate_rad_s[i].tolist()
     attitude_wxyz = states.attitude[i].tolist()
-    position = (round(latitude * 1e7), round(longitude * 1e7), _clip(height * 1e3, -(2**31), 2**31 - 1))
     mg = [_int16(c / 9.80665e-3) for c in v.accelerometer()]
     return (0, *attitude_wxyz, p, q, float(states.yaw_rate_rad_s[i]), *position, *speed, 0, 0, *mg)
 
@@ -362,13 +347,14 @@ def ping(v: View) -> Values:
 
 
 def drone_id_location(v: View) -> Values:
-    latitude, longitude, height = v.global_position
+    height = v.global_position[2]
+    latitude, longitude, _ = _degrees_and_mm(*v.global_position)
     flies = v.autopilot.landed != 1
     vx, vy, vz = v.velocity_ned_m_s
     return _ordered(
         "OPEN_DRONE_ID_LOCATION",
-        latitude=_clip(latitude * 1e7, -(2**31), 2**31 - 1),
-        longitude=_clip(longitude * 1e7, -(2**31), 2**31 - 1),
+        latitude=latitude,
+        longitude=longitude,
         altitude_barometric=height,
         altitude_geodetic=height,
         height=height - HOME_ALTITUDE_M,
