@@ -10,7 +10,7 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,15 +81,12 @@ def plan(name: str, seed: int, *, scale: float = 1.0) -> Plan:
         if match:
             made = make(name, seed, *match.groups())
             stretch = np.array([scale, scale, 1.0])
-            return Plan(
-                name,
-                seed,
-                made.start_enu_m * stretch,
-                made.goal_enu_m * stretch,
-                made.duration_s * scale,
-                made.earliest_s * scale,
-                made.intruder_m_s,
-                made.lost,
+            return replace(
+                made,
+                start_enu_m=made.start_enu_m * stretch,
+                goal_enu_m=made.goal_enu_m * stretch,
+                duration_s=made.duration_s * scale,
+                earliest_s=made.earliest_s * scale,
             )
     raise ConfigError(f"'{name}' is not a scenario. Known: {KNOWN}.")
 

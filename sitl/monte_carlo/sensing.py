@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
-from typing import Protocol
 
 from onboard.arrays import Array, IntArray
 from onboard.config.fleet import Vehicle
@@ -13,26 +11,9 @@ from onboard.rollout import batch
 from onboard.rollout.rows import Rows
 from sitl.monte_carlo.noise import Noise
 from sitl.monte_carlo.settings import ErrorClass
-from sitl.monte_carlo.vehicles import TICK_S, Truth
+from sitl.monte_carlo.vehicles import TICK_S, Truth, wandered
 
 _MOCAP_AGE_TICKS = 1
-
-
-class Sensing(Protocol):
-    """Truth in, own estimate out, both (F, N, ...)."""
-
-    def update(self, truth: Truth, normals: Array, thrust_frac: Array, hover_frac: Array) -> Rows:
-        """The estimate of this tick; thrust_frac (F, N) was sent last, hover_frac is the pipeline's own estimate."""
-
-    def keep(self, flights: IntArray) -> None:
-        """Go on with these flights of the batch only."""
-
-
-def sensing(errors: ErrorClass, vehicles: list[Vehicle], truth: Truth, noise: Noise) -> Sensing:
-    """The sensing of an error class, at rest at the start."""
-    if errors.name == "mocap":
-        return MocapSensing(errors, vehicles, truth)
-    return GivenErrors(errors, noise)
 
 
 class MocapSensing:
@@ -45,7 +26,12 @@ class MocapSensing:
         self._samples: deque[Array] = deque([truth.position_enu_m] * (_MOCAP_AGE_TICKS + 1), _MOCAP_AGE_TICKS + 1)
 
     def update(self, truth: Truth, normals: Array, thrust_frac: Array, hover_frac: Array) -> Rows:
-        """See :class:`Sensing`; attitude and heading come as the autopilot and the mocap have them."""
+        """Return the estimate of this tick (F, N, ...); attitude and heading are as the autopilot and the mocap say.
+
+        Args:
+            truth: after the last tick. normals: (F, N, 9) standard normal numbers.
+            thrust_frac: (F, N) as it was sent last. hover_frac: (F, N) as the pipelines estimate it.
+        """
         self._samples.appendleft(truth.position_enu_m + self._std_m * normals[..., 0:3])
         sample, age_s = self._samples[-1], _MOCAP_AGE_TICKS * TICK_S
         attitude = truth.quaternion_wxyz
@@ -66,10 +52,10 @@ class GivenErrors:
         self._velocity = errors.velocity_std_m_s * noise.normal[..., 3:6]
 
     def update(self, truth: Truth, normals: Array, thrust_frac: Array, hover_frac: Array) -> Rows:
-        """See :class:`Sensing`."""
+        """Return the estimate of this tick, as :meth:`MocapSensing.update`."""
         e = self._errors
-        self._position = _wander(self._position, e.position_std_m, e.position_time_s, normals[..., 0:3])
-        self._velocity = _wander(self._velocity, e.velocity_std_m_s, e.velocity_time_s, normals[..., 3:6])
+        self._position = wandered(self._position, e.position_std_m, e.position_time_s, normals[..., 0:3])
+        self._velocity = wandered(self._velocity, e.velocity_std_m_s, e.velocity_time_s, normals[..., 3:6])
         states = batch.STATE.rows(truth.yaw_rad.shape)
         states["position_enu_m"] = truth.position_enu_m + self._position
         states["velocity_enu_m_s"] = truth.velocity_enu_m_s + self._velocity
@@ -82,8 +68,11 @@ class GivenErrors:
         self._position, self._velocity = self._position[flights], self._velocity[flights]
 
 
-def _wander(error: Array, std: float, time_s: float, normals: Array) -> Array:
-    if time_s <= 0.0:
-        return std * normals
-    keep = math.exp(-TICK_S / time_s)
-    return keep * error + std * math.sqrt(1.0 - keep * keep) * normals
+Sensing = MocapSensing | GivenErrors
+
+
+def sensing(errors: ErrorClass, vehicles: list[Vehicle], truth: Truth, noise: Noise) -> Sensing:
+    """The sensing of an error class, at rest at the start."""
+    if errors.name == "mocap":
+        return MocapSensing(errors, vehicles, truth)
+    return GivenErrors(errors, noise)

@@ -80,8 +80,8 @@ class Physics:
 
     def advance(self, quaternion_wxyz: Array, thrust_frac: Array, normals: Array) -> None:
         """Fly one tick under attitude setpoints (F, N, 4) and (F, N)."""
-        self._gust = _wandered(self._gust, self._p.gust_m_s2, _GUST_TIME_S, normals[..., 6:8])
-        self._thrust_error = _wandered(self._thrust_error, self._thrust_noise, _THRUST_NOISE_TIME_S, normals[..., 8])
+        self._gust = wandered(self._gust, self._p.gust_m_s2, _GUST_TIME_S, normals[..., 6:8])
+        self._thrust_error = wandered(self._thrust_error, self._thrust_noise, _THRUST_NOISE_TIME_S, normals[..., 8])
         all_, s = self._vehicles, self._vehicles.states
         quaternion = frames.enu_flu_from_ned_frd(quaternion_wxyz)  # its own inverse
         shape = (-1, self._count)
@@ -133,6 +133,7 @@ def _profile(vehicle: Vehicle, p: Perturbation, draws: Array) -> VehicleProfile:
     )
 
 
-def _wandered(value: Array, std: Array | float, time_s: float, normals: Array) -> Array:
-    keep = math.exp(-TICK_S / time_s)
+def wandered(value: Array, std: Array | float, time_s: float, normals: Array) -> Array:
+    """Return an Ornstein-Uhlenbeck process one tick later; with a correlation time of 0 white noise."""
+    keep = math.exp(-TICK_S / time_s) if time_s > 0.0 else 0.0
     return keep * value + std * math.sqrt(1.0 - keep * keep) * normals
