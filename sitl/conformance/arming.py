@@ -68,10 +68,10 @@ def _refusals(client: VehicleClient, report: FactReport) -> None:
     report.add("arm.denied", client.command(ARM, 1.0))
     client.spend(0.5)
     report.add("event.denied", "sent" if client.received.of("EVENT", since_s) else "not sent")
-    report.add("text.none-for-companion", _count(client, since_s))
+    report.add("text.none-for-companion", client.said(since_s))
     if report.wants("text.backlog", "text.denied*", "text.chunks", "text.stops"):
         client.greet(as_ground_station=True)
-        client.spend(1.5, lambda: client.text("Arming denied", since_s) is not None)
+        client.text("Arming denied", since_s, wait_s=1.5)
         client.spend(0.2)
         text = client.text("Arming denied", since_s)
         report.add("text.backlog", "sent" if text else "not sent")
@@ -85,7 +85,7 @@ def _refusals(client: VehicleClient, report: FactReport) -> None:
         since_s = client.now_s
         client.command(ARM, 1.0)
         client.spend(0.5)
-        report.add("text.stops", _count(client, since_s))
+        report.add("text.stops", client.said(since_s))
     if report.wants("mode.set-mode-message"):
         since_s = client.now_s
         loiter = MODE_NUMBERS["AUTO.LOITER"]
@@ -97,11 +97,6 @@ def _refusals(client: VehicleClient, report: FactReport) -> None:
         ]
         report.add("mode.set-mode-message", ", ".join(answers) or SILENCE)
     grounded(client)
-
-
-def _count(client: VehicleClient, since_s: float) -> str:
-    texts = client.texts(since_s)
-    return f"{len(texts)} texts" if texts else "none"
 
 
 def _armed(client: VehicleClient, report: FactReport) -> None:
@@ -120,17 +115,14 @@ def _armed(client: VehicleClient, report: FactReport) -> None:
     report.add("heartbeat.not-on-change", min(gaps, default=math.nan))
     report.add("arm.status", client.status)
     report.add("arm.base-mode", str(client.newest("HEARTBEAT").base_mode))
-    text = client.text("Armed by", armed_s)
-    report.add("arm.text", repr(text[2]) if text else "none")
+    report.add("arm.text", client.quote("Armed by", armed_s))
     report.add("arm.servo", float(client.newest("SERVO_OUTPUT_RAW").servo1_raw))
     again_s = client.now_s
     report.add("arm.again", client.command(ARM, 1.0))
-    report.add("arm.again-text", _count(client, again_s))
+    report.add("arm.again-text", client.said(again_s))
     if not report.wants("arm.auto-disarm*"):
         return
-    client.spend(14.0, lambda: client.text("Disarmed by", armed_s) is not None)
-    text = client.text("Disarmed by", armed_s)
-    at_s, severity, words, _ = text or (math.inf, -1, "", 0)
+    at_s, severity, words, _ = client.text("Disarmed by", armed_s, wait_s=14.0) or (math.inf, -1, "", 0)
     report.add("arm.auto-disarm", at_s - armed_s)
     report.add("arm.auto-disarm-text", repr(words))
     report.add("arm.auto-disarm-severity", str(severity))

@@ -49,10 +49,8 @@ def run(client: VehicleClient, report: FactReport) -> None:
     if client.command(ARM, 1.0) != "ACCEPTED":
         raise Stuck("it did not arm in AUTO.TAKEOFF")
     client.spend(12.0, lambda: _since(client, "IN_AIR", armed_s) < math.inf)
-    text = client.text("Using default", armed_s)
-    report.add("takeoff.text", repr(text[2]) if text else "none")
-    text = client.text("Takeoff detected", armed_s)
-    report.add("takeoff.detected", text[0] - armed_s if text else math.nan)
+    report.add("takeoff.text", client.quote("Using default", armed_s))
+    report.add("takeoff.detected", client.delay_s("Takeoff detected", armed_s))
     report.add("takeoff.state", _since(client, "TAKEOFF", armed_s))
     report.add("takeoff.in-air", _since(client, "IN_AIR", armed_s))
     since_s = client.now_s
@@ -81,16 +79,15 @@ def _land(client: VehicleClient, report: FactReport, ground_z: float) -> None:
     client.next_heartbeat(2)
     report.add("land.mode", client.mode)
     report.add("land.state", client.landed)
-    client.spend(25.0, lambda: client.text("Disarmed by", since_s) is not None)
-    text = client.text("Landing at", since_s)
-    report.add("land.text", repr(text[2]) if text else "none")
+    disarmed = client.text("Disarmed by", since_s, wait_s=25.0)
+    report.add("land.text", client.quote("Landing at", since_s))
     low = [
         packet.message.vz
         for packet in client.received.of("LOCAL_POSITION_NED", since_s)
         if 0.5 < ground_z - packet.message.z < 1.3
     ]
     report.add("land.speed", statistics.fmean(low) if low else math.nan)
-    detected, disarmed = client.text("Landing detected", since_s), client.text("Disarmed by", since_s)
+    detected = client.text("Landing detected", since_s)
     down_s = _since(client, "ON_GROUND", since_s) + since_s
     if detected is None or disarmed is None:
         return

@@ -77,9 +77,9 @@ def _drain(client: VehicleClient, report: FactReport) -> None:
 
 def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     since_s = client.now_s
-    client.spend(1.2 * _FAST_DRAIN_S, lambda: client.text("Low battery", since_s) is not None)
+    client.text("Low battery", since_s, wait_s=1.2 * _FAST_DRAIN_S)
     low_s = _say(client, report, "low", "Low battery", since_s)
-    client.spend(4.0, lambda: client.text("Critical battery", since_s) is not None)
+    client.text("Critical battery", since_s, wait_s=4.0)
     # The heartbeat of the second and a half between both texts.
     report.add("battery.low-mode", client.mode if math.isfinite(low_s) else "not seen")
     critical_s = _say(client, report, "critical", "Critical battery", since_s)

@@ -105,9 +105,7 @@ def _resume(client: VehicleClient, hover: Hover) -> None:
 
 
 def _until_failsafe(client: VehicleClient, since_s: float) -> float:
-    client.spend(2.5, lambda: client.text(_TEXT, since_s) is not None)
-    text = client.text(_TEXT, since_s)
-    return text[0] - since_s if text else math.nan
+    return client.delay_s(_TEXT, since_s, wait_s=2.5)
 
 
 def _act(client: VehicleClient, report: FactReport, hover: Hover, action: int) -> None:
@@ -120,10 +118,9 @@ def _act(client: VehicleClient, report: FactReport, hover: Hover, action: int) -
         text = client.text(_TEXT, since_s)
         report.add("loss.status", client.status)
         report.add("loss.base-mode", str(client.newest("HEARTBEAT").base_mode))
-        report.add("loss.text", repr(text[2]) if text else "none")
+        report.add("loss.text", client.quote(_TEXT, since_s))
         report.add("loss.severity", str(text[1]) if text else "none")
-        events = list(client.received.of("EVENT", since_s + 0.9))
-        report.add("loss.event", "sent" if events else "not sent")
+        report.add("loss.event", "sent" if client.received.of("EVENT", since_s + 0.9) else "not sent")
     _resume(client, hover)
     client.spend(0.1)
     client.next_heartbeat()
@@ -139,16 +136,16 @@ def _descend(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     hover.to_height(2.6)
     settle(client, hover)
     since_s = _stop(client, hover)
-    client.spend(20.0, lambda: client.text("Disarmed by", since_s) is not None)
+    disarmed_s = client.delay_s("Disarmed by", since_s, wait_s=20.0)
     sinking = [
         packet.message.vz
         for packet in client.received.of("LOCAL_POSITION_NED", since_s)
         if 0.5 < hover.ground_z - packet.message.z < 1.5
     ]
     report.add("loss.descent", sum(sinking) / len(sinking) if sinking else math.nan)
-    landed, disarmed = client.text("Landing detected", since_s), client.text("Disarmed by", since_s)
-    report.add("loss.landed", landed[0] - since_s if landed else math.nan)
-    report.add("loss.disarmed", disarmed[0] - landed[0] if landed and disarmed else math.nan)
+    landed_s = client.delay_s("Landing detected", since_s)
+    report.add("loss.landed", landed_s)
+    report.add("loss.disarmed", disarmed_s - landed_s)
     client.next_heartbeat(2)
     report.add("loss.mode-after", client.mode)
     report.add("loss.status-after", client.status)
@@ -164,8 +161,8 @@ def _on_the_ground(client: VehicleClient, report: FactReport) -> None:
     client.set_mode("OFFBOARD")
     client.command(ARM, 1.0)
     client.spend(0.5)
-    since_s = _stop_resting(client)
-    _until_failsafe(client, since_s)
+    client.stream(None)
+    _until_failsafe(client, client.now_s)
     client.next_heartbeat()
     report.add("loss.ground-mode", client.mode)
     client.spend(5.0)
@@ -176,11 +173,6 @@ def _on_the_ground(client: VehicleClient, report: FactReport) -> None:
     report.add("loss.ground-return", client.mode)
     client.command(ARM, 0.0)
     client.next_heartbeat()
-
-
-def _stop_resting(client: VehicleClient) -> float:
-    client.stream(None)
-    return client.now_s
 
 
 PHASE = Phase("setpoints stop", (*AIR, *DESCENT, *GROUND), run)

@@ -101,8 +101,8 @@ def _start(client: VehicleClient, report: FactReport) -> Hover:
     ]
     report.add("offboard.early-climb", -statistics.fmean(climbing) if climbing else math.nan)
     client.spend(0.5)
-    text = client.text("Takeoff detected", armed_s)
-    report.add("offboard.takeoff-text", max(0.0, text[0] - acked_s) if text else math.nan)
+    takeoff_s = client.delay_s("Takeoff detected", armed_s) + armed_s
+    report.add("offboard.takeoff-text", max(takeoff_s - acked_s, 0.0))
     client.interval("SERVO_OUTPUT_RAW", 0.0)
     client.next_heartbeat()
     report.add("offboard.base-mode-armed", str(client.newest("HEARTBEAT").base_mode))
@@ -171,8 +171,7 @@ def _hold(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     report.add("offboard.refused", client.set_mode("OFFBOARD"))
     client.next_heartbeat()
     report.add("offboard.refused-mode", client.mode)
-    texts = client.texts(since_s)
-    report.add("offboard.refused-text", "none" if not texts else repr(texts[0][2]))
+    report.add("offboard.refused-text", client.said(since_s))
     hover.here()
     client.stream(hover)
     client.spend(0.3)
@@ -185,9 +184,7 @@ def _cut(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     client.spend(0.5)
     hover.is_resting = True
     since_s = client.now_s
-    client.spend(8.0, lambda: client.text("Disarmed by", since_s) is not None)
-    text = client.text("Disarmed by", since_s)
-    report.add("offboard.cut-disarm", text[0] - since_s if text else math.nan)
+    report.add("offboard.cut-disarm", client.delay_s("Disarmed by", since_s, wait_s=8.0))
     client.next_heartbeat()
     client.stream(None)
 
@@ -197,8 +194,7 @@ def _forced(client: VehicleClient, report: FactReport) -> None:
     client.interval("SERVO_OUTPUT_RAW", 50.0)
     since_s = client.now_s
     report.add("offboard.forced", client.command(ARM, 0.0, 21196.0))
-    text = client.text("Disarmed by", since_s)
-    report.add("offboard.forced-text", repr(text[2]) if text else "none")
+    report.add("offboard.forced-text", client.quote("Disarmed by", since_s))
     report.add("offboard.forced-servo", str(client.newest("SERVO_OUTPUT_RAW").servo1_raw))
     hover.is_resting = True
     client.interval("SERVO_OUTPUT_RAW", 0.0)

@@ -85,8 +85,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
             _recover(client, hover)
     client.next_heartbeat()
     report.add("setpoint.mode-kept", client.mode)
-    texts = client.texts(since_s)
-    report.add("setpoint.silent", "none" if not texts else repr(texts[0][2]))
+    report.add("setpoint.silent", client.said(since_s))
     if report.wants("setpoint.rates*"):
         _rates(client, report, hover)
     if report.wants("setpoint.any-sender"):
@@ -148,7 +147,6 @@ def _positions(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     def target(mask: int, velocity_east: float = 0.0) -> Callable[[], None]:
         return lambda: client.send(
             "SET_POSITION_TARGET_LOCAL_NED",
-            time_boot_ms=0,
             target_system=client.system_id,
             target_component=1,
             coordinate_frame=_LOCAL_NED,
@@ -156,14 +154,8 @@ def _positions(client: VehicleClient, report: FactReport, hover: Hover) -> None:
             x=x,
             y=y,
             z=z,
-            vx=0.0,
             vy=velocity_east,
-            vz=0.0,
-            afx=0.0,
-            afy=0.0,
-            afz=0.0,
             yaw=yaw,
-            yaw_rate=0.0,
         )
 
     client.stream(target(_IGNORE_ALL_BUT_POSITION))
@@ -187,9 +179,8 @@ def _steep(client: VehicleClient, report: FactReport, hover: Hover) -> None:
                 report.add(name, max(rolls))
         _recover(client, hover)
     client.next_heartbeat()
-    text, warning = client.text("Preflight Fail", since_s), client.text("Failsafe activated", since_s)
-    report.add("setpoint.steep-text", repr(text[2]) if text else "none")
-    report.add("setpoint.steep-failsafe-text", repr(warning[2]) if warning else "none")
+    report.add("setpoint.steep-text", client.quote("Preflight Fail", since_s))
+    report.add("setpoint.steep-failsafe-text", client.quote("Failsafe activated", since_s))
     report.add("setpoint.steep-mode", client.mode)
 
 

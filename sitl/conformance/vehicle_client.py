@@ -25,16 +25,14 @@ MODES = {
     100925440: "AUTO.LAND",
 }
 MODE_NUMBERS = {name: number for number, name in MODES.items()}
-STATUS = {0: "UNINIT", 1: "BOOT", 3: "STANDBY", 4: "ACTIVE", 5: "CRITICAL", 6: "EMERGENCY"}
-RESULTS = {
-    0: "ACCEPTED",
-    1: "TEMPORARILY_REJECTED",
-    2: "DENIED",
-    3: "UNSUPPORTED",
-    4: "FAILED",
-    5: "IN_PROGRESS",
-}
-LANDED = {0: "UNDEFINED", 1: "ON_GROUND", 2: "IN_AIR", 3: "TAKEOFF", 4: "LANDING"}
+
+
+def _words(enum: str) -> dict[int, str]:
+    """Return the names of one of MAVLink's enumerations, without its own name before each."""
+    return {number: entry.name.removeprefix(f"{enum}_") for number, entry in common.enums[enum].items()}
+
+
+STATUS, RESULTS, LANDED = _words("MAV_STATE"), _words("MAV_RESULT"), _words("MAV_LANDED_STATE")
 ARMED = 0x80
 SILENCE = "silence"
 ARM, LAND, TAKEOFF, SET_MODE, SET_INTERVAL, REQUEST = 400, 21, 22, 176, 511, 512
@@ -218,9 +216,29 @@ class VehicleClient:
             texts.append((packet.at_s, message.severity, message.text, 1))
         return texts
 
-    def text(self, start: str, since_s: float) -> tuple[float, int, str, int] | None:
-        """First text that begins so."""
-        return next((text for text in self.texts(since_s) if text[2].startswith(start)), None)
+    def text(self, start: str, since_s: float, wait_s: float = 0.0) -> tuple[float, int, str, int] | None:
+        """Return the first text that begins so; wait for it at most so long."""
+
+        def heard() -> tuple[float, int, str, int] | None:
+            return next((text for text in self.texts(since_s) if text[2].startswith(start)), None)
+
+        self.spend(wait_s, lambda: heard() is not None)
+        return heard()
+
+    def quote(self, start: str, since_s: float) -> str:
+        """Return the whole text that begins so, in quotes; "none" when it did not come."""
+        text = self.text(start, since_s)
+        return repr(text[2]) if text else "none"
+
+    def delay_s(self, start: str, since_s: float, wait_s: float = 0.0) -> float:
+        """Return when the text that begins so came, counted from `since_s`; NaN when it did not."""
+        text = self.text(start, since_s, wait_s)
+        return text[0] - since_s if text else math.nan
+
+    def said(self, since_s: float) -> str:
+        """Return the first text since a time, in quotes; "none" when there was none."""
+        texts = self.texts(since_s)
+        return repr(texts[0][2]) if texts else "none"
 
     # -- sending -----------------------------------------------------------------------------------------------
 
@@ -231,11 +249,13 @@ class VehicleClient:
         return system or self.system_id, component
 
     def pack(self, name: str, **fields: Any) -> bytes:
-        """Bytes of a message; every field has to be given."""
+        """Bytes of a message; numbers that are not given are 0."""
         system, component = self.identity
+        kind = _CLASSES[name]
+        given = dict.fromkeys(kind.fieldnames, 0) | fields
         mav = common.MAVLink(None, srcSystem=system, srcComponent=component)
         mav.seq = self._sequence = (self._sequence + 1) & 0xFF
-        return bytes(_CLASSES[name](**fields).pack(mav))
+        return bytes(kind(**given).pack(mav))
 
     def send(self, name: str, **fields: Any) -> None:
         """Send one message."""
@@ -244,9 +264,7 @@ class VehicleClient:
     def pack_heartbeat(self) -> bytes:
         """A heartbeat of the present identity."""
         kind = (_GCS if self.is_ground_station else _COMPANION)[2]
-        return self.pack(
-            "HEARTBEAT", type=kind, autopilot=8, base_mode=0, custom_mode=0, system_status=4, mavlink_version=3
-        )
+        return self.pack("HEARTBEAT", type=kind, autopilot=8, system_status=4, mavlink_version=3)
 
     def send_heartbeat(self) -> None:
         """One heartbeat of the present identity."""
@@ -266,10 +284,9 @@ class VehicleClient:
 
     def send_command(self, number: int, *params: float, target: int | None = None) -> None:
         """COMMAND_LONG, without waiting."""
-        values = [*params, *[0.0] * (7 - len(params))]
-        named = {f"param{index}": value for index, value in enumerate(values, start=1)}
+        named = {f"param{index}": value for index, value in enumerate(params, start=1)}
         wanted = self.system_id if target is None else target
-        self.send("COMMAND_LONG", target_system=wanted, target_component=1, command=number, confirmation=0, **named)
+        self.send("COMMAND_LONG", target_system=wanted, target_component=1, command=number, **named)
 
     def acks(self, number: int, since_s: float, within_s: float = _ANSWER_S) -> str:
         """Wait, then the acknowledgements of a command since a time."""
@@ -303,7 +320,6 @@ class VehicleClient:
         """SET_ATTITUDE_TARGET, once."""
         self.send(
             "SET_ATTITUDE_TARGET",
-            time_boot_ms=0,
             target_system=self.system_id if target is None else target,
             target_component=1,
             type_mask=mask,

@@ -156,24 +156,22 @@ def _usec(client: VehicleClient) -> int:
     return round(client.now_s * 1e6)
 
 
+def _xyz(position: list[float]) -> dict[str, float]:
+    return dict(zip("xyz", position, strict=True))
+
+
 def _vision(client: VehicleClient, position: list[float]) -> Callable[[], None]:
     yaw = client.euler()[2]
     return lambda: client.send(
         "VISION_POSITION_ESTIMATE",
         usec=_usec(client),
-        x=position[0],
-        y=position[1],
-        z=position[2],
-        roll=0.0,
-        pitch=0.0,
+        **_xyz(position),
         yaw=yaw,
     )
 
 
 def _mocap(client: VehicleClient, position: list[float]) -> Callable[[], None]:
-    return lambda: client.send(
-        "ATT_POS_MOCAP", time_usec=_usec(client), q=[1.0, 0.0, 0.0, 0.0], x=position[0], y=position[1], z=position[2]
-    )
+    return lambda: client.send("ATT_POS_MOCAP", time_usec=_usec(client), q=[1.0, 0.0, 0.0, 0.0], **_xyz(position))
 
 
 def _odometry(client: VehicleClient, position: list[float]) -> Callable[[], None]:
@@ -183,19 +181,11 @@ def _odometry(client: VehicleClient, position: list[float]) -> Callable[[], None
         time_usec=_usec(client),
         frame_id=1,
         child_frame_id=12,
-        x=position[0],
-        y=position[1],
-        z=position[2],
+        **_xyz(position),
         q=[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)],
-        vx=math.nan,
-        vy=math.nan,
-        vz=math.nan,
-        rollspeed=math.nan,
-        pitchspeed=math.nan,
-        yawspeed=math.nan,
+        **dict.fromkeys(("vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed"), math.nan),
         pose_covariance=[math.nan] * 21,
         velocity_covariance=[math.nan] * 21,
-        reset_counter=0,
         estimator_type=2,
         quality=100,
     )
