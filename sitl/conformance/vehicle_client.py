@@ -252,10 +252,12 @@ class VehicleClient:
         """Bytes of a message; numbers that are not given are 0."""
         system, component = self.identity
         kind = _CLASSES[name]
-        given = dict.fromkeys(kind.fieldnames, 0) | fields
+        zeros = {
+            field: 0 for field, length in zip(kind.ordered_fieldnames, kind.array_lengths, strict=True) if not length
+        }
         mav = common.MAVLink(None, srcSystem=system, srcComponent=component)
         mav.seq = self._sequence = (self._sequence + 1) & 0xFF
-        return bytes(kind(**given).pack(mav))
+        return bytes(kind(**(zeros | fields)).pack(mav))
 
     def send(self, name: str, **fields: Any) -> None:
         """Send one message."""
