@@ -22,8 +22,9 @@ from sitl.physics.frames import Array
 from sitl.physics.vehicle import STEP_S, VehicleProfile
 from sitl.physics.wind import WindSettings
 from sitl.px4 import setpoints
-from sitl.px4.commander import TICK_S, Autopilot
+from sitl.px4.commander import Autopilot
 from sitl.px4.estimator import ESTIMATE_EVERY_STEPS, Estimator, Source, vision_level
+from sitl.px4.mode_control import TICK_S
 from sitl.px4.signals import Actuation, Setpoint, Situation
 
 _TICK_STEPS = round(TICK_S / STEP_S)

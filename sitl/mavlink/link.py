@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -88,9 +89,9 @@ class Link:
         """Take one datagram; what is answered at once."""
         answers: list[bytes] = []
         for message in self._decoder.decode(datagram):
-            handler = _HANDLERS.get(message.name)
-            if handler is not None and message.fields.get("target_system", 0) in (0, self.view.system_id):
-                answers.extend(handler(self, message))
+            reaction = _REACTIONS.get(message.name)
+            if reaction is not None and reaction.is_meant(self, message):
+                answers.extend(reaction.handler(self, message) or ())
         return answers
 
     def poll(self) -> list[bytes]:
@@ -161,31 +162,36 @@ class Link:
 
     def _param_value(self, name: str) -> bytes:
         params = self.autopilot.params
-        count = len(params.values)
         if name == HASH_CHECK:
-            raw = name.encode("ascii")
-            return self.encoder.encode(
-                _PARAM_VALUE, params.hash_value(), count, _HASH_INDEX, raw, MAV_PARAM_TYPE_UINT32
-            )
-        return self.encoder.encode(
-            _PARAM_VALUE,
-            params.encoded_value(name),
-            count,
-            params.index(name),
-            name.encode("ascii"),
-            params.kind(name),
-        )
+            value, index, kind = params.hash_value(), _HASH_INDEX, MAV_PARAM_TYPE_UINT32
+        else:
+            value, index, kind = params.encoded_value(name), params.index(name), params.kind(name)
+        return self.encoder.encode(_PARAM_VALUE, value, len(params.values), index, name.encode("ascii"), kind)
+
+    # -- for whom a message is ----------------------------------------------------------------------------------
+
+    def _is_heard(self, message: Message) -> bool:
+        """Whether it is for this vehicle, or for all."""
+        return message.fields.get("target_system", 0) in (0, self.view.system_id)
+
+    def _is_for_autopilot(self, message: Message) -> bool:
+        """Whether it is for this vehicle's autopilot, or for all."""
+        return self._is_heard(message) and message.fields["target_component"] in (0, _AUTOPILOT_COMPONENT)
 
     def _is_ours(self, message: Message) -> bool:
         """Whether it is for this very vehicle's autopilot: parameters and commands are not taken from broadcasts."""
         return message.fields["target_system"] == self.view.system_id and self._is_for_autopilot(message)
 
+    def _is_command_for_us(self, message: Message) -> bool:
+        """Whether a command is for this autopilot; some are answered by everybody."""
+        is_for_everybody = message.fields["command"] in commands.FOR_EVERYBODY
+        return self._is_heard(message) if is_for_everybody else self._is_ours(message)
+
     # -- messages -----------------------------------------------------------------------------------------------
 
-    def _heartbeat(self, message: Message) -> list[bytes]:
+    def _heartbeat(self, message: Message) -> None:
         if message.fields["type"] == _MAV_TYPE_GCS:
             self._gcs_time_s = self.autopilot.ground_time_s = self.view.now_s
-        return []
 
     def _timesync(self, message: Message) -> list[bytes]:
         if message.fields["tc1"] != 0:
@@ -200,16 +206,12 @@ class Link:
         answer = (f["time_usec"], f["seq"], message.system_id, message.component_id)
         return [self.encoder.encode(message.message_id, *answer)]
 
-    def _param_list(self, message: Message) -> list[bytes]:
-        if self._is_ours(message):
-            # The checksum comes first, so that a ground station can use what it remembers.
-            self._params_to_send.clear()
-            self._params_to_send.extend([HASH_CHECK, *self.autopilot.params.names()])
-        return []
+    def _param_list(self, message: Message) -> None:
+        # The checksum comes first, so that a ground station can use what it remembers.
+        self._params_to_send.clear()
+        self._params_to_send.extend([HASH_CHECK, *self.autopilot.params.names()])
 
     def _param_read(self, message: Message) -> list[bytes]:
-        if not self._is_ours(message):
-            return []
         names = self.autopilot.params.names()
         index = message.fields["param_index"]
         name = text_of(message.fields["param_id"]) if index < 0 else names[index] if index < len(names) else ""
@@ -219,8 +221,6 @@ class Link:
     def _param_set(self, message: Message) -> list[bytes]:
         f = message.fields
         name = text_of(f["param_id"])
-        if not self._is_ours(message):
-            return []
         if name == HASH_CHECK:
             self._params_to_send.clear()  # the ground station knows them all
             return []
@@ -230,47 +230,36 @@ class Link:
         self.emulator.parameters_changed(self.index)
         return [self._param_value(name)]
 
-    def _attitude_target(self, message: Message) -> list[bytes]:
+    def _attitude_target(self, message: Message) -> None:
         f = message.fields
-        if self._is_for_autopilot(message):
-            rates = [f["body_roll_rate"], f["body_pitch_rate"], f["body_yaw_rate"]]
-            self.emulator.attitude_setpoint(self.index, f["q"], rates, f["thrust"], f["type_mask"])
-        return []
+        rates = [f["body_roll_rate"], f["body_pitch_rate"], f["body_yaw_rate"]]
+        self.emulator.attitude_setpoint(self.index, f["q"], rates, f["thrust"], f["type_mask"])
 
-    def _position_target(self, message: Message) -> list[bytes]:
-        if self._is_for_autopilot(message):
-            self.emulator.position_setpoint(self.index, message.fields)
-        return []
+    def _position_target(self, message: Message) -> None:
+        self.emulator.position_setpoint(self.index, message.fields)
 
-    def _global_target(self, message: Message) -> list[bytes]:
+    def _global_target(self, message: Message) -> None:
         f = message.fields
         frame = f["coordinate_frame"]
-        if not self._is_for_autopilot(message) or not self.view.has_origin:
-            return []
-        if frame not in setpoints.ABOVE_SEA and frame not in setpoints.ABOVE_HOME:
-            return []
+        is_known = frame in setpoints.ABOVE_SEA or frame in setpoints.ABOVE_HOME
+        if not is_known or not self.view.has_origin:
+            return
         above_sea_m = f["alt"] + (self.view.home_altitude_m if frame in setpoints.ABOVE_HOME else 0.0)
         position = self.view.to_local(f["lat_int"] * 1e-7, f["lon_int"] * 1e-7, above_sea_m)
         setpoint = setpoints.from_global(f, position, now_s=self.view.now_s)
         if isinstance(setpoint, Setpoint):
             self.emulator.accept_setpoint(self.index, setpoint)
-        return []
 
-    def _is_for_autopilot(self, message: Message) -> bool:
-        return message.fields["target_component"] in (0, _AUTOPILOT_COMPONENT)
-
-    def _odometry(self, message: Message) -> list[bytes]:
+    def _odometry(self, message: Message) -> None:
         f = message.fields
         if f["frame_id"] in (_LOCAL_NED, _LOCAL_FRD):
             w, x, y, z = f["q"]
             yaw_rad = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
             has_velocity = math.isfinite(f["vx"] + f["vy"] + f["vz"])
             self._take_vision(message, yaw_rad if abs(w) + abs(x) + abs(y) + abs(z) > 0.0 else math.nan, has_velocity)
-        return []
 
-    def _vision(self, message: Message) -> list[bytes]:
+    def _vision(self, message: Message) -> None:
         self._take_vision(message, message.fields["yaw"], False)
-        return []
 
     def _take_vision(self, message: Message, yaw_rad: float, has_velocity: bool) -> None:
         f = message.fields
@@ -285,10 +274,9 @@ class Link:
                 reset_count=f["reset_counter"],
             )
 
-    def _set_origin(self, message: Message) -> list[bytes]:
+    def _set_origin(self, message: Message) -> None:
         self.emulator.has_global_origin[self.index] = True
         self.emulator.estimator.set_origin_altitude(self.index, message.fields["altitude"] * 1e-3)
-        return []
 
     def _set_mode(self, message: Message) -> list[bytes]:
         f = message.fields
@@ -296,19 +284,8 @@ class Link:
         result = self.autopilot.request_mode(self.view.now_s, custom >> 16 & 0xFF, custom >> 24 & 0xFF, f["base_mode"])
         return [self.ack(message, _DO_SET_MODE, result)]
 
-    def _command(self, message: Message) -> list[bytes]:
-        f = message.fields
-        broadcast = f["target_system"] == 0 and f["command"] in commands.FOR_EVERYBODY
-        component = f["target_component"] in (0, _AUTOPILOT_COMPONENT) or f["command"] in commands.FOR_EVERYBODY
-        if not (broadcast or (f["target_system"] == self.view.system_id and component)):
-            return []
-        return commands.handle(self, message)
-
-    def _play_tune(self, message: Message) -> list[bytes]:
-        f = message.fields
-        if f["target_system"] in (0, self.view.system_id) and f["target_component"] in (0, _AUTOPILOT_COMPONENT):
-            self.autopilot.play_tune()
-        return []  # PX4 acknowledges no tune
+    def _play_tune(self, message: Message) -> None:
+        self.autopilot.play_tune()  # PX4 acknowledges no tune
 
     def _request_event(self, message: Message) -> list[bytes]:
         f = message.fields
@@ -370,29 +347,36 @@ class Link:
         return [self.encoder.encode(message.message_id, 0, message.system_id, message.component_id, *answer)]
 
 
-_HANDLERS: dict[str, Callable[[Link, Message], list[bytes]]] = {
-    "HEARTBEAT": Link._heartbeat,
-    "TIMESYNC": Link._timesync,
-    "PING": Link._ping,
-    "PARAM_REQUEST_LIST": Link._param_list,
-    "PARAM_REQUEST_READ": Link._param_read,
-    "PARAM_SET": Link._param_set,
-    "COMMAND_LONG": Link._command,
-    "COMMAND_INT": Link._command,
-    "SET_MODE": Link._set_mode,
-    "SET_GPS_GLOBAL_ORIGIN": Link._set_origin,
-    "SET_ATTITUDE_TARGET": Link._attitude_target,
-    "SET_POSITION_TARGET_LOCAL_NED": Link._position_target,
-    "SET_POSITION_TARGET_GLOBAL_INT": Link._global_target,
-    "ODOMETRY": Link._odometry,
-    "VISION_POSITION_ESTIMATE": Link._vision,
-    "PLAY_TUNE": Link._play_tune,
-    "REQUEST_EVENT": Link._request_event,
-    "MISSION_REQUEST_LIST": Link._mission_list,
-    "MISSION_COUNT": Link._mission_upload,
-    "MISSION_CLEAR_ALL": Link._mission_clear,
-    "MISSION_REQUEST_INT": Link._mission_item,
-    "MISSION_REQUEST": Link._mission_item,
-    "LOG_REQUEST_LIST": Link._log_list,
-    "FILE_TRANSFER_PROTOCOL": Link._file_transfer,
+class Reaction(NamedTuple):
+    """Handler of one message, and whether a link takes the message for its own."""
+
+    handler: Callable[[Link, Message], list[bytes] | None]
+    is_meant: Callable[[Link, Message], bool] = Link._is_heard
+
+
+_REACTIONS: dict[str, Reaction] = {
+    "HEARTBEAT": Reaction(Link._heartbeat),
+    "TIMESYNC": Reaction(Link._timesync),
+    "PING": Reaction(Link._ping),
+    "PARAM_REQUEST_LIST": Reaction(Link._param_list, Link._is_ours),
+    "PARAM_REQUEST_READ": Reaction(Link._param_read, Link._is_ours),
+    "PARAM_SET": Reaction(Link._param_set, Link._is_ours),
+    "COMMAND_LONG": Reaction(commands.handle, Link._is_command_for_us),
+    "COMMAND_INT": Reaction(commands.handle, Link._is_command_for_us),
+    "SET_MODE": Reaction(Link._set_mode),
+    "SET_GPS_GLOBAL_ORIGIN": Reaction(Link._set_origin),
+    "SET_ATTITUDE_TARGET": Reaction(Link._attitude_target, Link._is_for_autopilot),
+    "SET_POSITION_TARGET_LOCAL_NED": Reaction(Link._position_target, Link._is_for_autopilot),
+    "SET_POSITION_TARGET_GLOBAL_INT": Reaction(Link._global_target, Link._is_for_autopilot),
+    "ODOMETRY": Reaction(Link._odometry),
+    "VISION_POSITION_ESTIMATE": Reaction(Link._vision),
+    "PLAY_TUNE": Reaction(Link._play_tune, Link._is_for_autopilot),
+    "REQUEST_EVENT": Reaction(Link._request_event),
+    "MISSION_REQUEST_LIST": Reaction(Link._mission_list),
+    "MISSION_COUNT": Reaction(Link._mission_upload),
+    "MISSION_CLEAR_ALL": Reaction(Link._mission_clear),
+    "MISSION_REQUEST_INT": Reaction(Link._mission_item),
+    "MISSION_REQUEST": Reaction(Link._mission_item),
+    "LOG_REQUEST_LIST": Reaction(Link._log_list),
+    "FILE_TRANSFER_PROTOCOL": Reaction(Link._file_transfer),
 }

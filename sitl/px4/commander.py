@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 from sitl.physics.frames import euler, uprightness
 from sitl.px4 import arming_checks, modes
-from sitl.px4.arming_checks import BOOT_S, Readiness
+from sitl.px4.arming_checks import Readiness
 from sitl.px4.battery import Battery, ChargeState, charge_state_of
 from sitl.px4.events import REASONS, Journal
 from sitl.px4.failsafes import ACTION_MODE, Action, Facts, Failsafe
@@ -21,10 +21,7 @@ from sitl.px4.land_detector import LandDetector
 from sitl.px4.mode_control import TICK_S, Flight
 from sitl.px4.modes import MODES, Landed, Mode, ModeCondition, Result, SystemStatus
 from sitl.px4.parameters import Parameters
-from sitl.px4.position_control import Goal
 from sitl.px4.signals import Actuation, Setpoint, SetpointKind, Situation
-
-__all__ = ["BOOT_S", "TICK_S", "Autopilot"]
 
 _FORCE_MAGIC = 21196.0
 _SAID_OF_BATTERY: dict[ChargeState, str] = {
@@ -71,11 +68,6 @@ class Autopilot:
     def actuation(self) -> Actuation:
         """Actuation of the vehicle at this tick."""
         return self.flight.actuation
-
-    @property
-    def goal(self) -> Goal | None:
-        """Goal of PX4's own position control."""
-        return self.flight.goal
 
     @property
     def is_failsafe(self) -> bool:

@@ -63,7 +63,7 @@ class Flight:
     def disarmed(self) -> None:
         """Motors off."""
         self.goal = None
-        self.actuation = Actuation(self.actuation.attitude, np.zeros(3), False, 0.0, False)
+        self.terminate()
 
     def entered(self, situation: Situation | None) -> None:
         """A mode begins here."""
