@@ -154,24 +154,24 @@ def flight_information(v: View) -> Values:
 
 
 def attitude(v: View) -> Values:
-    return (v.boot_ms, *frames.euler(v.attitude), *v.rates_rad_s)
+    return (v.boot_ms, *frames.euler(v.sensed.attitude), *v.sensed.rates_rad_s)
 
 
 def attitude_quaternion(v: View) -> Values:
-    return (v.boot_ms, *v.attitude, *v.rates_rad_s, 0.0, 0.0, 0.0, 0.0)
+    return (v.boot_ms, *v.sensed.attitude, *v.sensed.rates_rad_s, 0.0, 0.0, 0.0, 0.0)
 
 
 def local_position(v: View) -> Values:
-    return (v.boot_ms, *v.position_ned_m, *v.velocity_ned_m_s)
+    return (v.boot_ms, *v.sensed.position_ned_m, *v.sensed.velocity_ned_m_s)
 
 
 def odometry(v: View) -> Values:
     return (
         v.boot_us,
-        *v.position_ned_m,
-        *v.attitude,
-        *v.velocity_ned_m_s,
-        *v.rates_rad_s,
+        *v.sensed.position_ned_m,
+        *v.sensed.attitude,
+        *v.sensed.velocity_ned_m_s,
+        *v.sensed.rates_rad_s,
         *_POSE_COVARIANCE,
         *_VELOCITY_COVARIANCE,
         1,  # local NED, also for the velocity
@@ -185,7 +185,7 @@ def odometry(v: View) -> Values:
 def global_position_int(v: View) -> Values:
     place = v.global_position
     above_home = _clip((place[2] - v.home_altitude_m) * 1e3, -(2**31), 2**31 - 1)
-    speed = (_int16(100.0 * c) for c in v.velocity_ned_m_s)
+    speed = (_int16(100.0 * c) for c in v.sensed.velocity_ned_m_s)
     heading = round(math.degrees(v.yaw_rad) * 100.0) % 36000
     return (v.boot_ms, *_degrees_and_mm(*place), above_home, *speed, heading)
 
@@ -193,24 +193,24 @@ def global_position_int(v: View) -> Values:
 def gps_raw(v: View) -> Values:
     fix, satellites = (3, 10) if v.has_fix else (0, 0)
     lat, lon, alt = _degrees_and_mm(*v.global_position)
-    vx, vy, _ = v.velocity_ned_m_s
+    vx, vy, _ = v.sensed.velocity_ned_m_s
     speed, course = math.hypot(vx, vy), math.degrees(math.atan2(vy, vx)) % 360.0
     cm_s, cdeg = _clip(100.0 * speed, 0, _UINT16_MAX), _clip(100.0 * course, 0, 35999)
     return (v.boot_us, lat, lon, alt, 90, 90, cm_s, cdeg, fix, satellites, alt, 900, 1780, 0, 0, 0)
 
 
 def altitude(v: View) -> Values:
-    height = -v.position_ned_m[2]
+    height = -v.sensed.position_ned_m[2]
     above_home = height + HOME_ALTITUDE_M - v.home_altitude_m
     return (v.boot_us, HOME_ALTITUDE_M, HOME_ALTITUDE_M + height, height, above_home, _NAN, _NAN)
 
 
 def vfr_hud(v: View) -> Values:
-    vx, vy, vz = v.velocity_ned_m_s
+    vx, vy, vz = v.sensed.velocity_ned_m_s
     speed = math.hypot(vx, vy)
     heading = int(math.degrees(v.yaw_rad) % 360.0)
     throttle = round(100.0 * v.autopilot.actuation.thrust_frac)
-    return (speed, speed, HOME_ALTITUDE_M - v.position_ned_m[2], -vz, heading, throttle)
+    return (speed, speed, HOME_ALTITUDE_M - v.sensed.position_ned_m[2], -vz, heading, throttle)
 
 
 def home_position(v: View) -> Values | None:
@@ -252,7 +252,7 @@ def local_target(v: View) -> Values | None:
     a = v.autopilot
     if a.mode is Mode.OFFBOARD and a.setpoint is not None and a.setpoint.kind is not SetpointKind.POSITION:
         return None
-    goal = a.goal
+    goal = a.flight.goal
     if goal is None:
         return (v.boot_ms, *((_NAN,) * 11), 0, 1)
     position, speed = goal.position_ned_m.tolist(), goal.velocity_ned_m_s.tolist()
@@ -261,10 +261,10 @@ def local_target(v: View) -> Values | None:
 
 def global_target(v: View) -> Values | None:
     a = v.autopilot
-    if not a.is_armed or a.goal is None or MODES[a.mode].main != 4:
+    if not a.is_armed or a.flight.goal is None or MODES[a.mode].main != 4:
         return None
-    north, east, down = a.goal.position_ned_m.tolist()
-    here = v.position_ned_m
+    north, east, down = a.flight.goal.position_ned_m.tolist()
+    here = v.sensed.position_ned_m
     position = tuple(g if math.isfinite(g) else h for g, h in zip((north, east, down), here, strict=True))
     latitude, longitude, height = v.to_global((position[0], position[1], position[2]))
     return (v.boot_ms, round(latitude * 1e7), round(longitude * 1e7), height, *((0.0,) * 8), 0, 5)
@@ -298,9 +298,20 @@ def hil_actuators(v: View) -> Values:
 
 
 def highres_imu(v: View) -> Values:
-    height = HOME_ALTITUDE_M - v.position_ned_m[2]
+    height = HOME_ALTITUDE_M - v.sensed.position_ned_m[2]
     magnetometer, pressure_hpa = (0.21, 0.0, 0.43), 955.0
-    return (v.boot_us, *v.accelerometer(), *v.rates_rad_s, *magnetometer, pressure_hpa, 0.0, height, 25.0, 7167, 0)
+    return (
+        v.boot_us,
+        *v.accelerometer(),
+        *v.sensed.rates_rad_s,
+        *magnetometer,
+        pressure_hpa,
+        0.0,
+        height,
+        25.0,
+        7167,
+        0,
+    )
 
 
 def scaled_pressure(v: View) -> Values:
@@ -350,7 +361,7 @@ def drone_id_location(v: View) -> Values:
     height = v.global_position[2]
     latitude, longitude, _ = _degrees_and_mm(*v.global_position)
     flies = v.autopilot.landed != 1
-    vx, vy, vz = v.velocity_ned_m_s
+    vx, vy, vz = v.sensed.velocity_ned_m_s
     return _ordered(
         "OPEN_DRONE_ID_LOCATION",
         latitude=latitude,

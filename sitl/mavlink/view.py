@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +25,15 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 
+class Sensed(NamedTuple):
+    """Values of one vehicle at one step of the physics, in its own frame."""
+
+    attitude: Quaternion  # as the autopilot believes it, wxyz, with a sample of noise
+    rates_rad_s: Vector  # measured body rates
+    position_ned_m: Vector  # estimated
+    velocity_ned_m_s: Vector
+
+
 class View:
     """Values that the streams of one vehicle carry.
 
@@ -42,10 +52,7 @@ class View:
         self._noise: list[float] = []
         self._step = self._clock_step = -1
         self._clock_s = 0.0
-        self._attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)
-        self._rates: Vector = (0.0, 0.0, 0.0)
-        self._position: Vector = (0.0, 0.0, 0.0)
-        self._velocity: Vector = (0.0, 0.0, 0.0)
+        self._sensed: Sensed | None = None
 
     @property
     def autopilot(self) -> Autopilot:
@@ -92,28 +99,12 @@ class View:
         return HOME_ALTITUDE_M - float(self.autopilot.flight.home_ned_m[2])
 
     @property
-    def attitude(self) -> Quaternion:
-        """Believed attitude wxyz with a sample of noise."""
-        self._refresh()
-        return self._attitude
-
-    @property
-    def rates_rad_s(self) -> Vector:
-        """Measured body rates."""
-        self._refresh()
-        return self._rates
-
-    @property
-    def position_ned_m(self) -> Vector:
-        """Estimated position in this vehicle's own frame."""
-        self._refresh()
-        return self._position
-
-    @property
-    def velocity_ned_m_s(self) -> Vector:
-        """Estimated velocity."""
-        self._refresh()
-        return self._velocity
+    def sensed(self) -> Sensed:
+        """Values of the present step, the same for all who ask within it."""
+        step = self.emulator.world.vehicles.steps
+        if self._sensed is None or step != self._step:
+            self._step, self._sensed = step, self._sense()
+        return self._sensed
 
     @property
     def yaw_rad(self) -> float:
@@ -129,7 +120,7 @@ class View:
     @property
     def global_position(self) -> Vector:
         """Latitude [deg], longitude [deg], altitude [m] of the estimate."""
-        return self.to_global(self.position_ned_m)
+        return self.to_global(self.sensed.position_ned_m)
 
     def to_global(self, position_ned_m: Vector) -> Vector:
         """Latitude [deg], longitude [deg], altitude [m] of a place in the local frame."""
@@ -183,22 +174,17 @@ class View:
         x, y, z = _ACCEL_NOISE_M_S2
         return x * a, y * b, z * c - lift
 
-    def _refresh(self) -> None:
-        step = self.emulator.world.vehicles.steps
-        if step == self._step:
-            return
-        self._step = step
-        i = self.index
-        states = self.emulator.world.vehicles.states
+    def _sense(self) -> Sensed:
+        i, states = self.index, self.emulator.world.vehicles.states
         yaw_error_rad = float(self.emulator.estimator.yaw_error_rad[i])
         noise = [half_rad * self._draw() for half_rad in HALF_NOISE_RAD]
-        self._attitude = measured_attitude(states.attitude[i].tolist(), yaw_error_rad, noise)
+        attitude = measured_attitude(states.attitude[i].tolist(), yaw_error_rad, noise)
         p, q = states.tilt_rate_rad_s[i].tolist()
         r = float(states.yaw_rate_rad_s[i])
         std = _GYRO_NOISE_RAD_S
-        self._rates = (p + std * self._draw(), q + std * self._draw(), r + std * self._draw())
+        rates = (p + std * self._draw(), q + std * self._draw(), r + std * self._draw())
         local = self.emulator.estimator.local(i)
-        self._position, self._velocity = local.position_ned_m, local.velocity_ned_m_s
+        return Sensed(attitude, rates, local.position_ned_m, local.velocity_ned_m_s)
 
     def _draw(self) -> float:
         if not self._noise:
