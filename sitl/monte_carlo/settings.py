@@ -32,41 +32,27 @@ _NOT_A_VEHICLE_VALUE = (
 )
 
 
+def _from_to(default: float, low: float, high: float) -> float:
+    value: float = field(default=default, metadata={"low": low, "high": high})
+    return value
+
+
 @dataclass(frozen=True, slots=True)
 class Perturbation:
-    """Errors that the control does not know, beside those of the estimate.
+    """Errors that the control does not know, beside those of the estimate; each with its default and bounds."""
 
-    delay_s: age of a message when it arrives, in whole ticks of 20 ms, one at least. loss_share: of each link's
-    messages. burst_s, burst_every_s: length and mean interval of a sender's silences (0: none). gust_m_s2: std per
-    horizontal axis, correlated over 1 s. lag_mismatch, gain, drag_mismatch, hover_mismatch: half widths of uniform
-    relative errors of attitude lag, attitude gain, drag and hover throttle, constant per vehicle.
-    lag_error_s: added to the dead time.
-    """
-
-    delay_s: float = 0.04
-    loss_share: float = 0.10
-    burst_s: float = 0.0
-    burst_every_s: float = 10.0
-    gust_m_s2: float = 0.1
-    lag_mismatch: float = 0.10
-    lag_error_s: float = 0.0
-    gain: float = 0.05
-    drag_mismatch: float = 0.0
-    hover_mismatch: float = 0.0
-
-
-_BOUNDS = {
-    "delay_s": (0.0, 2.0),
-    "loss_share": (0.0, 1.0),
-    "burst_s": (0.0, 60.0),
-    "burst_every_s": (0.1, 1e4),
-    "gust_m_s2": (0.0, 5.0),
-    "lag_mismatch": (0.0, 0.9),
-    "lag_error_s": (0.0, 1.0),
-    "gain": (0.0, 0.9),
-    "drag_mismatch": (0.0, 0.9),
-    "hover_mismatch": (0.0, 0.5),
-}
+    delay_s: float = _from_to(0.04, 0.0, 2.0)  # age of a message when it arrives, in whole ticks of 20 ms, at least one
+    loss_share: float = _from_to(0.10, 0.0, 1.0)  # of each link's messages
+    burst_s: float = _from_to(0.0, 0.0, 60.0)  # length of a sender's silences; 0 for none
+    burst_every_s: float = _from_to(10.0, 0.1, 1e4)  # mean interval of a sender's silences
+    gust_m_s2: float = _from_to(0.1, 0.0, 5.0)  # std per horizontal axis, correlated over 1 s
+    # lag_mismatch, gain, drag_mismatch, hover_mismatch: half widths of uniform relative errors of the lag and gain of
+    # the attitude, of drag and of hover throttle, constant per vehicle
+    lag_mismatch: float = _from_to(0.10, 0.0, 0.9)
+    lag_error_s: float = _from_to(0.0, 0.0, 1.0)  # added to the dead time
+    gain: float = _from_to(0.05, 0.0, 0.9)
+    drag_mismatch: float = _from_to(0.0, 0.0, 0.9)
+    hover_mismatch: float = _from_to(0.0, 0.0, 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +197,7 @@ def setup_for(
             for name in names:
                 tables[name][rest] = value
         else:
-            low, high = _BOUNDS[key]
+            low, high = next(entry.metadata.values() for entry in fields(Perturbation) if entry.name == key)
             if isinstance(value, (bool, str)) or not low <= value <= high:
                 raise ConfigError(f"--set {change}: the value must be a number from {low:g} to {high:g}.")
             perturbation = replace(perturbation, **{key: float(value)})
