@@ -75,7 +75,3 @@ class LossyChannel(Generic[Load]):
         while not self.is_held and self._in_transit and self._in_transit[0][0] <= now_s + 1e-9:
             out.append(heapq.heappop(self._in_transit)[2])
         return out
-
-    def clear(self) -> None:
-        """Forget what is on the way."""
-        self._in_transit.clear()

@@ -19,7 +19,6 @@ from sitl.lockstep.agent_batch import Batch
 from sitl.lockstep.agents import AgentShell, FleetTables, by_arrival
 from sitl.lockstep.bus import BusSettings, SimBus
 from sitl.lockstep.link import LinkBank
-from sitl.physics.contacts import Collision
 from sitl.physics.vehicle import STEP_S
 from sitl.server import TRUTH_EVERY_STEPS, Broadcast, answer_fault, emulator_of
 
@@ -52,7 +51,6 @@ class Simulation:
         vehicles = [fleet.vehicles[name] for name in self.names]
         self.emulator = emulator_of(fleet, vehicles, seed=seed)
         self._vehicles = self.emulator.world.vehicles
-        self.collisions: list[Collision] = []
         self._broadcast = Broadcast(
             self.emulator,
             vehicles,
@@ -98,7 +96,7 @@ class Simulation:
         """Advance by 4 ms."""
         while self._planned and self._planned[0][0] <= self.now_ns - EPOCH_NS:
             heapq.heappop(self._planned)[2]()
-        self.collisions.extend(self.emulator.step())
+        self.emulator.step()
         self.links.step()
         steps = self.emulator.world.vehicles.steps
         if steps % TRUTH_EVERY_STEPS == 0:

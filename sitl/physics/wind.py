@@ -31,7 +31,7 @@ class WindSettings:
 class Wind:
     """Velocity of the air at each vehicle, one sample per physics step.
 
-    is_calm: whether the air has never moved and does not now.
+    is_calm: whether the air does not move.
     """
 
     def __init__(self, count: int, settings: WindSettings, *, seed: int) -> None:
@@ -40,23 +40,12 @@ class Wind:
         self._draws = np.zeros((_BLOCK, *self._gust.shape))
         self._block_row = 0
         self._count = count
-        self.settings = settings
-
-    @property
-    def settings(self) -> WindSettings:
-        """The present weather; may be changed at any time."""
-        return self._settings
-
-    @settings.setter
-    def settings(self, settings: WindSettings) -> None:
-        self._settings = settings
         east, north, up = settings.mean_enu_m_s
         self._mean_ned = np.array([north, east, -up])
         self._keep = math.exp(-STEP_S / max(settings.gust_time_s, STEP_S))
         std = settings.gust_std_m_s * np.array([1.0, 1.0, _VERTICAL_SHARE])
         self._spread = std * math.sqrt(1.0 - self._keep**2)
-        # read at every step of the physics; it stays false once the air has moved
-        self.is_calm = settings.gust_std_m_s == 0.0 and not self._mean_ned.any() and not self._gust.any()
+        self.is_calm = settings.gust_std_m_s == 0.0 and not self._mean_ned.any()  # read at every step of the physics
 
     def step(self) -> Array:
         """Velocity of the air (n, 3) NED [m/s], one physics step later."""

@@ -185,8 +185,8 @@ class Judge:
     def finish(self) -> None:
         """After the flight."""
         flight, injection, victim = self.flight, self.injection, self.victim
-        if flight.simulation.collisions:
-            self.wrong(f"collisions: {len(flight.simulation.collisions)}")
+        if flight.simulation.emulator.world.collisions:
+            self.wrong(f"collisions: {len(flight.simulation.emulator.world.collisions)}")
         for one, autopilot in zip(flight.simulation.names, flight.simulation.emulator.autopilots, strict=True):
             if autopilot.is_armed or not self.truths[one].is_on_ground:
                 self.wrong(f"{one} is not down and disarmed at the end")

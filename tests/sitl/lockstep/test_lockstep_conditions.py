@@ -57,7 +57,7 @@ def test_a_vehicle_whose_agent_dies_on_its_way_is_avoided_where_it_really_goes(l
     assert nearest_m > 0.8
     mav2 = flight.state.vehicles["mav2"].truth.position_enu_m
     assert math.dist(mav2[:2], (2 * x - from_x, 2 * y - from_y)) < 0.2  # and it did get past
-    assert not flight.simulation.collisions
+    assert not flight.simulation.emulator.world.collisions
 
 
 def test_two_bodies_that_mocap_swaps_hold_within_150_ms_and_come_down_apart(lockstep, paper):
