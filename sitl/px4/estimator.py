@@ -83,7 +83,6 @@ class Estimator:
         has_gps, uses_vision_yaw, vision_levels, vision_noise_m: by parameters, per vehicle.
         gps_blocked: (list) satellites are not received, whatever the parameters say.
         resets: (n, 5) counters XY, VXY, Z, VZ, HEADING.
-        reset_ned_m: (n, 3) by how much the position jumped at its newest reset.
         origin_altitude_m: (list) of the local frame's origin above the sea: from satellites, or as somebody said; None
             before either.
         jumps: which vehicle's position jumped by how much, until somebody takes them.
@@ -131,7 +130,6 @@ class Estimator:
         self.vision_levels = [VISION_DEFAULT] * n
         self.vision_noise_m = [0.1] * n
         self.resets = np.tile(np.array(_RESETS_AT_START, dtype=np.int64), (n, 1))
-        self.reset_ned_m = np.zeros((n, 3))
         self.jumps: list[tuple[int, Array]] = []
         self.origin_altitude_m: list[float | None] = [None] * n
         self._levels: list[ErrorLevel | None] = [None] * n
@@ -208,7 +206,6 @@ class Estimator:
         self.resets[index, Z] += lifts
         if jumps or lifts:
             shift = np.array([ex if jumps else 0.0, ey if jumps else 0.0, ez if lifts else 0.0])
-            self.reset_ned_m[index] = shift
             self.jumps.append((index, shift))
 
     def set_origin_altitude(self, index: int, altitude_m: float) -> None:
