@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import secrets
 import signal
+import sys
 from pathlib import Path
 
 from groundstation.commands.parameters import File, Folder
@@ -37,7 +39,7 @@ def web(
     Args:
         fleet: watch the fleet of this file
         replay: play a recorded flight; each page plays for itself
-        operate: pages may give orders; one operator at a time, as ever
+        operate: pages may give orders, one operator at a time; the printed address has a key, new at every start
         port: 0 takes any
         host: a loopback address
     """
@@ -53,7 +55,9 @@ def web(
     else:
         raise ConfigError("Give one of --fleet FILE and --replay DIR.")
     ended = "The console has ended. A fleet that flies goes on flying."
-    server = ConsoleServer(words, title=title, ended=ended)
+    command = [sys.executable, "-m", "groundstation", *words]
+    key = secrets.token_urlsafe(24) if operate else ""
+    server = ConsoleServer(command, title=title, ended=ended, key=key)
     return asyncio.run(_serve(server, title, host, port))
 
 

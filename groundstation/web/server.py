@@ -2,16 +2,18 @@
 
 The terminal in the page is textual-serve's; the page around it is ours: nothing is loaded from elsewhere. Another
 site's page in the same browser must not reach the fleet: names other than loopback and foreign origins are refused.
+Pages that can order stand behind a key, which is the first part of every path. A cookie would be no place for it:
+browsers send the cookies of one port of this machine to all others.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import hmac
 import html
 import ipaddress
 import json
-import shlex
-import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from string import Template
@@ -19,14 +21,12 @@ from urllib.parse import urlsplit
 
 import textual_serve
 from aiohttp import WSCloseCode, WSMsgType, web
-from textual_serve.app_service import AppService
-from textual_serve.download_manager import DownloadManager
 
+from groundstation.web.console_process import END_TIMEOUT_S, ConsoleProcess
 from onboard.config.fleet import ConfigError
 
 MAX_PAGES = 12
 MAX_CELLS = 1000
-END_TIMEOUT_S = 3.0
 _HERE = Path(__file__).parent
 _STATIC = Path(textual_serve.__file__).parent / "static"
 _TYPES = {"page.css": "text/css", "page.js": "text/javascript"}
@@ -45,7 +45,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 def require_loopback(host: str) -> str:
-    """The host, if only this machine can reach it; ConfigError in words otherwise."""
+    """Return the host if only this machine can reach it; ConfigError in words otherwise."""
     if is_loopback(host):
         return host
     raise ConfigError(
@@ -68,29 +68,38 @@ class ConsoleServer:
     """Pages of one command.
 
     Args:
-        words: the console's command line, after ``covey``. title: of the page. ended: what the page says afterwards.
+        command: the console's program with its arguments.
+        title: of the page.
+        ended: sentence in the page when its console has ended.
+        key: first part of every path; without it nothing is served. Empty: there is none.
     """
 
-    def __init__(self, words: list[str], *, title: str, ended: str) -> None:
-        self._command = "exec " + shlex.join([sys.executable, "-m", "groundstation", *words])
+    def __init__(self, command: list[str], *, title: str, ended: str, key: str = "") -> None:
+        self._command, self._key = command, key
         self._title, self._ended = title, ended
-        self._downloads = DownloadManager()
-        self._open: set[AppService] = set()
+        self._open: dict[ConsoleProcess, asyncio.Task[object]] = {}  # with the tasks that serve their pages
         self._runner: web.AppRunner | None = None
+        self._is_stopping = False
 
     @property
     def pages(self) -> int:
         """Number of open pages."""
         return len(self._open)
 
+    @property
+    def pids(self) -> frozenset[int]:
+        """Process ids of the consoles of the open pages."""
+        return frozenset(console.pid for console in self._open if console.pid is not None)
+
     async def start(self, host: str, port: int) -> str:
         """Begin to serve; the address. ConfigError when the port is taken."""
-        app = web.Application(middlewares=[_guarded])
-        app.router.add_get("/", self._page)
-        app.router.add_get("/ws", self._socket)
+        base = f"/{self._key}" if self._key else ""
+        app = web.Application(middlewares=[self._admit])
+        app.router.add_get(f"{base}/", self._page)
+        app.router.add_get(f"{base}/ws", self._socket)
         for name in _TYPES:
-            app.router.add_get(f"/{name}", _file)
-        app.router.add_static("/static", _STATIC, show_index=False)
+            app.router.add_get(f"{base}/{name}", _file)
+        app.router.add_static(f"{base}/static", _STATIC, show_index=False)
         runner = self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=END_TIMEOUT_S)
         await runner.setup()
         try:
@@ -102,11 +111,15 @@ class ConsoleServer:
             ) from None
         address = runner.addresses[0]
         name = f"[{address[0]}]" if ":" in str(address[0]) else address[0]
-        return f"http://{name}:{address[1]}/"
+        return f"http://{name}:{address[1]}{base}/"
 
     async def stop(self) -> None:
-        """End all pages and their consoles."""
-        await asyncio.gather(*(_end(service) for service in list(self._open)))
+        """End all pages and their consoles; none of them is left afterwards."""
+        self._is_stopping = True
+        tasks = list(self._open.values())
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
         if self._runner is not None:
             await self._runner.cleanup()
 
@@ -115,89 +128,86 @@ class ConsoleServer:
         values = {
             "title": html.escape(self._title),
             "ended": html.escape(self._ended),
-            "socket": html.escape(f"ws://{request.host}/ws"),
+            "socket": html.escape(f"ws://{request.host}{request.path}ws"),
             "font_size": str(min(60, max(6, int(size)))) if size.isdecimal() and len(size) < 4 else "16",
         }
         text = Template((_HERE / "page.html").read_text(encoding="utf-8")).substitute(values)
         return web.Response(text=text, content_type="text/html")
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
-        pipe = web.WebSocketResponse(heartbeat=15.0, max_msg_size=65_536)
+        pipe = web.WebSocketResponse(timeout=END_TIMEOUT_S, heartbeat=15.0, max_msg_size=65_536)
         await pipe.prepare(request)
-        if len(self._open) >= MAX_PAGES:
+        if self._is_stopping or len(self._open) >= MAX_PAGES:
             await pipe.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"too many pages are open")
             return pipe
-
-        async def close() -> None:
-            await pipe.close()
-
-        service = AppService(
-            self._command,
-            write_bytes=pipe.send_bytes,
-            write_str=pipe.send_str,
-            close=close,
-            download_manager=self._downloads,
-        )
-        self._open.add(service)
+        console, task = ConsoleProcess(self._command), asyncio.current_task()
+        assert task is not None
+        self._open[console] = task
         try:
-            await service.start(_cells(request.query.get("width"), 80), _cells(request.query.get("height"), 24))
-            async for message in pipe:
-                if message.type is WSMsgType.TEXT:
-                    await _pass_on(message.data, service, pipe)
+            await console.start(_cells(request.query.get("width"), 80), _cells(request.query.get("height"), 24))
+            async with asyncio.TaskGroup() as tasks:
+                drawing = tasks.create_task(_draw(console, pipe))
+                async for message in pipe:
+                    if message.type is WSMsgType.TEXT:
+                        await _pass_on(message.data, console, pipe)
+                drawing.cancel()
         finally:
-            await asyncio.shield(_end(service))
-            self._open.discard(service)
+            try:
+                await asyncio.shield(console.end())
+            finally:
+                console.kill()
+                del self._open[console]
         return pipe
 
-
-@web.middleware
-async def _guarded(request: web.Request, handler: Handler) -> web.StreamResponse:
-    """Refuse what only pretends to be this machine: another name for it, or a script of another page."""
-    name = urlsplit(f"//{request.host}").hostname or ""
-    origin = request.headers.get("Origin")
-    if not is_loopback(name):
-        raise web.HTTPForbidden(text="This page is served to this machine only: open it at 127.0.0.1 or localhost.")
-    if origin is not None and urlsplit(origin).netloc != request.host:
-        raise web.HTTPForbidden(text="This console takes nothing from other pages.")
-    response = await handler(request)
-    if not response.prepared:
-        for header, value in _HEADERS.items():
-            response.headers[header] = value.format(host=request.host)
-    return response
+    @web.middleware
+    async def _admit(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Refuse another name for this machine, a script of another page, and whatever comes without the key."""
+        name = urlsplit(f"//{request.host}").hostname or ""
+        origin = request.headers.get("Origin")
+        if not is_loopback(name):
+            raise web.HTTPForbidden(text="This page is served to this machine only: open it at 127.0.0.1 or localhost.")
+        if origin is not None and urlsplit(origin).netloc != request.host:
+            raise web.HTTPForbidden(text="This console takes nothing from other pages.")
+        given = request.path.lstrip("/").partition("/")[0]
+        if self._key and not hmac.compare_digest(given.encode("utf-8", "replace"), self._key.encode()):
+            raise web.HTTPForbidden(
+                text="These pages give orders, so they have a key: open the whole address that covey web has printed."
+            )
+        response = await handler(request)
+        if not response.prepared:
+            for header, value in _HEADERS.items():
+                response.headers[header] = value.format(host=request.host)
+        return response
 
 
 async def _file(request: web.Request) -> web.Response:
-    name = request.path.strip("/")
+    name = request.path.rpartition("/")[2]
     return web.Response(text=(_HERE / name).read_text(encoding="utf-8"), content_type=_TYPES[name])
 
 
-async def _pass_on(text: str, service: AppService, pipe: web.WebSocketResponse) -> None:
-    """One message of the terminal in the page; what is none is left out."""
+async def _draw(console: ConsoleProcess, pipe: web.WebSocketResponse) -> None:
+    """Pass the console's output on to its page, and close the page after it; a page that has gone ends that."""
+    with contextlib.suppress(ConnectionError):
+        async for data in console.drawings():
+            await pipe.send_bytes(data)
+    await pipe.close()
+
+
+async def _pass_on(text: str, console: ConsoleProcess, pipe: web.WebSocketResponse) -> None:
+    """Pass on one message of the terminal in the page; a malformed one is left out."""
     try:
         match json.loads(text):
             case ["stdin", str(data)]:
-                await service.send_bytes(data.encode("utf-8", "replace"))
+                console.send("D", data.encode("utf-8", "replace"))
             case ["resize", {"width": int(width), "height": int(height)}]:
-                await service.set_terminal_size(_cells(width, 80), _cells(height, 24))
+                size = {"width": _cells(width, 80), "height": _cells(height, 24)}
+                console.send_message({"type": "resize", **size})
             case ["ping", data]:
                 await pipe.send_json(["pong", data])
-            case ["blur", *_]:
-                await service.blur()
-            case ["focus", *_]:
-                await service.focus()
+            case ["blur" | "focus" as kind, *_]:
+                console.send_message({"type": kind})
     except (ValueError, ConnectionError):
         return
-
-
-async def _end(service: AppService) -> None:
-    """Ask the console to leave, and end it if it does not."""
-    try:
-        async with asyncio.timeout(END_TIMEOUT_S):
-            await service.stop()
-    except (TimeoutError, ConnectionError):
-        process = service._process
-        if process is not None and process.returncode is None:
-            process.kill()
 
 
 def _cells(value: object, default: int) -> int:
