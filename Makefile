@@ -2,10 +2,11 @@
 # make test             lint, types, import contracts and every test that needs no real time (under 5 minutes)
 # make test-realtime    tests with processes, sockets and terminals
 # make test-long        tests that take longer than that
+# make pins             write requirements/*.txt anew: the newest libraries that pyproject.toml allows, with hashes
 # make bench-NAME       one benchmark, with options in ARGS; make bench lists them
 SHELL := bash
 export PYTHON ?=
-.PHONY: demo test test-realtime test-long lint bench clean
+.PHONY: demo test test-realtime test-long lint bench pins clean
 DEMO_ARGS ?=
 ARGS ?=
 
@@ -38,6 +39,17 @@ bench:
 bench-%:
 	@.ci/setup dev
 	@exec .venv/bin/python -m tests.bench $* $(ARGS)
+
+# one resolution for all systems and for Python 3.11 and newer; setuptools builds Covey itself
+PIN = .venv/pins/bin/uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
+  --custom-compile-command "make pins" pyproject.toml requirements/build.in
+
+pins:
+	@.ci/setup dev
+	@.venv/bin/python -m venv .venv/pins && .venv/pins/bin/pip install -q 'uv>=0.13,<1'
+	$(PIN) --extra dev -o requirements/dev.txt
+	$(PIN) --extra all --constraint requirements/dev.txt -o requirements/all.txt
+	$(PIN) --constraint requirements/dev.txt -o requirements/base.txt
 
 clean:
 	rm -rf .venv build *.egg-info
