@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from groundstation.alarms.table import BY_TEXT, COVERED, RANKS, TABLE, Ground, Kind, Severity
+from groundstation.fleet.plain_text import plain_line
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
@@ -223,7 +224,7 @@ def lasting(seconds: float) -> str:
 
 def plain(text: str, limit: int = 160) -> str:
     """Return text from outside as one line without control characters."""
-    return "".join(char if char.isprintable() else " " for char in text[:limit]).strip().rstrip(".")
+    return plain_line(text[:limit]).rstrip(".")
 
 
 def _urgency(alarm: Alarm) -> tuple[int, int, str]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from groundstation.client.client import FleetClient
+from groundstation.fleet.plain_text import plain_line
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.config.fleet import FleetConfig
 from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
@@ -160,11 +161,11 @@ def as_text(pages: Sequence[VehiclePage]) -> str:
     for page in pages:
         rows.append(f"{page.name}: {'go' if page.is_go else 'NO-GO'}")
         for line in page.lines:
-            first = f"  {_MARKS[line.status]:<7}{line.name:<{width}}  "
-            text = f"{line.sentence} {line.remedy}".strip()
+            first = f"  {_MARKS[line.status]:<7}{plain_line(line.name):<{width}}  "
+            text = plain_line(f"{line.sentence} {line.remedy}")
             rows += textwrap.wrap(text, _WIDTH, initial_indent=first, subsequent_indent=" " * len(first))
     against = [
-        f"{page.name} ({', '.join(line.name for line in page.lines if not line.is_ok)})"
+        f"{page.name} ({', '.join(plain_line(line.name) for line in page.lines if not line.is_ok)})"
         for page in pages
         if not page.is_go
     ]

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from groundstation.client.client import FleetClient
+from groundstation.fleet.plain_text import plain_line, plain_lines
 from groundstation.missions.files import Mission, load_mission
 from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.findings import refuse_unflyable
@@ -188,6 +189,7 @@ class MissionFlight:
         record = self._record = RecordWriter(
             self.settings.folder,
             on_failure=self._record_failed,
+            on_warning=lambda sentence: client.publish_event("warning", "record_full", sentence),
         )
         try:
             record.start()
@@ -271,7 +273,7 @@ class MissionFlight:
 
     def _print_event(self, event: Event) -> None:
         if event.severity in ("warning", "critical"):
-            self._print(f"  [{event.vehicle}] {event.severity}: {event.sentence}")
+            self._print(f"  [{event.vehicle}] {event.severity}: {plain_line(event.sentence)}")
 
 
 def clock_say() -> Say:
@@ -279,6 +281,6 @@ def clock_say() -> Say:
     begin_s = time.monotonic()
 
     def say(line: str) -> None:
-        print(f"{time.monotonic() - begin_s:6.1f} s  {line}", flush=True)
+        print(f"{time.monotonic() - begin_s:6.1f} s  {plain_lines(line)}", flush=True)
 
     return say

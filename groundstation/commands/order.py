@@ -11,6 +11,7 @@ from cyclopts import Parameter
 
 from groundstation.client.client import FleetClient
 from groundstation.commands.parameters import FleetFile, Seconds
+from groundstation.fleet.plain_text import plain_line
 from groundstation.fleet.state import FleetState
 from groundstation.orders.grammar import Intent, OrderError, parse
 from groundstation.orders.result import VehicleResult
@@ -63,7 +64,7 @@ def order(
         return exit_status(results)
     for one in results.values():
         line = f"{one.vehicle}: {one.phase}. {one.sentence}".rstrip()
-        print(line, file=sys.stdout if one.is_done else sys.stderr)
+        print(plain_line(line), file=sys.stdout if one.is_done else sys.stderr)
     return exit_status(results)
 
 

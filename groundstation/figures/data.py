@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.recording.reader import Sample
+from groundstation.recording.reader import MAX_FLIGHT_NS, Sample, is_number, is_vector, of_one_flight
 
 Array = NDArray[np.float64]
 TOPICS = ("truth", "tick", "telemetry")
@@ -92,12 +92,12 @@ def from_samples(samples: Iterable[Sample], *, title: str, safety_distance_m: fl
     for sample in samples:
         if sample.topic in rows:
             rows[sample.topic].setdefault(sample.name, []).append(sample)
+    for kinds in rows.values():
+        for name, own in kinds.items():
+            kinds[name] = sorted(of_one_flight(own), key=lambda sample: sample.stamp_ns)
     names = sorted(name for name, ticks in rows["tick"].items() if len(ticks) > 1)
     if not names:
         return None
-    for kinds in rows.values():
-        for own in kinds.values():
-            own.sort(key=lambda sample: sample.stamp_ns)
     start_ns = _start_ns({name: rows["truth"].get(name, []) for name in names}, {n: rows["tick"][n] for n in names})
     tracks = tuple(
         _track(name, rows["tick"][name], rows["truth"].get(name, []), rows["telemetry"].get(name, []), start_ns)
@@ -105,6 +105,7 @@ def from_samples(samples: Iterable[Sample], *, title: str, safety_distance_m: fl
     )
     end_s = max(float(track.path_time_s[-1]) for track in tracks)
     begin_s = max(-_LEAD_S, min(float(track.path_time_s[0]) for track in tracks))
+    end_s = min(end_s, begin_s + MAX_FLIGHT_NS * 1e-9)  # vehicles' clocks may be far apart
     grid_s = np.arange(begin_s, end_s, GRID_S) if end_s > begin_s else np.array([begin_s])
     return FlightData(title, tracks, safety_distance_m, grid_s, _pairs(tracks, grid_s))
 
@@ -151,7 +152,7 @@ def _vectors(samples: list[Sample], field: str, size: int) -> Array:
     for index, sample in enumerate(samples):
         value = sample.values.get(field)
         if isinstance(value, list) and len(value) == size:
-            vectors[index] = [entry if isinstance(entry, (int, float)) else np.nan for entry in value]
+            vectors[index] = [entry if is_number(entry) else np.nan for entry in value]
     return vectors
 
 
@@ -169,7 +170,7 @@ def _slots(telemetry: list[Sample]) -> Array:
         goal = sample.values.get("goal_position_enu_m")
         if sample.values.get("state") not in ("flying", "holding") or sample.values.get("order_kind") != "move":
             continue
-        if not isinstance(goal, list) or len(goal) != 3 or not all(isinstance(value, (int, float)) for value in goal):
+        if not isinstance(goal, list) or not is_vector(goal, 3):
             continue
         if not slots or np.linalg.norm(np.subtract(slots[-1], goal)) > _SLOT_STEP_M:
             slots.append([float(value) for value in goal])

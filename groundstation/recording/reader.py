@@ -7,15 +7,21 @@ import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from mcap.exceptions import McapError
-from mcap.records import Channel, Message
-from mcap.stream_reader import StreamReader
-from zstandard import ZstdError
+from mcap.records import Channel, Chunk, McapRecord, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
+from zstandard import ZstdError, frame_content_size
 
 from groundstation.recording.writer import RECORD_NAME
 from onboard.config.fleet import ConfigError
+
+MAX_CHUNK_BYTES = 256 * 1024 * 1024
+MAX_FLIGHT_NS = 86_400_000_000_000  # stamps further from the others are of no flight
+DAMAGED = (McapError, ZstdError, EOFError, ValueError, struct.error)  # exceptions of mcap on damaged bytes
+_MAX_NUMBER = 1e300
+_MAX_STAMP_NS = (1 << 63) - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +56,7 @@ def record_path(folder: Path) -> Path:
 
 
 def read(folder: Path, topics: Sequence[str] = ()) -> Iterator[Sample]:
-    """Read a record from its beginning. A record that breaks off ends there, without an error.
+    """Read a record from its beginning. A record that breaks off ends there, and what is damaged is left out.
 
     Args:
         folder: flight folder, or the MCAP file itself.
@@ -64,17 +70,79 @@ def read(folder: Path, topics: Sequence[str] = ()) -> Iterator[Sample]:
     """
     channels: dict[int, str] = {}
     with record_path(folder).open("rb") as stream:
-        records = StreamReader(stream).records
-        while True:
-            try:
-                record = next(records, None)
-            except (McapError, ZstdError, EOFError, ValueError, struct.error):
-                return
-            if record is None:
-                return
+        for record in _records(stream):
             if isinstance(record, Channel):
                 channels[record.id] = record.topic
             elif isinstance(record, Message):
-                channel = channels[record.channel_id]
-                if not topics or channel.partition("/")[0] in topics:
-                    yield Sample(channel, record.log_time, json.loads(record.data))
+                channel = channels.get(record.channel_id, "")
+                if channel and (not topics or channel.partition("/")[0] in topics):
+                    values = _values(record.data)
+                    if values is not None and record.log_time <= _MAX_STAMP_NS:
+                        yield Sample(channel, record.log_time, values)
+
+
+def of_one_flight(samples: Sequence[Sample]) -> list[Sample]:
+    """Return the samples without those whose stamp is impossible: more than MAX_FLIGHT_NS from the middle one.
+
+    Args:
+        samples: of one channel.
+
+    Returns:
+        The same without them.
+    """
+    if not samples:
+        return []
+    middle_ns = sorted(sample.stamp_ns for sample in samples)[(len(samples) - 1) // 2]
+    return [sample for sample in samples if abs(sample.stamp_ns - middle_ns) <= MAX_FLIGHT_NS]
+
+
+def is_vector(value: object, size: int) -> bool:
+    """Whether a value of a record is a list of so many numbers that a float can hold."""
+    return isinstance(value, list) and len(value) == size and all(is_number(entry) for entry in value)
+
+
+def is_number(value: object) -> bool:
+    """Whether a value of a record is a finite number that a float can hold."""
+    return isinstance(value, int | float) and -_MAX_NUMBER < value < _MAX_NUMBER
+
+
+def chunk_records(chunk: Chunk) -> list[McapRecord] | None:
+    """Decode a chunk.
+
+    Args:
+        chunk: as it stands in the file.
+
+    Returns:
+        Its records; None when it is damaged or would not fit into memory.
+    """
+    try:
+        size = frame_content_size(chunk.data) if chunk.compression == "zstd" else chunk.uncompressed_size
+        if max(size, chunk.uncompressed_size) <= MAX_CHUNK_BYTES:
+            return breakup_chunk(chunk, validate_crc=True)
+    except DAMAGED:
+        pass
+    return None
+
+
+def _records(stream: IO[bytes]) -> Iterator[McapRecord]:
+    """Records of the file; a damaged chunk is left out, and a damaged frame of the file ends it."""
+    records = StreamReader(stream, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES).records
+    while True:
+        try:
+            record = next(records, None)
+        except DAMAGED:
+            return
+        if record is None:
+            return
+        if isinstance(record, Chunk):
+            yield from chunk_records(record) or ()
+        else:
+            yield record
+
+
+def _values(data: bytes) -> dict[str, Any] | None:
+    try:
+        values = json.loads(data)
+    except (ValueError, RecursionError):
+        return None
+    return values if isinstance(values, dict) else None

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.fleet.state import Separation
-from groundstation.recording.reader import read
+from groundstation.recording.reader import Sample, is_vector, of_one_flight, read
 
 MAX_GAP_S = 0.25
 PERIOD_NOMINAL_MS = 20.0
@@ -62,18 +62,17 @@ def report(folder: Path) -> FlightReport:
     Raises:
         ConfigError: there is no record.
     """
-    truths: dict[str, list[tuple[int, list[float], bool, bool]]] = defaultdict(list)
+    truths: dict[str, list[Sample]] = defaultdict(list)
     periods_ms: dict[str, list[float]] = defaultdict(list)
     for sample in read(folder, ("truth", "tick")):
         values = sample.values
         if sample.topic == "tick":
             period_s = values.get("period_s")
-            if period_s:
+            if isinstance(period_s, float) and 0.0 < period_s < math.inf:
                 periods_ms[sample.name].append(1e3 * period_s)
-        elif None not in values["position_enu_m"]:
-            row = (sample.stamp_ns, values["position_enu_m"], values["is_on_ground"], values["is_collided"])
-            truths[sample.name].append(row)
-    tracks = {name: track(rows) for name, rows in truths.items()}
+        elif is_vector(values.get("position_enu_m"), 3):
+            truths[sample.name].append(sample)
+    tracks = {name: track([_row(one) for one in of_one_flight(samples)]) for name, samples in truths.items()}
     pairs = separations(tracks)
     stamps = [value.stamp_ns for value in tracks.values()]
     begin_ns = min((int(value[0]) for value in stamps), default=0)
@@ -86,6 +85,12 @@ def report(folder: Path) -> FlightReport:
         begin_ns=begin_ns,
         duration_s=(end_ns - begin_ns) * 1e-9,
     )
+
+
+def _row(truth: Sample) -> tuple[int, list[float], bool, bool]:
+    values = truth.values
+    is_on_ground, is_collided = bool(values.get("is_on_ground")), bool(values.get("is_collided"))
+    return truth.stamp_ns, values["position_enu_m"], is_on_ground, is_collided
 
 
 def track(rows: list[tuple[int, list[float], bool, bool]]) -> TrueMotion:

@@ -22,20 +22,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Schema
 from mcap.records import Message as McapMessage
-from mcap.stream_reader import breakup_chunk
-from zstandard import ZstdError, frame_content_size
 
 from groundstation.recording.channels import KINDS, REPLY, from_json
-from groundstation.recording.reader import record_path
+from groundstation.recording.reader import DAMAGED, chunk_records, record_path
 from onboard.bus.schema import Event, Message
 from onboard.config.fleet import ConfigError
 
 MAX_EVENTS = 20_000
-MAX_CHUNK_BYTES = 256 * 1024 * 1024
 CLOCK_APART_NS = 5_000_000_000  # stamps further apart than that within one second of writing are of two clocks
 MAX_CHUNK_NS = 3_600_000_000_000  # a chunk is written within seconds; a stamp further away is wrong
 _MAGIC = b"\x89MCAP0\r\n"
@@ -245,14 +241,12 @@ class Timeline:
         """The chunk's records; none of a damaged chunk."""
         self._stream.seek(chunk.offset)
         try:
-            whole = Chunk.read(ReadDataStream(BytesIO(self._stream.read(chunk.size))))
-            size = frame_content_size(whole.data) if whole.compression == "zstd" else whole.uncompressed_size
-            if max(size, whole.uncompressed_size) <= MAX_CHUNK_BYTES:
-                return breakup_chunk(whole, validate_crc=True)
-        except (McapError, ZstdError, struct.error, ValueError, EOFError):
-            pass
-        self.broken = self.broken or "A piece of the record is damaged; the flight jumps over it."
-        return []
+            records = chunk_records(Chunk.read(ReadDataStream(BytesIO(self._stream.read(chunk.size)))))
+        except DAMAGED:
+            records = None
+        if records is None:
+            self.broken = self.broken or "A piece of the record is damaged; the flight jumps over it."
+        return records or []
 
 
 class Reading:

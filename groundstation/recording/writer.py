@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import io
+import os
 import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO, TextIO
+from typing import IO, Any, TextIO
 
 import msgspec
 from mcap.writer import Writer
 
+from groundstation.fleet.plain_text import plain_line
 from groundstation.recording.channels import json_schema, rows
 from onboard.bus.schema import Event, Message, Order, OrderReply
 from onboard.bus.topics import Topic
@@ -25,6 +28,7 @@ from onboard.bus.topics import Topic
 WRITE_PERIOD_S, FLUSH_PERIOD_S = 0.1, 1.0
 MAX_QUEUED = 20_000
 RECORD_NAME = "flight.mcap"
+MAX_CHANNELS = 4_000  # a hundred vehicles have a thousand; MCAP cannot number more than 65,535
 _CHUNK_BYTES = 512 * 1024  # each chunk has an index entry per channel
 
 _Item = tuple[Topic, str, Message, int]
@@ -36,6 +40,7 @@ class RecordWriter:
     Args:
         folder: created by :meth:`start`.
         on_failure: called once, on the writer's thread, with a sentence when the record had to end.
+        on_warning: called on the writer's thread, with a sentence about something that is not recorded.
         open_file: for tests.
     """
 
@@ -44,13 +49,14 @@ class RecordWriter:
         folder: Path,
         *,
         on_failure: Callable[[str], None] = lambda sentence: None,
+        on_warning: Callable[[str], None] = lambda sentence: None,
         open_file: Callable[[Path], IO[bytes]] = lambda path: path.open("wb"),
     ) -> None:
         self.folder = folder
         self.dropped = 0
         self.failure: str | None = None
         self.begin_ns = 0  # zero of the record's seconds, on the ground's clock
-        self.on_failure = on_failure
+        self.on_failure, self._on_warning = on_failure, on_warning
         self._open_file = open_file
         self._waiting: deque[_Item] = deque()
         self._is_ended = threading.Event()
@@ -68,7 +74,7 @@ class RecordWriter:
         begin = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
         stream = self._open_file(self.folder / RECORD_NAME)
         self.begin_ns = time.monotonic_ns()
-        files = RecordFiles(self.folder, stream, begin_ns=self.begin_ns, begin=begin)
+        files = RecordFiles(self.folder, stream, begin_ns=self.begin_ns, begin=begin, on_warning=self._on_warning)
         self._thread = threading.Thread(target=self._run, args=(files,), name="record", daemon=True)
         self._thread.start()
 
@@ -91,6 +97,7 @@ class RecordWriter:
 
     def _run(self, files: RecordFiles) -> None:
         next_flush_s = time.monotonic() + FLUSH_PERIOD_S
+        is_finished = False
         try:
             while not self._is_ended.wait(WRITE_PERIOD_S):
                 self._write(files)
@@ -99,11 +106,17 @@ class RecordWriter:
                     next_flush_s = time.monotonic() + FLUSH_PERIOD_S
             self._write(files)
             files.finish()
+            is_finished = True
         except OSError as error:
-            self.failure = failure_sentence(self.folder, error)
-            self.on_failure(self.failure)
+            self._fail(failure_sentence(self.folder, error))
         finally:
+            if not is_finished and self.failure is None:  # our own mistake: its trace goes to the log
+                self._fail("The record ended by a mistake of Covey's own. The flight goes on without it.")
             files.close()
+
+    def _fail(self, sentence: str) -> None:
+        self.failure = sentence
+        self.on_failure(sentence)
 
     def _write(self, files: RecordFiles) -> None:
         for _ in range(len(self._waiting)):
@@ -118,16 +131,26 @@ class RecordFiles:
         stream: for the MCAP.
         begin_ns: zero of the texts' seconds, on the ground's clock [ns].
         begin: the same in words.
+        on_warning: called once, with a sentence, when there are too many channels.
     """
 
-    def __init__(self, folder: Path, stream: IO[bytes], *, begin_ns: int, begin: str) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        stream: IO[bytes],
+        *,
+        begin_ns: int,
+        begin: str,
+        on_warning: Callable[[str], None] = lambda sentence: None,
+    ) -> None:
         self._stream = stream
         self._mcap = Writer(stream, chunk_size=_CHUNK_BYTES)
         self._mcap.start(library="covey")
         self._schemas: dict[type[Message], int] = {}
         self._channels: dict[str, int] = {}
         self._sequences: Counter[int] = Counter()  # next of each channel
-        self._begin_ns = begin_ns
+        self._begin_ns, self._on_warning = begin_ns, on_warning
+        self._is_full = False
         head = f"# seconds since {begin}\n"
         self._texts: dict[str, TextIO] = {}
         for name in ("events.txt", "orders.txt"):
@@ -137,9 +160,7 @@ class RecordFiles:
     def write(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
         """Write one message of the bus."""
         for channel, kind, stamp_ns, data in rows(topic, name, message, received_ns):
-            number = self._channels.get(channel) or self._register(channel, kind)
-            self._mcap.add_message(number, stamp_ns, data, stamp_ns, self._sequences[number])
-            self._sequences[number] += 1
+            self.add_raw(channel, kind, stamp_ns, data)
         if isinstance(message, Event):
             self._line("events.txt", received_ns, event_line(message))
             if message.order_id:
@@ -151,19 +172,39 @@ class RecordFiles:
             answer = "accepted" if message.is_accepted else "refused"
             self._line("orders.txt", received_ns, f"{name} {message.order_id} {answer}: {message.reason}")
 
+    def add_raw(self, channel: str, kind: type[Message], stamp_ns: int, data: bytes) -> None:
+        """Write one row of the record; beyond MAX_CHANNELS rows of new channels are left out, which is said once."""
+        number = self._channels.get(channel)
+        if number is None:
+            if len(self._channels) >= MAX_CHANNELS:
+                if not self._is_full:
+                    self._is_full = True
+                    self._on_warning(
+                        f"The record has {MAX_CHANNELS} channels and takes no new names, for instance "
+                        f"{plain_line(channel)[:60]}. Somebody floods the bus with names: find out who."
+                    )
+                return
+            number = self._register(channel, kind)
+        self._mcap.add_message(number, stamp_ns, data, stamp_ns, self._sequences[number])
+        self._sequences[number] += 1
+
     def flush(self) -> None:
-        """Bring everything so far to the disk."""
+        """Bring everything so far to the disk itself: after a power cut at most a second is missing."""
         # also a chunk that is not full: a quiet flight would stay in memory for a minute
         self._mcap.flush()  # type: ignore[no-untyped-call]
-        for text in self._texts.values():
-            text.flush()
+        for file in self._files():
+            file.flush()
+            with contextlib.suppress(io.UnsupportedOperation):  # a file in memory
+                os.fdatasync(file.fileno())
+
+    def _files(self) -> tuple[IO[Any], ...]:
+        return (self._stream, *self._texts.values())
 
     def finish(self) -> None:
         """Write the end of the files."""
         self._mcap.finish()  # type: ignore[no-untyped-call]
-        self._stream.flush()
-        for text in self._texts.values():
-            text.flush()
+        for file in self._files():
+            file.flush()
 
     def close(self) -> None:
         """Close everything, finished or not."""
@@ -182,7 +223,7 @@ class RecordFiles:
 
     def _line(self, name: str, received_ns: int, text: str) -> None:
         seconds = (received_ns - self._begin_ns) * 1e-9
-        self._texts[name].write(f"{seconds:9.3f} {' '.join(text.split())}\n")
+        self._texts[name].write(f"{seconds:9.3f} {plain_line(text)}\n")
 
 
 def failure_sentence(folder: Path, error: OSError) -> str:
@@ -195,7 +236,7 @@ def failure_sentence(folder: Path, error: OSError) -> str:
 
 def event_line(event: Event) -> str:
     """Return an event as one line of text."""
-    return f"{event.vehicle} {event.severity} {event.code}: {event.sentence}"
+    return plain_line(f"{event.vehicle} {event.severity} {event.code}: {event.sentence}")
 
 
 def order_line(vehicle: str, order: Order) -> str:
