@@ -30,6 +30,9 @@ class LinkError(RuntimeError):
     """The link cannot be opened: a sentence that says what failed, where, and what to do."""
 
 
+BATTERY_KNOWN_NS = 5_000_000_000  # PX4 sends it twice a second
+
+
 class Snapshot(Struct, frozen=True):
     """Newest value of every message, with the monotonic time [ns] of its arrival; 0 = never."""
 
@@ -51,11 +54,18 @@ class Snapshot(Struct, frozen=True):
     landed_ns: int = 0
     battery_frac: float = float("nan")
     battery_voltage_v: float = float("nan")
+    battery_ns: int = 0
     status_text: str = ""
     status_text_ns: int = 0
     sensors_enabled: int = 0  # bits of SYS_STATUS
     sensors_healthy: int = 0
     sensors_ns: int = 0
+
+    def battery(self, now_ns: int) -> tuple[float, float]:
+        """Return charge [0 to 1] and voltage [V] as far as they are known now: NaN once PX4's report is 5 s old."""
+        if self.battery_ns and now_ns - self.battery_ns > BATTERY_KNOWN_NS:
+            return float("nan"), float("nan")
+        return self.battery_frac, self.battery_voltage_v
 
     @property
     def is_offboard(self) -> bool:

@@ -161,6 +161,7 @@ def telemetry(
     snapshot, order, now_ns = view.snapshot, flight.order, view.now_ns
     nearest = min(result.distances_m, key=result.distances_m.__getitem__, default="")
     conditions, action = sources.failsafes.in_words()
+    battery_frac, battery_voltage_v = snapshot.battery(now_ns)
     loop, ignored = counters.loop, sources.neighbours.ignored_messages + own.ignored_samples
     return Telemetry(
         vehicle=identity.vehicle.name,
@@ -179,8 +180,8 @@ def telemetry(
         is_position_valid=view.has_position,
         setpoint_position_enu_m=tick.setpoint.position_enu_m,
         goal_position_enu_m=flight.goal_position_enu_m if flight.is_under_law else view.position_enu_m,
-        battery_frac=snapshot.battery_frac,
-        battery_voltage_v=snapshot.battery_voltage_v,
+        battery_frac=battery_frac,
+        battery_voltage_v=battery_voltage_v,
         law=identity.law,
         law_status=law_status(tick),
         intervention_m_s2=float(tick.law.intervention_m_s2),

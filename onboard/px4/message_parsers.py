@@ -52,11 +52,12 @@ def _extended_state(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
     return {"landed": Landed(int(fields["landed_state"])), "landed_ns": arrival_ns}
 
 
-def _battery(fields: dict[str, Any], _: int) -> dict[str, Any]:
+def _battery(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
     remaining, voltages = int(fields["battery_remaining"]), fields["voltages"]
     return {
         "battery_frac": remaining / 100.0 if remaining >= 0 else math.nan,
         "battery_voltage_v": sum(v for v in voltages if v < 65535) / 1000.0,
+        "battery_ns": arrival_ns,
     }
 
 

@@ -62,6 +62,7 @@ class Rig:
     has_bus: bool = True  # False: poses come by another wire, nothing else is heard
     has_lift: bool = True  # False: propellers broken, as after a collision
     battery_frac: float = 0.9
+    sends_battery: bool = True
     now_ns: int = 1_000_000_000
     position: np.ndarray = field(default_factory=lambda: np.zeros(3))
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -127,6 +128,7 @@ class Rig:
                 landed_ns=now,
                 battery_frac=self.battery_frac,
                 battery_voltage_v=15.0,
+                battery_ns=now if self.sends_battery else self.snapshot.battery_ns,
             )
         self.core.handle(ev.SnapshotReceived(self.snapshot), now)
         heard_ns = self.core.neighbours.last_heard_ns

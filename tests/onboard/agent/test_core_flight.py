@@ -29,6 +29,22 @@ def test_a_flight_from_the_ground_to_the_ground_ends_every_order_as_done() -> No
     assert rig.telemetry.state == "landed"
 
 
+def test_a_battery_that_px4_no_longer_reports_is_shown_as_unknown_and_not_at_its_last_level() -> None:
+    rig = Rig()
+    rig.run(2.0)
+    assert rig.telemetry is not None
+    assert rig.telemetry.battery_frac == rig.battery_frac
+    rig.sends_battery = False
+    rig.run(4.0)
+    assert rig.telemetry.battery_frac == rig.battery_frac
+    rig.run(2.0)
+    assert math.isnan(rig.telemetry.battery_frac)
+    assert math.isnan(rig.telemetry.battery_voltage_v)
+    rig.sends_battery = True
+    rig.run(0.5)
+    assert rig.telemetry.battery_frac == rig.battery_frac
+
+
 def test_it_arms_only_after_a_heartbeat_has_said_offboard() -> None:
     rig = Rig()
     rig.until("ready")
