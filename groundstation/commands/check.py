@@ -41,7 +41,7 @@ def check(
         files: fleet or mission files
         fleet: check missions against this fleet
         json: a list with one object for each finding
-        errors: accuracy of the position (default: mocap where the fleet requires one, else gps)
+        errors: accuracy of the position (default: as the fleet file declares it)
     """
     status, rows = EXIT_OK, list[dict[str, Any]]()
     for path in files:

@@ -93,6 +93,7 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     max_speed_m_s: float = 1.0
     max_acceleration_m_s2: float = 1.5
     mocap_required: bool = True
+    px4_position: Literal["gps", "vision"] = "gps"  # what PX4's own position comes from, without a mocap
     px4_params: dict[str, float | int] = {}
     sitl: SitlProfile = SitlProfile()
 

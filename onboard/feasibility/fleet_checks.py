@@ -108,9 +108,11 @@ def error_class(fleet: FleetConfig) -> ErrorClass:
     Args:
         fleet: the fleet file.
     Returns:
-        ``mocap`` if every vehicle that takes part flies on a mocap, else ``gps``.
+        the least accurate of the vehicles that take part: ``mocap`` with ``mocap_required``, else ``px4_position``.
     """
-    return "mocap" if all(fleet.vehicles[name].mocap_required for name in fleet.enabled_names) else "gps"
+    vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
+    sources = {"mocap" if vehicle.mocap_required else vehicle.px4_position for vehicle in vehicles}
+    return "gps" if "gps" in sources else "vision" if "vision" in sources else "mocap"
 
 
 def start_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], accuracy: Accuracy) -> Finding:

@@ -142,8 +142,8 @@ class OwnState:
             return
         self._local_ns = snapshot.local_position_ns
         std_m = min(snapshot.position_accuracy_m * _SQRT_HALF, _WORST_STD_M)  # PX4's value is of two axes together
-        gps = ACCURACIES["gps"]
-        self._least_std = max(gps.position_std_m, std_m), gps.velocity_std_m_s
+        least = ACCURACIES[self.vehicle.px4_position]
+        self._least_std = max(least.position_std_m, std_m), least.velocity_std_m_s
         position = self._local_frame.take(snapshot)
         if position is not None:
             self._queue.append(

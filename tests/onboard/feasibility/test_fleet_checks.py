@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from onboard.config.fleet import FleetConfig, fleet_from_mapping
+from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping
 from onboard.feasibility import bounds
 from onboard.feasibility.bounds import ACCURACIES, Response
 from onboard.feasibility.finding import Finding
@@ -88,6 +88,18 @@ def test_gps_is_accepted_with_spacings_and_margin_two_and_a_half_times_as_large(
 def test_without_a_mocap_the_accuracy_is_that_of_gps() -> None:
     assert error_class(fleet_with()) == "mocap"
     assert error_class(fleet_with({"vehicles.mav1.mocap_required": False})) == "gps"
+
+
+def test_the_fleet_file_declares_what_positions_are_as_good_as_and_check_and_flight_judge_by_it() -> None:
+    vision = {"types.sih.mocap_required": False, "types.sih.px4_position": "vision"}
+    fleet = fleet_with(vision)
+    assert error_class(fleet) == "vision"
+    assert error_class(fleet_with({**vision, "vehicles.mav1.px4_position": "gps"})) == "gps"
+    assert fleet_findings(fleet) == fleet_findings(fleet, errors="vision")
+    spots = {name: vehicle.start_enu_m for name, vehicle in fleet.vehicles.items()}
+    assert spot_findings(fleet, spots, "starts") == spot_findings(fleet, spots, "starts", errors="vision")
+    with pytest.raises(ConfigError, match="px4_position"):
+        fleet_with({"types.sih.px4_position": "radar"})
 
 
 BROKEN: list[tuple[str, dict[str, Any], str]] = [

@@ -48,6 +48,16 @@ def test_px4s_own_position_is_never_called_better_than_satellites_are() -> None:
     assert _stood(False) == (known.position_std_m, known.velocity_std_m_s)
 
 
+def test_px4s_own_position_on_vision_is_called_as_accurate_as_the_checks_judge_it() -> None:
+    own = OwnState(replace(_vehicle(has_mocap=False), px4_position="vision"))
+    for now_ns in range(DT_NS, 101 * DT_NS, DT_NS):
+        seen = Snapshot(local_position_ns=now_ns, attitude_ns=now_ns, landed=Landed.ON_GROUND)
+        own.update(now_ns, 0.02, seen, 0.0, 0.5, True)
+    known = ACCURACIES["vision"]
+    assert own.state is not None
+    assert (own.state.position_std_m, own.state.velocity_std_m_s) == (known.position_std_m, known.velocity_std_m_s)
+
+
 def test_when_px4_says_that_it_is_worse_it_is_believed_up_to_a_limit() -> None:
     assert _stood(False, 0.6)[0] == pytest.approx(0.424, abs=1e-3)
     assert _stood(False, 1e6)[0] == 0.5
