@@ -66,7 +66,7 @@ class Disturbances:
         clocks: of the autopilots.
         is_hung, ignores_setpoints: per vehicle.
         boots: how often each autopilot has started anew.
-        news: sentences about what began and ended, for whoever takes them.
+        notices: sentences about what began and ended, until somebody takes them.
     """
 
     def __init__(self, names: list[str], *, seed: int) -> None:

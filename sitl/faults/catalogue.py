@@ -114,10 +114,10 @@ _LONGEST_S = 1e6
 class Fault:
     """One fault of one vehicle, in simulated time."""
 
-    name: str  # of `KINDS`. vehicle: whom it happens to.
-    vehicle: str
-    at_s: float = 0.0  # simulated time at which it begins. duration_s: 0 for ever.
-    duration_s: float = 0.0
+    name: str  # of `KINDS`
+    vehicle: str  # the one that it happens to
+    at_s: float = 0.0  # simulated time at which it begins
+    duration_s: float = 0.0  # 0 for ever
     parameters: Mapping[str, Value] = field(default_factory=dict)  # by name; what is left out has its default
 
     @property

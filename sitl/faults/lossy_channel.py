@@ -21,8 +21,8 @@ class ChannelFaults:
     """Delay, loss and duplication of one direction of a link."""
 
     loss: float = 0.0  # share that never arrives
-    delay_s: float = 0.0  # of everything; jitter_s: at most so much more, uniform. Order is kept.
-    jitter_s: float = 0.0
+    delay_s: float = 0.0  # of everything
+    jitter_s: float = 0.0  # at most so much more delay, uniform; the order is kept
     duplicate: float = 0.0  # share that arrives twice
     reorder: float = 0.0  # share that is overtaken by what is sent in the next `reorder_s`
     reorder_s: float = 0.02

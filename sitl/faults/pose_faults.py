@@ -14,9 +14,9 @@ class PoseFault:
     """Errors of the poses of one body."""
 
     kind: str  # frozen, swapped, jump, late or lost
-    other: int = 0  # index of the body that it is taken for. shift_m: (3,) added. delay_s: later than it should be.
-    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    delay_s: float = 0.0
+    other: int = 0  # index of the body that it is taken for
+    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # added to the position
+    delay_s: float = 0.0  # by which the pose is too late
 
 
 class PoseFaults:

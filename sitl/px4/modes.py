@@ -71,7 +71,7 @@ class ModeRow:
     sub: int
     base_mode: int  # without the armed bit
     standard_mode: int  # CURRENT_MODE.standard_mode (MAV_STANDARD_MODE)
-    needs: ModeCondition  # see :class:`Need`
+    needs: ModeCondition  # to be armed in it, and to be changed to it
     is_selectable: bool = True  # whether somebody may ask for it
 
     @property
