@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
+from onboard.bus.protocol import BusError
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_INTERRUPTED, EXIT_OK, EXIT_WRONG_INPUT
 
@@ -73,7 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ["COVEY_ASCII"] = "1"
     try:
         return _run(words)
-    except ConfigError as error:
+    except (ConfigError, BusError) as error:  # what was written or configured is wrong, or an endpoint is taken
         return _refuse(str(error))
     except ImportError as error:
         # The front page's library wraps the error of a command's module.

@@ -9,7 +9,6 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from groundstation.commands.parameters import FleetFile, Seconds
-from onboard.bus.protocol import BusError
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.config.mocap import SystemType, problems
 from onboard.mocap.relay.check import MocapCheck
@@ -50,10 +49,7 @@ def mocap(
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):  # a clean end
         signal.signal(number, lambda *_: stopped.set())
-    try:
-        return runner.run(seconds=seconds, every_s=every_s, stopped=stopped)
-    except BusError as error:
-        raise ConfigError(str(error)) from None
+    return runner.run(seconds=seconds, every_s=every_s, stopped=stopped)
 
 
 def _relay(fleet: FleetConfig, source: SystemType | None, hostname: str | None) -> Relay:

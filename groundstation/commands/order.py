@@ -13,10 +13,9 @@ from groundstation.client.client import FleetClient
 from groundstation.commands.parameters import FleetFile, Seconds
 from groundstation.fleet.plain_text import plain_line
 from groundstation.fleet.state import FleetState
-from groundstation.orders.grammar import Intent, OrderError, parse
+from groundstation.orders.grammar import Intent, parse
 from groundstation.orders.result import VehicleResult
 from onboard.bus.authority import EMERGENCY
-from onboard.bus.protocol import BusError
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSWER, EXIT_OK
 
@@ -48,16 +47,10 @@ def order(
         json: a list with one object per vehicle
     """
     config = load_fleet(fleet)
-    try:
-        intent = parse(" ".join(words), config)
-    except OrderError as error:
-        raise ConfigError(str(error)) from None
+    intent = parse(" ".join(words), config)
     if not 0.0 < timeout <= 3600.0:
         raise ConfigError(f"--timeout is {timeout:g}; give seconds between 0 and 3600.")
-    try:
-        results = asyncio.run(send(config, intent, timeout))
-    except BusError as error:
-        raise ConfigError(str(error)) from None
+    results = asyncio.run(send(config, intent, timeout))
     if json:
         rows = [{"vehicle": one.vehicle, "phase": one.phase, "sentence": one.sentence} for one in results.values()]
         print(dumps(rows, indent=2))

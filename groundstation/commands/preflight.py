@@ -9,7 +9,6 @@ from json import dumps
 from groundstation.client.client import FleetClient
 from groundstation.client.preflight_page import VehiclePage, as_mapping, as_text, ask, exit_status
 from groundstation.commands.parameters import FleetFile, Names, Seconds
-from onboard.bus.protocol import BusError
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 EPILOG = """\
@@ -42,10 +41,7 @@ def preflight(
         raise ConfigError("No vehicle is selected. Set enabled = true for one, or change --vehicles and --exclude.")
     if not 0.0 < timeout <= 600.0:
         raise ConfigError(f"--timeout is {timeout:g}; give 0 to 600 s.")
-    try:
-        pages = asyncio.run(_pages(config, names, timeout))
-    except BusError as error:
-        raise ConfigError(str(error)) from None
+    pages = asyncio.run(_pages(config, names, timeout))
     print(dumps(as_mapping(pages), indent=2) if json else as_text(pages))
     return exit_status(pages)
 

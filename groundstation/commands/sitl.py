@@ -9,7 +9,6 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from groundstation.commands.parameters import Names
-from onboard.bus.protocol import BusError
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_OK
 from sitl.emulator.emulator import Environment
@@ -109,7 +108,7 @@ def sitl(
             injected=[catalogue.parse(line) for line in fault],
         )
         run(server)
-    except (StartError, SpawnError, FaultError, BusError) as error:
+    except (StartError, SpawnError, FaultError) as error:
         raise ConfigError(str(error)) from None
     return EXIT_OK
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from groundstation.commands.parameters import FleetFile, Names
-from onboard.bus.protocol import BusError
 from onboard.config.fleet import ConfigError, load_fleet
 from onboard.exit_status import EXIT_OK
 from sitl.mavlink.endpoints import StartError
@@ -26,6 +25,6 @@ def sitl_truth(*, fleet: FleetFile, vehicles: Names | None = None, mocap: bool =
     config = load_fleet(fleet)
     try:
         run(config, config.select(vehicles), with_mocap=mocap)
-    except (BusError, StartError) as error:
+    except StartError as error:
         raise ConfigError(str(error)) from None
     return EXIT_OK

@@ -38,7 +38,7 @@ USAGE: dict[Verb, str] = {
 }
 
 
-class OrderError(ValueError):
+class OrderError(ConfigError):
     """An order that makes no sense as it stands: a sentence; nothing is sent."""
 
 
