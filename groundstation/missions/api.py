@@ -12,7 +12,7 @@ from groundstation.missions.landing import land_all
 from groundstation.missions.readiness import NotReady as NotReady  # missions import it from here
 from groundstation.missions.readiness import is_ready, not_ready
 from groundstation.missions.verdict import Arrival, StepResult, smallest
-from groundstation.orders.grammar import DEFAULT_HEIGHT_M, Intent, OrderError
+from groundstation.orders.grammar import DEFAULT_HEIGHT_M, Intent
 from groundstation.orders.result import VehicleResult
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
@@ -101,7 +101,7 @@ class Fleet:
         Raises:
             OrderFailed: a vehicle did not do it.
         """
-        return await self.order(Intent("arm", self._select(vehicles)), timeout_s)
+        return await self.order(Intent("arm", self.config.select(vehicles)), timeout_s)
 
     async def locate(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:
         """Let vehicles play a tune, so that an operator sees which ones they are.
@@ -116,7 +116,7 @@ class Fleet:
         Raises:
             OrderFailed: a vehicle did not do it.
         """
-        return await self.order(Intent("locate", self._select(vehicles)), timeout_s)
+        return await self.order(Intent("locate", self.config.select(vehicles)), timeout_s)
 
     identify = locate  # the former name, which missions may still use
 
@@ -136,7 +136,7 @@ class Fleet:
         Raises:
             OrderFailed: a vehicle did not do it.
         """
-        return await self.order(Intent("takeoff", self._select(vehicles), height_m=height_m), timeout_s)
+        return await self.order(Intent("takeoff", self.config.select(vehicles), height_m=height_m), timeout_s)
 
     async def move(
         self, position_enu_m: Vec3, vehicles: Vehicles = "all", *, duration_s: float = 0.0, timeout_s: float = 40.0
@@ -155,7 +155,7 @@ class Fleet:
         Raises:
             OrderFailed: a vehicle did not do it.
         """
-        names = self._select(vehicles)
+        names = self.config.select(vehicles)
         return await self.order(Intent("move", names, position_enu_m=position_enu_m, duration_s=duration_s), timeout_s)
 
     async def formation(
@@ -186,7 +186,7 @@ class Fleet:
         if name not in self.config.formations:
             known = ", ".join(self.config.formations) or "none"
             raise ConfigError(f"'{name}' is no formation of this fleet; it has {known}.")
-        names = self._select(vehicles)
+        names = self.config.select(vehicles)
         if vehicles == "all":
             names = tuple(vehicle for vehicle in names if vehicle in self.config.formations[name])
         intent = Intent("formation", names, position_enu_m=position_enu_m, formation=name, duration_s=duration_s)
@@ -205,7 +205,7 @@ class Fleet:
         Raises:
             OrderFailed: a vehicle did not do it.
         """
-        return await self.order(Intent("hold", self._select(vehicles)), timeout_s)
+        return await self.order(Intent("hold", self.config.select(vehicles)), timeout_s)
 
     async def land(self, vehicles: Vehicles = "all", *, timeout_s: float = 40.0) -> Results:
         """Land and disarm.
@@ -220,7 +220,7 @@ class Fleet:
         Raises:
             OrderFailed: a vehicle did not do it.
         """
-        return await self.order(Intent("land", self._select(vehicles)), timeout_s)
+        return await self.order(Intent("land", self.config.select(vehicles)), timeout_s)
 
     async def disarm(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
         """Disarm on the ground.
@@ -235,7 +235,7 @@ class Fleet:
         Raises:
             OrderFailed: a vehicle did not do it.
         """
-        return await self.order(Intent("disarm", self._select(vehicles)), timeout_s)
+        return await self.order(Intent("disarm", self.config.select(vehicles)), timeout_s)
 
     async def wait(self, duration_s: float) -> None:
         """Let time pass.
@@ -268,7 +268,7 @@ class Fleet:
         Raises:
             FaultRefused: the fault is impossible, or this flight is not simulated.
         """
-        for vehicle in self._select(vehicles):
+        for vehicle in self.config.select(vehicles):
             sentence = await self.client.fault(
                 name, vehicle, parameters, after_s=after_s, duration_s=duration_s, is_rehearsal=is_rehearsal
             )
@@ -292,10 +292,7 @@ class Fleet:
         """
         self.say(f"{intent}")
         begin_ns = self.client.now_ns()
-        try:
-            order = await self.client.submit(intent)
-        except OrderError as error:
-            raise ConfigError(str(error)) from None
+        order = await self.client.submit(intent)
         results = await order.wait(timeout_s)
         for name, message in order.planned.orders.items():
             if message.position_enu_m is not None:
@@ -335,9 +332,6 @@ class Fleet:
         return (
             "" if near is None else f"; smallest distance so far {near.distance_m:.2f} m ({near.first}, {near.second})"
         )
-
-    def _select(self, vehicles: Vehicles) -> tuple[str, ...]:
-        return self.config.select(vehicles if isinstance(vehicles, str) else ",".join(vehicles))
 
     def _arrival(self, step: str, name: str, goal: Vec3) -> Arrival:
         view = self.state.vehicles[name]

@@ -92,21 +92,10 @@ class Expect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     all_landed: bool | None = None
 
 
-class ExpectStep(_Step, frozen=True, kw_only=True):
+class ExpectStep(Expect, frozen=True, kw_only=True):
     """Judge now; the mission goes on only if all expectations are met."""
 
-    min_separation_m: float | None = None
-    arrived_within_m: float | None = None
-    all_landed: bool | None = None
-
-    @property
-    def expect(self) -> Expect:
-        """The expectations without the step around them."""
-        return Expect(
-            min_separation_m=self.min_separation_m,
-            arrived_within_m=self.arrived_within_m,
-            all_landed=self.all_landed,
-        )
+    do: str
 
 
 class OnFailure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -209,14 +198,13 @@ def intent_of(step: OrderStep, fleet: FleetConfig) -> Intent:
     Raises:
         ConfigError: a vehicle is unknown.
     """
-    vehicles = step.vehicles if isinstance(step.vehicles, str) else ",".join(step.vehicles)
-    names = fleet.select(vehicles)
+    names = fleet.select(step.vehicles)
     if isinstance(step, TakeoffStep):
         return Intent("takeoff", names, height_m=step.height_m)
     if isinstance(step, MoveStep):
         return Intent("move", names, position_enu_m=step.position_enu_m, duration_s=step.duration_s)
     if isinstance(step, FormationStep):
-        if vehicles == "all":
+        if step.vehicles in ("all", ["all"]):
             names = tuple(name for name in names if name in fleet.formations.get(step.name, {}))
         return Intent(
             "formation",
@@ -251,7 +239,7 @@ def _step(table: Any, key: str, path: str) -> Step:
         if not low <= value <= 3600.0:
             raise ConfigError(f"{path}: '{key}.{name}' is {value}; it must lie between {low:g} and 3600 s.")
     if isinstance(step, ExpectStep):
-        _check_expect(step.expect, path, key)
+        _check_expect(step, path, key)
     return step
 
 
@@ -294,7 +282,7 @@ def _check_fault(step: FaultStep, fleet: FleetConfig, where: str) -> None:
     if misplaced:
         raise ConfigError(f"{where}.parameters' has '{min(misplaced)}', which is a key of the step. Move it up.")
     try:
-        fleet.select(step.vehicles if isinstance(step.vehicles, str) else ",".join(step.vehicles))
+        fleet.select(step.vehicles)
     except ConfigError as error:
         raise ConfigError(f"{where}.vehicles': {error}") from None
 

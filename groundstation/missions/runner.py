@@ -195,7 +195,7 @@ class MissionRun:
     def _expect_now(self, index: int, step: ExpectStep) -> None:
         state = self.client.state
         landed = {name: is_landed(state, name) for name in self.fleet.names}
-        for one in check(step.expect, self.mission.fleet, smallest(state), self.fleet.arrivals, landed):
+        for one in check(step, self.mission.fleet, smallest(state), self.fleet.arrivals, landed):
             self.fleet.say(f"  {one.sentence}")
             if not one.has_come_true:
                 raise MissionFailed(f"step[{index}] expected: {one.sentence}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
+from collections.abc import Sequence
 from typing import Literal
 
 import msgspec
@@ -33,21 +34,17 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     y: tuple[float, float]
     z: tuple[float, float]
 
-    def contains(self, position_enu_m: Vec3, margin_m: float = 0.0) -> bool:
+    def contains(self, position_enu_m: Vec3) -> bool:
         """Whether a point lies in the box.
 
         Args:
             position_enu_m: the point.
-            margin_m: by so much the box is shrunk, horizontally and at the top.
         Returns:
             True inside; below the floor there is a tolerance of 0.5 m.
         """
         x, y, z = position_enu_m
-        return (
-            self.x[0] + margin_m <= x <= self.x[1] - margin_m
-            and self.y[0] + margin_m <= y <= self.y[1] - margin_m
-            and self.z[0] - 0.5 <= z <= self.z[1] - margin_m
-        )
+        in_plan = self.x[0] <= x <= self.x[1] and self.y[0] <= y <= self.y[1]
+        return in_plan and self.z[0] - 0.5 <= z <= self.z[1]
 
 
 class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -145,18 +142,19 @@ class FleetConfig(msgspec.Struct, frozen=True):
         ports = [int(vehicle.agent.rsplit(":", 1)[1]) for vehicle in self.vehicles.values()]
         return f"tcp/127.0.0.1:{min(ports) - 1}"
 
-    def select(self, vehicles: str | None, exclude: str | None = None) -> tuple[str, ...]:
+    def select(self, vehicles: str | Sequence[str] | None, exclude: str | None = None) -> tuple[str, ...]:
         """Select vehicles by name or by index in the file.
 
         Args:
-            vehicles: ``a,b``, ``0-2`` or ``all``; None or empty for all that are enabled.
+            vehicles: ``a,b``, ``0-2`` or ``all``, or a list of such; None or empty for all that are enabled.
             exclude: in the same form.
         Returns:
             names without doubles, in the order given.
         Raises:
             ConfigError: an unknown name or index.
         """
-        selected = self.enabled_names if vehicles in (None, "", "all") else self._names(str(vehicles))
+        text = vehicles if isinstance(vehicles, str) else ",".join(vehicles or ())
+        selected = self.enabled_names if text in ("", "all") else self._names(text)
         excluded = self._names(exclude) if exclude else ()
         return tuple(name for name in selected if name not in excluded)
 
