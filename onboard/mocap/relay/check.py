@@ -11,11 +11,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from onboard.bus.clock_sync import BEAT_S, ClockNode
+from onboard.arrays import Array
+from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Message, MocapPose, TickBatch, Vec4
 from onboard.bus.session import BusSession
@@ -23,8 +24,7 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.mocap.relay import latency
-from onboard.mocap.relay.latency import Array
-from onboard.mocap.relay.relay import bodies_of
+from onboard.mocap.relay.relay import bodies_of, report_times
 from onboard.mocap.relay.statistics import MocapStatistics
 
 GOOD_LAG_S = 0.015
@@ -60,60 +60,46 @@ def judge(
     curves = {name: _curve(samples) for name, samples in bodies.items()}
     for vehicle, body in vehicles.items():
         px4 = _curve(px4s.get(vehicle, deque()))
-        yield _finding(vehicle, body, curves, px4, latency_s)
+        yield BodyFinding(vehicle, *_judge_one(vehicle, body, curves, px4, latency_s))
 
 
-def _finding(vehicle: str, body: str, curves: Mapping[str, Curve], px4: Curve, latency_s: float) -> BodyFinding:
+def _judge_one(
+    vehicle: str, body: str, curves: Mapping[str, Curve], px4: Curve, latency_s: float
+) -> tuple[bool | None, str]:
+    """Return ``is_ok`` and sentence of the finding."""
     fits = {name: fit for name, curve in curves.items() if (fit := latency.fit(*curve, *px4)) is not None}
     if not px4[0].size:
-        return BodyFinding(vehicle, None, "its agent publishes no attitude. Start the agent, with its PX4.")
+        return None, "its agent publishes no attitude. Start the agent, with its PX4."
     if not fits:
-        return BodyFinding(
-            vehicle,
-            None,
-            "not tilted yet. Take the propellers off and tilt it by hand by 20° in all directions for some seconds.",
-        )
+        tilting = "Take the propellers off and tilt it by hand by 20° in all directions for some seconds."
+        return None, f"not tilted yet. {tilting}"
     best = max(fits, key=lambda name: fits[name].correlation)
     if best != body and fits[best].is_same:
-        return BodyFinding(
-            vehicle,
-            False,
+        return False, (
             f"its PX4 tilts as body '{best}' does, not as '{body}'. Exchange the names in the mocap's software, or set "
-            f'vehicles.{vehicle}.mocap_body = "{best}".',
+            f'vehicles.{vehicle}.mocap_body = "{best}".'
         )
     own = fits.get(body)
     if own is None:
-        return BodyFinding(
-            vehicle,
-            False,
-            f"body '{body}' was not tracked while the vehicle tilted. Check that the cameras see its markers.",
-        )
+        return False, f"body '{body}' was not tracked while the vehicle tilted. Check that the cameras see its markers."
     if not own.is_same:
         quarter = _turned(curves[body], px4)
         if quarter is not None:
-            return BodyFinding(
-                vehicle,
-                False,
+            return False, (
                 f"the axes of body '{body}' are turned by about {quarter}° against the vehicle. Point its nose along "
-                "the mocap's x axis and reset the body's orientation in the mocap's software.",
+                "the mocap's x axis and reset the body's orientation in the mocap's software."
             )
-        return BodyFinding(
-            vehicle,
-            False,
+        return False, (
             f"body '{body}' does not tilt as its PX4 does, nor does any other (correlation {own.correlation:.2f}). "
-            "Check the body's z axis, mocap.up, and that the markers are fixed to the frame.",
+            "Check the body's z axis, mocap.up, and that the markers are fixed to the frame."
         )
     lag_ms = 1e3 * own.lag_s
     if abs(own.lag_s) > GOOD_LAG_S:
-        return BodyFinding(
-            vehicle,
-            False,
+        return False, (
             f"body '{body}' is right, but its stamps are {lag_ms:+.0f} ms off the motion. Set mocap.latency_s = "
-            f"{max(0.0, latency_s + own.lag_s):.3f} (now {latency_s:.3f}).",
+            f"{max(0.0, latency_s + own.lag_s):.3f} (now {latency_s:.3f})."
         )
-    return BodyFinding(
-        vehicle, True, f"body '{body}' tilts as its PX4 does, and its stamps are right to {lag_ms:+.0f} ms."
-    )
+    return True, f"body '{body}' tilts as its PX4 does, and its stamps are right to {lag_ms:+.0f} ms."
 
 
 def _turned(body: Curve, px4: Curve) -> int | None:
@@ -133,45 +119,30 @@ def _curve(samples: Samples) -> Curve:
     return times[keep], latency.gravity([quaternion for _, quaternion in rows])[keep]
 
 
-@dataclass(slots=True)
 class MocapCheck:
     """One run of the check on the bus of a fleet."""
 
-    fleet: FleetConfig
-    say: Callable[[str], None]  # prints a line for a person
-    statistics: MocapStatistics = field(init=False)
-    _bus: BusSession = field(init=False)
-    _clock: ClockNode = field(init=False)
-    _bodies: dict[str, Samples] = field(default_factory=dict)
-    _px4s: dict[str, Samples] = field(default_factory=dict)
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-
-    def __post_init__(self) -> None:
-        self.statistics = MocapStatistics(bodies_of(self.fleet))
-        agents = [self.fleet.vehicles[name].agent for name in self.fleet.enabled_names]
-        self._bus = BusSession(
-            namespace=self.fleet.namespace,
-            node=f"mocap-check-{os.getpid()}",
-            connect=[*agents, self.fleet.simulator_endpoint],
-        )
+    def __init__(self, fleet: FleetConfig, say: Callable[[str], None]) -> None:
+        self.fleet, self.say = fleet, say
+        self.statistics = MocapStatistics(bodies_of(fleet))
+        endpoints = [*(fleet.vehicles[name].agent for name in fleet.enabled_names), fleet.simulator_endpoint]
+        self._bus = BusSession(namespace=fleet.namespace, node=f"mocap-check-{os.getpid()}", connect=endpoints)
         self._clock = ClockNode(self._bus)
+        self._bodies: dict[str, Samples] = {}
+        self._px4s: dict[str, Samples] = {}
+        self._lock = threading.Lock()
 
     def run(self, *, seconds: float | None, every_s: float, stopped: threading.Event) -> int:
         """Listen until everything is right, ``stopped``, or for ``seconds``; return the exit status."""
         self._bus.start()
-        began_s = printed_s = time.monotonic()
         status = EXIT_NO_ANSWER
         try:
             self._clock.start()
             self._bus.subscribe(Topic.MOCAP, "*", self._hear_pose)
             self._bus.subscribe(Topic.TICK, "*", self._hear_ticks)
-            while not stopped.wait(BEAT_S):
-                self._clock.beat()
-                now_s = time.monotonic()
-                is_over = seconds is not None and now_s - began_s >= seconds
-                if is_over or now_s - printed_s >= every_s:
-                    printed_s, status = now_s, self._print()
-                if is_over or status == EXIT_OK:
+            for _ in report_times(self._clock, seconds=seconds, every_s=every_s, stopped=stopped):
+                status = self._print()
+                if status == EXIT_OK:
                     break
         finally:
             self._bus.stop()

@@ -11,11 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from onboard.arrays import Array
 from onboard.bus.schema import Vec4
-
-Array = NDArray[np.float64]
 
 _STEP_S = 0.004
 _EARLIEST_S, _LATEST_S = -0.1, 0.3

@@ -9,8 +9,7 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
 
 import msgspec
 
@@ -42,34 +41,40 @@ def mock_options(fleet: FleetConfig) -> dict[str, str]:
     return {"rigid_bodies": ";".join(rows), "frequency": "100"} if fleet.mocap.type == "mock" else {}
 
 
-@dataclass(slots=True)
+def report_times(
+    clock: ClockNode, *, seconds: float | None, every_s: float, stopped: threading.Event
+) -> Iterator[None]:
+    """Publish the clock until ``stopped`` or for ``seconds``, and yield whenever a report is due, at the end too."""
+    began_s = reported_s = time.monotonic()
+    while not stopped.wait(min(BEAT_S, every_s)):
+        clock.beat()
+        now_s = time.monotonic()
+        is_over = seconds is not None and now_s - began_s >= seconds
+        if is_over or now_s - reported_s >= every_s:
+            reported_s = now_s
+            yield
+        if is_over:
+            return
+
+
 class Relay:
-    """One run of the relay."""
+    """One run of the relay.
 
-    fleet: FleetConfig
-    say: Callable[[str], None]  # prints a line for a person
-    statistics: MocapStatistics = field(init=False)
-    _bus: BusSession = field(init=False)
-    _clock: ClockNode = field(init=False)
-    _source: SdkMocap = field(init=False)
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-    _unnameable: set[str] = field(default_factory=set)
+    Args:
+        fleet: the fleet file.
+        say: prints a line for a person.
+    """
 
-    def __post_init__(self) -> None:
-        self.statistics = MocapStatistics(bodies_of(self.fleet))
-        agents = [self.fleet.vehicles[name].agent for name in self.fleet.enabled_names]
-        self._bus = BusSession(
-            namespace=self.fleet.namespace, node=NODE, listen=[self.fleet.simulator_endpoint], connect=agents
-        )
+    def __init__(self, fleet: FleetConfig, say: Callable[[str], None]) -> None:
+        self.fleet, self.say = fleet, say
+        self.statistics = MocapStatistics(bodies_of(fleet))
+        agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
+        self._bus = BusSession(namespace=fleet.namespace, node=NODE, listen=[fleet.simulator_endpoint], connect=agents)
         self._clock = ClockNode(self._bus)
-        self._source = SdkMocap(
-            self.fleet.mocap,
-            "*",
-            self._pass_on,
-            lambda: None,
-            node=NODE,
-            default_options=mock_options(self.fleet),
-        )
+        options = mock_options(fleet)
+        self._source = SdkMocap(fleet.mocap, "*", self._pass_on, lambda: None, node=NODE, default_options=options)
+        self._lock = threading.Lock()
+        self._unnameable: set[str] = set()
 
     def run(self, *, seconds: float | None, every_s: float, stopped: threading.Event) -> int:
         """Relay until ``stopped`` or for ``seconds``; return the exit status.
@@ -85,20 +90,13 @@ class Relay:
         )
         if mocap.direct:
             self.say("  ! mocap.direct is true: the agents read the system themselves and do not listen to this relay.")
-        began_s = printed_s = time.monotonic()
         was_complete = False
         try:
             self._clock.start()
             self._source.start()
             self.statistics.close_window(time.monotonic_ns())
-            while not stopped.wait(min(BEAT_S, every_s)):
-                self._clock.beat()
-                now_s = time.monotonic()
-                is_over = seconds is not None and now_s - began_s >= seconds
-                if is_over or now_s - printed_s >= every_s:
-                    printed_s, was_complete = now_s, self._print(was_complete)
-                if is_over:
-                    break
+            for _ in report_times(self._clock, seconds=seconds, every_s=every_s, stopped=stopped):
+                was_complete = self._print(was_complete)
         finally:
             self._source.stop()
             self._bus.stop()
@@ -142,10 +140,6 @@ def with_source(fleet: FleetConfig, *, type_: str | None, hostname: str | None) 
     """
     if type_ is None and hostname is None:
         return fleet
-    changes: dict[str, object] = {"source": "motioncapture"}
-    if type_ is not None:
-        changes["type"] = type_
-    if hostname is not None:
-        changes["hostname"] = hostname
-    table = {**msgspec.to_builtins(fleet.mocap), **changes}
+    changes = {"type": type_ or fleet.mocap.type, "hostname": hostname or fleet.mocap.hostname}
+    table = {**msgspec.to_builtins(fleet.mocap), "source": "motioncapture", **changes}
     return msgspec.structs.replace(fleet, mocap=msgspec.convert(table, type(fleet.mocap)))
