@@ -8,7 +8,7 @@ import signal
 import sys
 import time
 import tomllib
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,17 +77,27 @@ def prepare(
                 "endpoints, or fly with covey demo, which picks free ones."
             )
     refuse_unflyable(mission, is_simulated)
+    files = {"fleet.toml": mission.fleet.text, f"mission{Path(mission.path).suffix}": mission.text}
+    open_folder(folder, files, is_headless=is_headless)
+    return Settings(mission, folder, is_simulated, is_headless, seed)
+
+
+def open_folder(folder: Path, files: Mapping[str, str], *, is_headless: bool) -> None:
+    """Make the folder of a new flight with the files that it is flown from.
+
+    Raises:
+        ConfigError: there is no terminal for the console, or the folder cannot take a flight.
+    """
     if not is_headless and not sys.stdout.isatty():
         raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
     if (folder / RECORD_NAME).exists():
         raise ConfigError(f"{folder}: this folder holds a flight already. Choose another with --record.")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "fleet.toml").write_text(mission.fleet.text, encoding="utf-8")
-        (folder / f"mission{Path(mission.path).suffix}").write_text(mission.text, encoding="utf-8")
+        for name, text in files.items():
+            (folder / name).write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"{folder}: cannot be written ({error.strerror}). Choose another with --record.") from None
-    return Settings(mission, folder, is_simulated, is_headless, seed)
 
 
 def _own_fleet(fleet: FleetConfig, folder: Path, law: str | None, has_free_ports: bool) -> FleetConfig:

@@ -16,7 +16,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from groundstation.commands.flight import MissionFlight, clock_say, prepare
+from groundstation.commands.flight import MissionFlight, clock_say, open_folder, prepare
 from groundstation.commands.fly import new_folder
 from groundstation.commands.parameters import File, Folder
 from groundstation.identification.flight_log import TooLittleFlown
@@ -26,7 +26,6 @@ from groundstation.identification.record import logs_of
 from groundstation.identification.report import IdentifiedVehicle, page, rows
 from groundstation.processes.free_ports import toml_text
 from groundstation.recording.reader import record_path
-from groundstation.recording.writer import RECORD_NAME
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
 
@@ -103,20 +102,11 @@ def _prepare_files(
         raise ConfigError(
             f"'{vehicle}' is no enabled vehicle of '{fleet.fleet.name}': {', '.join(fleet.enabled_names)}."
         )
-    if not is_headless and not sys.stdout.isatty():
-        raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
-    if (folder / RECORD_NAME).exists():
-        raise ConfigError(f"{folder}: this folder holds a flight already. Choose another with --record.")
-    path = Path(fleet_path).absolute()
-    steps = manoeuvre(fleet, vehicle, half_m=half_m, seed=seed)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if is_simulated:
-            path = folder / "fleet.toml"
-            path.write_text(_alone(fleet, vehicle), encoding="utf-8")
-        (folder / "mission.py").write_text(mission_text(path, vehicle, steps), encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{folder}: cannot be written ({error.strerror}). Choose another with --record.") from None
+    path = folder / "fleet.toml" if is_simulated else Path(fleet_path).absolute()
+    files = {"mission.py": mission_text(path, vehicle, manoeuvre(fleet, vehicle, half_m=half_m, seed=seed))}
+    if is_simulated:
+        files["fleet.toml"] = _alone(fleet, vehicle)
+    open_folder(folder, files, is_headless=is_headless)
     return path
 
 

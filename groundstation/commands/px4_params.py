@@ -35,23 +35,21 @@ class ParamsLink(Protocol):
     def request_storage(self, timeout_s: float) -> int | None: ...
 
 
-class _LinkParams:
+class _LinkParams(Px4Link):
     """The agent's own link, taken over from here while no agent runs."""
 
     def __init__(self, endpoint: str, system_id: int) -> None:
-        self._link = Px4Link(endpoint, system_id)
-        self._link.start()
-        self.read_params, self.apply_params = self._link.read_params, self._link.apply_params
-        self.request_storage, self.stop = self._link.request_storage, self._link.stop
+        super().__init__(endpoint, system_id)
+        self.start()
 
     def is_armed(self, timeout_s: float) -> bool | None:
         """Return whether the first heartbeat says armed; None without a heartbeat."""
         end_s = time.monotonic() + timeout_s
-        if not self._link.connect(timeout_s):
+        if not self.connect(timeout_s):
             return None
         while time.monotonic() < end_s:
-            if self._link.snapshot().heartbeat_ns:
-                return self._link.snapshot().is_armed
+            if self.snapshot().heartbeat_ns:
+                return self.snapshot().is_armed
             time.sleep(0.02)
         return None
 
