@@ -6,15 +6,14 @@ import itertools
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.cells import get_character_cell_size
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 
 from groundstation.console.theme import TEXT, style
+from onboard.arrays import Array
 
-FloatArray = NDArray[np.float64]
 # Bit of each dot within a cell, by row and column (the Unicode braille block's own order).
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uint8)
 _MAX_STEPS = 4000
@@ -31,7 +30,7 @@ class Canvas:
         self.colours = np.zeros((self.height, self.width), np.int32)
         self._chars = np.zeros((self.height, self.width), np.uint32)  # 0: no text here
 
-    def dots(self, x: FloatArray, y: FloatArray, colour: str) -> None:
+    def dots(self, x: Array, y: Array, colour: str) -> None:
         """Set dots x, y (n,); dots outside and not finite ones are left out. The last colour of a cell wins."""
         with np.errstate(invalid="ignore"):
             fits = (x >= 0) & (x < 2 * self.width) & (y >= 0) & (y < 4 * self.height)  # false for nan
@@ -47,7 +46,7 @@ class Canvas:
         along = np.linspace(0.0, 1.0, steps + 1)[::gap]
         self.dots(start[0] + along * (end[0] - start[0]), start[1] + along * (end[1] - start[1]), colour)
 
-    def lines(self, starts: FloatArray, ends: FloatArray, colour: str, gap: int = 1) -> None:
+    def lines(self, starts: Array, ends: Array, colour: str, gap: int = 1) -> None:
         """Straight lines of dots between points (n, 2) and (n, 2), all in one go."""
         along = ends - starts
         reach = np.abs(along).max(axis=1, initial=0.0)
@@ -57,7 +56,7 @@ class Canvas:
             points = starts[fits, None] + along[fits, None] * (np.arange(0, longest + 1, gap) / longest)[:, None]
             self.dots(points[..., 0].ravel(), points[..., 1].ravel(), colour)
 
-    def circles(self, centres: FloatArray, radius: float, colour: str, gap: int = 1) -> None:
+    def circles(self, centres: Array, radius: float, colour: str, gap: int = 1) -> None:
         """Circles of dots about centres (n, 2), radius in dots; with ``gap`` n only every n-th dot is set."""
         if 0.0 < radius < 1e4 and len(centres):
             x, y = _round(max(12, min(_MAX_STEPS, int(8 * radius))) // gap)
@@ -134,7 +133,7 @@ def _index(colour: str, bold: bool) -> int:
 
 
 @lru_cache(256)
-def _round(count: int) -> tuple[FloatArray, FloatArray]:
+def _round(count: int) -> tuple[Array, Array]:
     """Return points x, y (count,) of the unit circle."""
     angle = np.linspace(0.0, 2.0 * np.pi, max(4, count), endpoint=False)
     return np.cos(angle), np.sin(angle)

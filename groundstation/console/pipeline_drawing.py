@@ -9,9 +9,10 @@ import numpy as np
 from rich.segment import Segment
 from textual.strip import Strip
 
-from groundstation.console.canvas import Canvas, FloatArray
+from groundstation.console.canvas import Canvas
 from groundstation.console.theme import CALM, FAINT, RULE, TEXT, WARN, clean, number
 from groundstation.console.vehicle_subject import Text, VehicleSubject
+from onboard.arrays import Array
 from onboard.bus.schema import TickSample, Vec3, Vec4
 
 CHART_S = 20.0
@@ -115,14 +116,14 @@ def _vector(vector: Vec3) -> str:
     return "  ".join(f"{number(axis, 2, sign=True, limit=999):>6}" for axis in vector) + f"   |{number(norm, 2)}|"
 
 
-def _times(ticks: Sequence[TickSample]) -> FloatArray:
+def _times(ticks: Sequence[TickSample]) -> Array:
     """Return the seconds (n,) since the newest tick, all negative or 0."""
     stamps = np.array([tick.stamp_ns for tick in ticks], dtype=np.int64)
-    seconds: FloatArray = (stamps - stamps[-1]) * 1e-9
+    seconds: Array = (stamps - stamps[-1]) * 1e-9
     return seconds
 
 
-def _top(values: Sequence[FloatArray], least: float) -> float:
+def _top(values: Sequence[Array], least: float) -> float:
     """Return a round top of the scale for all of these."""
     most = max((float(np.nanmax(np.abs(array))) for array in values if np.isfinite(array).any()), default=least)
     return next(
@@ -133,8 +134,8 @@ def _top(values: Sequence[FloatArray], least: float) -> float:
 def _chart(
     width: int,
     limits: tuple[float, float],
-    times: FloatArray,
-    series: Sequence[tuple[FloatArray, str]],
+    times: Array,
+    series: Sequence[tuple[Array, str]],
     *,
     rows: int,
 ) -> list[Strip]:

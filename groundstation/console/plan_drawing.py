@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.cells import cell_len
 
 from groundstation.console import theme
@@ -15,10 +14,10 @@ from groundstation.console.canvas import Canvas
 from groundstation.console.history import FAR_M, History
 from groundstation.console.theme import BAD, FAINT, RULE, TEXT, WARN
 from groundstation.fleet.state import VehicleView
+from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
 from onboard.config.obstacles import Obstacle
 
-FloatArray = NDArray[np.float64]
 Spot = tuple[float, float, float]
 _STEPS_M = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 _ARROWS = "→↗↑↖←↙↓↘"
@@ -38,11 +37,11 @@ class Window:
     width: int  # in cells
     height: int
 
-    def dots(self, points_enu_m: FloatArray) -> FloatArray:
+    def dots(self, points_enu_m: Array) -> Array:
         """Return points (n, 2) [m] ENU in dots."""
         middle = np.array([self.x_m, self.y_m])
         shift = np.array([self.width, 2 * self.height], float)
-        dots: FloatArray = (points_enu_m - middle) * np.array([self.scale, -self.scale]) + shift
+        dots: Array = (points_enu_m - middle) * np.array([self.scale, -self.scale]) + shift
         return dots
 
     def dot(self, x_m: float, y_m: float) -> tuple[float, float]:

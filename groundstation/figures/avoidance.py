@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from groundstation.figures.data import Array, FlightData, Pair
+from groundstation.figures.data import FlightData, Pair
 from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
+from onboard.arrays import Array
 
 MAX_PAIRS = 10
 

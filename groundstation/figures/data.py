@@ -7,11 +7,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from groundstation.recording.reader import MAX_FLIGHT_NS, Sample, is_number, is_vector, of_one_flight
+from onboard.arrays import Array
 
-Array = NDArray[np.float64]
 TOPICS = ("truth", "tick", "telemetry")
 GRID_S = 0.02
 _AIRBORNE_Z_M = 0.12

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Circle
 
-from groundstation.figures.data import Array, FlightData
+from groundstation.figures.data import FlightData
 from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
+from onboard.arrays import Array
 
 _SAME_M = 0.05
 _SIDES = np.array([[1, -1], [-1, -1], [-1, 1], [1, 1], [0, -1.3], [0, 1.3], [-1.3, 0], [1.3, 0]], np.float64)
