@@ -193,12 +193,7 @@ class Alarms:
         self._last_ns.pop(key, None)
 
     def _of_events(self, state: FleetState) -> Iterator[Alarm]:
-        fresh: list[LoggedEvent] = []
-        for logged in reversed(state.events):
-            if logged is self._last_event:
-                break
-            fresh.append(logged)
-        for logged in reversed(fresh):
+        for logged in state.events_after(self._last_event):
             kind = _EVENT_KINDS.get(logged.event.code)
             if kind is not None:
                 is_flying = bool(state.airborne_names)

@@ -210,13 +210,8 @@ class ConsoleApp(App[int]):
         return "" if start_s is None else f"  {now_ns * 1e-9 - start_s:.0f} s"
 
     def _log_new_events(self, state: FleetState) -> None:
-        fresh: list[LoggedEvent] = []
-        for logged in reversed(state.events):
-            if logged is self._newest_event:
-                break
-            fresh.append(logged)
         entries = []
-        for logged in reversed(fresh):
+        for logged in state.events_after(self._newest_event):
             event = logged.event
             if event.severity == "debug":
                 continue

@@ -5,6 +5,7 @@ A block is drawn for a width; :func:`blocks` returns them in the order of import
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 
@@ -15,7 +16,6 @@ from groundstation.console import theme
 from groundstation.console.pipeline_drawing import attitude_block, thrust_block
 from groundstation.console.theme import BAD, CALM, FAINT, GOOD, RULE, TEXT, WARN, clean, number
 from groundstation.console.vehicle_subject import Text, VehicleSubject
-from groundstation.fleet.state import LoggedEvent
 from onboard.safety.failsafe_table import WORDS, Action
 
 MAX_LOG = 40
@@ -200,14 +200,9 @@ def _orders(subject: VehicleSubject, width: int) -> list[Text | Strip]:
 
 
 def _log(subject: VehicleSubject, width: int) -> list[Text | Strip]:
-    mine: list[LoggedEvent] = []
-    for logged in reversed(subject.state.events):
-        if logged.event.vehicle == subject.view.name:
-            mine.append(logged)
-            if len(mine) == MAX_LOG:
-                break
+    mine = (logged for logged in reversed(subject.state.events) if logged.event.vehicle == subject.view.name)
     lines: list[Text | Strip] = []
-    for logged in mine:
+    for logged in itertools.islice(mine, MAX_LOG):
         sign, colour = theme.SEVERITY_SIGNS.get(logged.event.severity, theme.SEVERITY_SIGNS["info"])
         head: Text = [(f" {subject.time_text(logged.received_ns)} ", FAINT), (f"{sign} ", colour)]
         lines += _wrapped(head, logged.event.sentence, width, colour)

@@ -122,6 +122,11 @@ class FleetState(Struct, frozen=True):
     smallest_truth: Separation | None = None  # the same by ground truth; None outside simulation
     malformed: int = 0  # messages that could not be decoded
 
+    def events_after(self, last: LoggedEvent | None) -> list[LoggedEvent]:
+        """Return the events after one of them, oldest first; all events if it is not among them any more."""
+        newer = list(itertools.takewhile(lambda logged: logged is not last, reversed(self.events)))
+        return newer[::-1]
+
     def closest(self, now_ns: int) -> Separation | None:
         """Return the closest pair now, by fresh telemetry; None with fewer than two positions."""
         positions = [(name, view.position_enu_m(now_ns)) for name, view in self.vehicles.items()]
