@@ -77,18 +77,3 @@ def cross_2(a: Vec2, b: Vec2) -> float:
 def length_2(a: Vec2) -> float:
     """Return the Euclidean length."""
     return math.sqrt(a.x * a.x + a.y * a.y)
-
-
-def add_2(a: Vec2, b: Vec2) -> Vec2:
-    """Return a + b."""
-    return Vec2(a.x + b.x, a.y + b.y)
-
-
-def subtract_2(a: Vec2, b: Vec2) -> Vec2:
-    """Return a - b."""
-    return Vec2(a.x - b.x, a.y - b.y)
-
-
-def scaled_2(factor: float, a: Vec2) -> Vec2:
-    """Return the vector times a number."""
-    return Vec2(factor * a.x, factor * a.y)

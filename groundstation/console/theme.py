@@ -158,15 +158,6 @@ def height_colour(height_m: float, span_m: tuple[float, float]) -> str:
     return HEIGHT_COLOURS[min(len(HEIGHT_COLOURS) - 1, max(0, int(share * len(HEIGHT_COLOURS))))]
 
 
-def meter(frac: float, width: int) -> str:
-    """A bar of ``width`` cells with steps of an eighth of a cell."""
-    if not math.isfinite(frac):
-        return " " * width
-    eighths = round(min(1.0, max(0.0, frac)) * width * 8)
-    full, rest = divmod(eighths, 8)
-    return ("█" * full + (" ▏▎▍▌▋▊▉"[rest] if rest else "")).ljust(width)
-
-
 def wrap(text: str, width: int, most: int = 6) -> list[str]:
     """``text`` broken at spaces into at most ``most`` lines of ``width`` cells; longer words are cut."""
     lines: list[str] = []
