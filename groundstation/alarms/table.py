@@ -222,13 +222,3 @@ COVERED: dict[Kind, Kind] = {
     _C.CEILING: _C.FENCE_BREACH,
     _C.LOOP_LATE: _C.LOOP_STALLED,
 }
-
-
-def table_text() -> str:
-    """Return the table as Markdown, for the documentation."""
-    lines = ["| condition | flying | on the ground | sentence | advice |", "|---|---|---|---|---|"]
-    for kind, row in TABLE.items():
-        sentence = row.sentence.replace("{who}", "mav1").replace("{what}", "…")
-        severities = f"{row.in_flight.name.lower()} | {row.on_ground.name.lower()}"
-        lines.append(f"| {kind.value} | {severities} | {sentence} | {row.advice} |")
-    return "\n".join(lines)

@@ -62,32 +62,19 @@ _MOCAP_ADVICE = (
     # PX4 raises it to the largest delay of any sensor, used or not: 110 ms for satellites in v1.16, 100 ms for airspeed
     RequiredParam("EKF2_DELAY_MAX", 100.0, "PX4's filter lags no further than it must [ms]", True, True, 80.0),
 )
+BUILT_IN = (*_FAILSAFE, *_MOCAP, *_MOCAP_ADVICE)  # of a vehicle with a mocap; docs/deployment.md lists them
 
 
 def all_params(vehicle: Vehicle) -> tuple[RequiredParam, ...]:
     """Return all values that this vehicle's PX4 should have; the fleet file's ``px4_params`` replace built-in ones."""
     hover = min(max(vehicle.hover_thrust_frac, 0.1), 0.8)
     built_in = (
-        *_FAILSAFE,
-        *((*_MOCAP, *_MOCAP_ADVICE) if vehicle.mocap_required else ()),
+        *(BUILT_IN if vehicle.mocap_required else _FAILSAFE),
         RequiredParam("MPC_THR_HOVER", hover, "PX4's own hold and land begin with this throttle", False, True, 0.1),
     )
     own = vehicle.px4_params
     of_file = tuple(RequiredParam(name, value, "the fleet file's px4_params require it") for name, value in own.items())
     return (*(param for param in built_in if param.name not in own), *of_file)
-
-
-def page() -> str:
-    """Return the built-in parameters as a table for docs/deployment.md."""
-    lines = ["| parameter | value | take-off without it | why |", "|---|---|---|---|"]
-    for param in (*_FAILSAFE, *_MOCAP, *_MOCAP_ADVICE):
-        without = "allowed" if param.is_advice else "**refused**"
-        restart = " Restart PX4 after it." if param.needs_restart else ""
-        lines.append(f"| `{param.name}` | {param.value:g} | {without} | {param.reason}.{restart} |")
-    lines.append(
-        "| `MPC_THR_HOVER` | `hover_thrust_frac` | allowed | PX4's own hold and land begin with this throttle. |"
-    )
-    return "\n".join(lines)
 
 
 def required_params(vehicle: Vehicle) -> dict[str, Value]:

@@ -270,19 +270,3 @@ def in_order(conditions: Iterable[Condition]) -> list[Condition]:
         the same in the order of the table.
     """
     return sorted(conditions, key=_RANK.__getitem__)
-
-
-def table_text() -> str:
-    """Write the table for docs/failsafe.md.
-
-    Returns:
-        Markdown.
-    """
-    lines = [
-        "| condition | " + " | ".join(situation.value for situation in Situation) + " |",
-        "|---" * (len(Situation) + 1) + "|",
-    ]
-    for condition in Condition:
-        cells = (TABLE[situation, condition].name.lower().replace("_", " ") for situation in Situation)
-        lines.append(f"| {condition.value} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)

@@ -54,18 +54,3 @@ def reasons(
             check = rule.check(facts, fleet, vehicle)
             refusals.append(f"{check.sentence} {check.remedy}")
     return tuple(refusals)
-
-
-def page() -> str:
-    """Write the table for docs/preflight.md: every rule with its faults and remedies.
-
-    Returns:
-        Markdown.
-    """
-    lines: list[str] = []
-    for rule in RULES:
-        lines += [f"### {rule.name}", "", rule.demand, "", "| says | what to do |", "|---|---|"]
-        for fault in rule.faults.values():
-            lines.append(f"| {'' if fault.is_advice else '**no-go** '}{fault.sentence} | {fault.remedy} |")
-        lines.append("")
-    return "\n".join(lines).strip()

@@ -6,21 +6,17 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from groundstation.alarms import table
-from onboard.flight import flight_table
-from onboard.px4 import required_params
-from onboard.safety import preflight_rules
-from onboard.safety.failsafe_table import table_text
+from tests.architecture import tables
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
-    "failsafe": ("failsafe.md", table_text),
-    "steps": ("flight.md", flight_table.steps_text),
-    "flight": ("flight.md", flight_table.table_text),
-    "alarms": ("alarms.md", table.table_text),
-    "preflight": ("preflight.md", preflight_rules.page),
-    "parameters": ("deployment.md", required_params.page),
+    "failsafe": ("failsafe.md", tables.failsafes),
+    "steps": ("flight.md", tables.steps),
+    "flight": ("flight.md", tables.flight),
+    "alarms": ("alarms.md", tables.alarms),
+    "preflight": ("preflight.md", tables.preflight),
+    "parameters": ("deployment.md", tables.parameters),
 }
 
 

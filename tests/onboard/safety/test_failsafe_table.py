@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
-from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, decide, latched, needs_level, table_text
+from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, decide, latched, needs_level
+from tests.architecture import tables
 
 AIRBORNE = (Situation.LIFTOFF, Situation.FLYING, Situation.LANDING)
 
@@ -90,7 +91,7 @@ def test_a_landing_is_never_broken_off_into_a_hold() -> None:
 
 
 def test_the_printed_table_has_a_row_for_every_condition() -> None:
-    text = table_text()
+    text = tables.failsafes()
     assert all(condition.value in text for condition in Condition)
     assert text.count("\n") == len(Condition) + 1
 

@@ -15,6 +15,7 @@ from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
 from onboard.safety.preflight_facts import PreflightFacts
 from onboard.safety.preflight_rule import PreflightCheck
 from onboard.safety.preflight_rules import RULES
+from tests.architecture import tables
 
 FLEET = load_fleet("configs/fleets/paper.toml")
 VEHICLE = FLEET.vehicles["mav1"]
@@ -188,6 +189,6 @@ def test_numbers_that_are_not_finite_never_make_a_vehicle_ready() -> None:
 
 
 def test_the_page_names_every_rule_and_marks_what_refuses() -> None:
-    page = preflight_rules.page()
+    page = tables.preflight()
     assert re.findall(r"^### (.+)$", page, re.MULTILINE) == [rule.name for rule in RULES]
     assert page.count("**no-go**") == sum(not fault.is_advice for rule in RULES for fault in rule.faults.values())

@@ -1,0 +1,92 @@
+"""Tables of the code as Markdown, for docs/."""
+
+from __future__ import annotations
+
+from groundstation.alarms import table as alarm_table
+from onboard.flight import flight_table
+from onboard.flight.flight_table import Effect, Predicate
+from onboard.flight.types import Step
+from onboard.px4 import required_params
+from onboard.safety import failsafe_table, preflight_rules
+from onboard.safety.failsafe_table import Condition, Situation
+
+
+def failsafes() -> str:
+    """Return the failsafe table for docs/failsafe.md."""
+    lines = [_line("condition", *(situation.value for situation in Situation)), "|---" * (len(Situation) + 1) + "|"]
+    for condition in Condition:
+        actions = (failsafe_table.TABLE[situation, condition].name for situation in Situation)
+        lines.append(_line(condition.value, *map(_words, actions)))
+    return "\n".join(lines)
+
+
+def steps() -> str:
+    """Return the steps of a flight for docs/flight.md."""
+    lines = [_line("step", "state", "shown beside it", "situation for failsafes", "phase of the pipeline", "setpoints")]
+    lines.append("|---" * 6 + "|")
+    for step in Step:
+        streams, phase = "yes" if step.is_streaming else "no", step.phase.name.lower()
+        lines.append(_line(_words(step.name), step.state, step.text, step.situation.value, phase, streams))
+    return "\n".join(lines)
+
+
+def flight() -> str:
+    """Return the table of a flight for docs/flight.md."""
+    lines = [_line("step", "event", "when", "next step", "request to PX4", "goal", "the order ends"), "|---" * 7 + "|"]
+    for row in flight_table.ROWS:
+        cells = (
+            "any" if len(row.steps) == len(Step) else ", ".join(_words(step.name) for step in row.steps),
+            row.event.value,
+            _function_words(row.when),
+            "" if row.to is None else _words(row.to.name),
+            "" if row.request is None else type(row.request).__name__,
+            _function_words(row.effect),
+            "" if row.ends is None else row.ends[0],
+        )
+        lines.append(_line(*cells))
+    return "\n".join(lines)
+
+
+def alarms() -> str:
+    """Return the alarms for docs/alarms.md."""
+    lines = ["| condition | flying | on the ground | sentence | advice |", "|---|---|---|---|---|"]
+    for kind, row in alarm_table.TABLE.items():
+        sentence = row.sentence.replace("{who}", "mav1").replace("{what}", "…")
+        lines.append(_line(kind.value, row.in_flight.name.lower(), row.on_ground.name.lower(), sentence, row.advice))
+    return "\n".join(lines)
+
+
+def preflight() -> str:
+    """Return every preflight rule with its faults and remedies for docs/preflight.md."""
+    lines: list[str] = []
+    for rule in preflight_rules.RULES:
+        lines += [f"### {rule.name}", "", rule.demand, "", "| says | what to do |", "|---|---|"]
+        for fault in rule.faults.values():
+            lines.append(f"| {'' if fault.is_advice else '**no-go** '}{fault.sentence} | {fault.remedy} |")
+        lines.append("")
+    return "\n".join(lines).strip()
+
+
+def parameters() -> str:
+    """Return the built-in parameters for docs/deployment.md."""
+    lines = ["| parameter | value | take-off without it | why |", "|---|---|---|---|"]
+    for param in required_params.BUILT_IN:
+        without = "allowed" if param.is_advice else "**refused**"
+        restart = " Restart PX4 after it." if param.needs_restart else ""
+        lines.append(f"| `{param.name}` | {param.value:g} | {without} | {param.reason}.{restart} |")
+    lines.append(
+        "| `MPC_THR_HOVER` | `hover_thrust_frac` | allowed | PX4's own hold and land begin with this throttle. |"
+    )
+    return "\n".join(lines)
+
+
+def _line(*cells: str) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _words(name: str) -> str:
+    return name.lower().replace("_", " ")
+
+
+def _function_words(function: Predicate | Effect | None) -> str:
+    return "" if function is None else _words(function.__name__)
