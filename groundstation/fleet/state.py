@@ -67,7 +67,6 @@ class VehicleView(Struct, frozen=True):
     is_alive: bool = False
     truth: Truth | None = None
     truth_received_ns: int = _NEVER
-    last_event: Event | None = None
     preflight: PreflightReport | None = None
     preflight_received_ns: int = _NEVER
     direct_disarmed_ns: int = _NEVER  # PX4 itself reported then, on the direct path, that it is disarmed
@@ -180,7 +179,7 @@ def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
         if view is None:
             return state
         disarmed_ns = now_ns if message.code == DIRECT_DISARMED else view.direct_disarmed_ns
-        return _with(state, replace(view, last_event=message, direct_disarmed_ns=disarmed_ns))
+        return _with(state, replace(view, direct_disarmed_ns=disarmed_ns))
     return state
 
 

@@ -119,11 +119,6 @@ class AgentCore:
         return self.control.params
 
     @property
-    def last_tick(self) -> Tick | None:
-        """Newest result of the pipeline."""
-        return self.control.tick
-
-    @property
     def is_stopping(self) -> bool:
         """Whether somebody has asked this agent to end."""
         return self._context.is_stopping

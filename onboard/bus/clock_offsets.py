@@ -209,17 +209,6 @@ class Clocks:
                 errors[name] = float("inf") if offset is None else offset[1]
         return errors
 
-    def shares(self, node: str) -> bool:
-        """Whether a node is known to run on our clock.
-
-        Args:
-            node: its name on the bus.
-        Returns:
-            True if its host id is ours.
-        """
-        peer = self._peers.get(node)
-        return peer is not None and peer.host == self.host
-
 
 def _drift_ns(age_ns: int) -> int:
     return int(DRIFT * max(0, age_ns))

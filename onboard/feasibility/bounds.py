@@ -14,6 +14,7 @@ import numpy as np
 from onboard.types import GRAVITY_M_S2, TICK_S
 
 LAG_ERROR_S = 0.04  # error with which the lag must be known; twice that costs violations in every third flight
+MAX_THRUST_FRAC = 0.97  # largest throttle that is ever sent
 _SUBSTEPS = 4
 _MARGIN_FLOOR_M, _MARGIN_SIGMAS = 0.05, 4.5
 
@@ -188,18 +189,17 @@ def loop_growth_1_s(
     return math.log(max(float(np.abs(np.linalg.eigvals(after)).max()), 1e-9)) / TICK_S
 
 
-def available_acceleration_m_s2(max_tilt_deg: float, hover_thrust_frac: float, max_thrust_frac: float = 0.97) -> float:
+def available_acceleration_m_s2(max_tilt_deg: float, hover_thrust_frac: float) -> float:
     """Return the horizontal acceleration that is available while the height is kept.
 
     Args:
         max_tilt_deg: largest tilt.
         hover_thrust_frac: throttle at which the vehicle hovers.
-        max_thrust_frac: largest throttle that is ever sent.
     Returns:
         acceleration [m/s^2], limited by tilt or by the throttle left beside the weight.
     """
     by_tilt = GRAVITY_M_S2 * math.tan(math.radians(max_tilt_deg))
-    ratio = max_thrust_frac / hover_thrust_frac
+    ratio = MAX_THRUST_FRAC / hover_thrust_frac
     return min(by_tilt, GRAVITY_M_S2 * math.sqrt(max(0.0, ratio * ratio - 1.0)))
 
 

@@ -35,8 +35,8 @@ def height_at_tilt(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     Returns:
         the finding.
     """
-    lift = 0.97 / vehicle.hover_thrust_frac * math.cos(math.radians(vehicle.max_tilt_deg))
-    allowed_deg = math.degrees(math.acos(min(1.0, vehicle.hover_thrust_frac / 0.97)))
+    lift = bounds.MAX_THRUST_FRAC / vehicle.hover_thrust_frac * math.cos(math.radians(vehicle.max_tilt_deg))
+    allowed_deg = math.degrees(math.acos(min(1.0, vehicle.hover_thrust_frac / bounds.MAX_THRUST_FRAC)))
     return at_least(
         "height at full tilt",
         lift,
@@ -60,7 +60,7 @@ def thrust_reserve(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     """
     return at_least(
         "thrust reserve",
-        (0.97 / vehicle.hover_thrust_frac - 1.0) * GRAVITY_M_S2,
+        (bounds.MAX_THRUST_FRAC / vehicle.hover_thrust_frac - 1.0) * GRAVITY_M_S2,
         _CLIMB_M_S2,
         "m/s^2",
         f"{vehicle.name} hovers at {vehicle.hover_thrust_frac:.2f} of its throttle, which leaves {{value}} upwards; "

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from onboard.arrays import Array, BoolArray, IntArray
+from onboard.arrays import Array, BoolArray
 from onboard.avoidance.params import Capsule, obstacles
 from onboard.config.fleet import FleetConfig
 from onboard.control import pipeline
@@ -21,7 +21,7 @@ from onboard.estimation import kalman
 from onboard.rollout import batch
 from onboard.rollout.rows import Rows, floats
 from onboard.rollout.vehicle_model import Noise, Perturbation, Plant, VehicleModels, plant_of
-from onboard.types import TICK_S, LawStatus
+from onboard.types import TICK_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +56,9 @@ class RolloutResult:
     arrival_s: Array  # (F, L) when the last vehicle arrived, after the leg's start; inf: not in time
     final_error_m: Array  # (F, L) largest distance from the goal at the end of the leg
     violation_s: Array  # time below the safety distance
-    relaxed_share: Array  # of the vehicles' ticks
-    slew_m_s3: Array  # rms of the command's change
     max_speed_m_s: Array
     duration_s: Array
     trace_enu_m: Array  # (T, F, N, 3) true positions of each tick where a trace was ordered, else empty
-    trace_status: IntArray  # (T, F, N)
 
 
 def fleet_model(fleet: FleetConfig, names: Sequence[str], law: str | None = None) -> FleetModel:
@@ -96,7 +93,7 @@ def fly(
         model: N vehicles.
         seeds: F seeds.
         perturbation: errors of the flights; by default those of a lab.
-        has_trace: keep true positions and statuses of every tick.
+        has_trace: keep the true positions of every tick.
     """
     errors = perturbation if perturbation is not None else Perturbation()
     flights, count = scenario.start_enu_m.shape[:2]
@@ -109,7 +106,7 @@ def fly(
     legs, metrics = _Legs(scenario), _Metrics(model.safety_distance_m, flights, count)
     parked = legs.is_parked
     radio: _Radio | None = None
-    trace: list[tuple[Array, IntArray]] = []
+    trace: list[Array] = []
     for _ in range(math.ceil(scenario.timeout_s * scenario.legs_enu_m.shape[1] / TICK_S)):
         mocap_noise, gust_noise, link_draws = noise.next()
         states = sensing.update(vehicles, mocap_noise)
@@ -120,9 +117,9 @@ def fly(
         sensing.sent(ticks)
         vehicles.advance(ticks["attitude"], gust_noise, errors, TICK_S)
         vehicles.position[:, parked], vehicles.velocity[:, parked] = start[:, parked], 0.0
-        metrics.update(vehicles, ticks, legs.is_open)
+        metrics.update(vehicles, legs.is_open)
         if has_trace:
-            trace.append((vehicles.position.copy(), ticks["law"]["status"].astype(np.int64)))
+            trace.append(vehicles.position.copy())
         if not legs.advance(vehicles.position):
             break
     return metrics.result(legs, trace)
@@ -224,38 +221,28 @@ class _Metrics:
         self._safety_distance_m = safety_distance_m
         self._pairs = np.triu_indices(count, 1)
         self._closest_m = np.full(flights, np.inf)
-        self._violation_s, self._relaxed, self._slew, self._ticks, self._speed = np.zeros((5, flights))
-        self._command = np.zeros((flights, count, 3))
+        self._violation_s, self._ticks, self._speed = np.zeros((3, flights))
 
-    def update(self, vehicles: VehicleModels, ticks: Rows, is_open: BoolArray) -> None:
+    def update(self, vehicles: VehicleModels, is_open: BoolArray) -> None:
         """Take one tick; ``is_open`` (F,): the flights that still count."""
         first, second = self._pairs
         gap = vehicles.position[:, first, :2] - vehicles.position[:, second, :2]
         nearest = np.sqrt(np.einsum("fpc,fpc->fp", gap, gap)).min(-1, initial=np.inf)
         self._closest_m = np.where(is_open, np.minimum(self._closest_m, nearest), self._closest_m)
         self._violation_s += is_open * (nearest < self._safety_distance_m) * TICK_S
-        self._relaxed += is_open * (ticks["law"]["status"] == int(LawStatus.RELAXED)).mean(-1)
-        command = ticks["law"]["thrust"]["thrust_enu_m_s2"]
-        slew = (command - self._command)[..., :2] / TICK_S
-        self._command = command
-        self._slew += is_open * np.einsum("fnc,fnc->f", slew, slew) / command.shape[1]
         self._ticks += is_open
         speed = np.sqrt(np.einsum("fnc,fnc->fn", vehicles.velocity, vehicles.velocity)).max(-1)
         self._speed = np.maximum(self._speed, is_open * speed)
 
-    def result(self, legs: _Legs, trace: list[tuple[Array, IntArray]]) -> RolloutResult:
+    def result(self, legs: _Legs, trace: list[Array]) -> RolloutResult:
         """Return the outcome of all flights."""
-        length = np.maximum(self._ticks, 1.0)
         return RolloutResult(
             min_separation_m=self._closest_m,
             is_success=np.isfinite(legs.arrival_s).all(-1),
             arrival_s=legs.arrival_s,
             final_error_m=legs.error_m,
             violation_s=self._violation_s,
-            relaxed_share=self._relaxed / length,
-            slew_m_s3=np.sqrt(self._slew / length),
             max_speed_m_s=self._speed,
             duration_s=self._ticks * TICK_S,
-            trace_enu_m=np.array([position for position, _ in trace]),
-            trace_status=np.array([status for _, status in trace], dtype=np.int64),
+            trace_enu_m=np.array(trace),
         )
