@@ -1,13 +1,14 @@
-"""``[mocap]`` of a fleet file: which motion capture, who reads it, how its frame lies in the fleet's. A leaf."""
+"""``[mocap]`` of a fleet file: which motion capture, who reads it, how its frame lies in the fleet's."""
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Mapping
 from typing import Literal, get_args
 
 import msgspec
+
+from onboard.config.toml_reading import bound_problems
 
 SystemType = Literal["optitrack", "vicon", "qualisys", "vrpn", "motionanalysis", "mock"]
 BODY_NAME = r"[A-Za-z0-9_.:-]{1,60}"  # a body is a part of a key on the bus
@@ -58,8 +59,7 @@ def problems(mocap: MocapConfig, bodies: Mapping[str, str | None]) -> Iterator[s
         ("max_rate_hz", mocap.max_rate_hz, 20.0, 1000.0),
         *((f"offset_m[{axis}]", value, -1e4, 1e4) for axis, value in enumerate(mocap.offset_m)),
     ):
-        if not (math.isfinite(value) and low <= value <= high):
-            yield f"'mocap.{key}' is {value}; it must lie between {low:g} and {high:g}."
+        yield from bound_problems(f"mocap.{key}", value, low, high)
     owners: dict[str, str] = {}
     for vehicle, body in bodies.items():
         if body is None:

@@ -6,7 +6,7 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, get_args
 
 import msgspec
@@ -111,11 +111,7 @@ def tables(value: Any, path: str, key: str) -> dict[str, dict[str, Any]]:
     return {name: table(inner, path, f"{key}.{name}") for name, inner in table(value, path, key).items()}
 
 
-def check_bound(path: str, key: str, value: float, low: float, high: float) -> None:
-    """Refuse a number outside of its bounds.
-
-    Raises:
-        ConfigError: with file, key, value and bounds.
-    """
+def bound_problems(key: str, value: float, low: float, high: float) -> Iterator[str]:
+    """Yield a sentence about a number outside of its bounds."""
     if not (math.isfinite(value) and low <= value <= high):
-        raise ConfigError(f"{path}: '{key}' is {value}; it must lie between {low:g} and {high:g}.")
+        yield f"'{key}' is {value}; it must lie between {low:g} and {high:g}."
