@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import signal
 import sys
 import time
 import tomllib
@@ -17,6 +16,7 @@ from groundstation.fleet.plain_text import plain_line, plain_lines
 from groundstation.missions.files import Mission, load_mission
 from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.findings import refuse_unflyable
+from groundstation.missions.interruption import listen, listen_no_more
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
 from groundstation.missions.verdict import Verdict
 from groundstation.processes.free_ports import busy_ports, toml_text, with_free_ports
@@ -139,7 +139,6 @@ class MissionFlight:
     async def fly(self) -> int:
         """From the first process to the verdict; the exit status."""
         self._main = asyncio.current_task()
-        loop = asyncio.get_running_loop()
         self._listen()
         try:
             return await self._fly()
@@ -152,8 +151,7 @@ class MissionFlight:
             self._print("Ended at once; no process is left.")
             return EXIT_INTERRUPTED
         finally:
-            for number in (signal.SIGINT, signal.SIGTERM):
-                loop.remove_signal_handler(number)
+            listen_no_more()
 
     async def _fly(self) -> int:
         async with self._open() as client:
@@ -259,9 +257,7 @@ class MissionFlight:
                 return
 
     def _listen(self) -> None:
-        loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, self._on_signal)
+        listen(self.settings.mission.path, self._on_signal)
 
     def _on_signal(self) -> None:
         self._signals += 1
