@@ -21,7 +21,7 @@ from onboard.bus.schema import MocapPose, Truth
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Origin, Vehicle
-from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder
+from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder, text_of
 from sitl.mavlink.endpoints import StartError
 from sitl.physics.frames import enu_flu_from_ned_frd
 from sitl.server import simulator_bus
@@ -35,6 +35,9 @@ _MOCAP_PERIOD_S = 0.019
 _MOCAP_NOISE_M = 0.002
 _EARTH_RADIUS_M = 6_371_000.0
 _GROUND_M, _STILL_M_S = 0.10, 0.10
+
+HOME_PARAMS = ("SIH_LOC_LAT0", "SIH_LOC_LON0", "SIH_LOC_H0")
+_HOME_WITHIN_S, _HOME_AGAIN_S = 3.0, 0.3
 
 Vec3 = tuple[float, float, float]
 
@@ -50,18 +53,25 @@ def east_north_m(origin: tuple[float, float], position: tuple[float, float]) -> 
 class Body:
     """One vehicle's true state in the fleet frame.
 
-    Without a global origin of the fleet, or with ``is_placed``, the vehicle's first place counts as the one of the
-    fleet file: simulated vehicles may then all begin at the same place on Earth.
+    Zero is where PX4's simulator began, by PX4's parameters (:data:`HOME_PARAMS`): the same whenever this program
+    starts, also in flight, and however far a vehicle has sunk into the ground. Without a global origin of the fleet it
+    counts as the vehicle's start of the fleet file: simulated vehicles may then all begin at the same place on Earth.
     """
 
     vehicle: Vehicle
     origin: Origin | None
+    home: dict[str, float] = field(default_factory=dict)  # values of HOME_PARAMS that PX4 has sent
     _begin: tuple[float, float, float] | None = field(default=None)
+
+    def missing(self) -> tuple[str, ...]:
+        """Return the parameters that PX4 has yet to send."""
+        return tuple(name for name in HOME_PARAMS if name not in self.home)
 
     def truth(self, state: dict[str, Any], stamp_ns: int) -> Truth:
         """From the fields of HIL_STATE_QUATERNION."""
         at = (state["lat"] * 1e-7, state["lon"] * 1e-7, state["alt"] * 1e-3)
-        self._begin = self._begin or at
+        if self._begin is None:  # a PX4 that does not send its parameters: the first place counts
+            self._begin = at if self.missing() else cast(Vec3, tuple(self.home[name] for name in HOME_PARAMS))
         start = self.vehicle.start_enu_m
         if self.origin is None:
             east, north = east_north_m(self._begin[:2], at[:2])
@@ -88,8 +98,10 @@ class Listener(asyncio.DatagramProtocol):
     heard: how many states have come.
     """
 
-    def __init__(self, system_id: int, take: Callable[[dict[str, Any], int], None]) -> None:
+    def __init__(self, system_id: int, take: Callable[[dict[str, Any], int], None], body: Body | None = None) -> None:
         self.heard = 0
+        self._body = body
+        self._first_ns, self._home_asked_ns = 0, 0
         self._system_id, self._take = system_id, take
         self._decoder, self._encoder = Decoder(), Encoder(system_id=255, component_id=190)
         self._requested_s = -math.inf
@@ -107,12 +119,36 @@ class Listener(asyncio.DatagramProtocol):
                 continue
             if message.name == _STATE:
                 self.heard += 1
-                self._take(message.fields, now_ns)
+                self._first_ns = self._first_ns or now_ns
+                if self._has_home(addr, now_ns):
+                    self._take(message.fields, now_ns)
+            elif message.name == "PARAM_VALUE" and self._body is not None:
+                name = text_of(message.fields["param_id"])
+                if name in HOME_PARAMS:
+                    self._body.home[name] = message.fields["param_value"]
             elif message.name == _ACTUATORS and now_ns * 1e-9 - self._requested_s > _ASK_AGAIN_S:
                 # what PX4 sends here unasked: it has just started, or has not heard us yet
                 self._requested_s = now_ns * 1e-9
                 self._ask(addr, ID_BY_NAME[_STATE], _PERIOD_US)
                 self._ask(addr, ID_BY_NAME[_ACTUATORS], -1.0)
+
+    def _has_home(self, addr: tuple[str | Any, int], now_ns: int) -> bool:
+        """Whether states may pass: home is known, or was asked for in vain for too long."""
+        missing = () if self._body is None else self._body.missing()
+        if not missing or now_ns - self._first_ns > _HOME_WITHIN_S * 1e9:
+            return True
+        if now_ns - self._home_asked_ns > _HOME_AGAIN_S * 1e9 and self._transport is not None:
+            self._home_asked_ns = now_ns
+            for name in missing:
+                request = self._encoder.encode_named(
+                    "PARAM_REQUEST_READ",
+                    target_system=self._system_id,
+                    target_component=1,
+                    param_id=name.encode(),
+                    param_index=-1,
+                )
+                self._transport.sendto(request, addr)
+        return False
 
     def _ask(self, addr: tuple[str | Any, int], message_id: int, period_us: float) -> None:
         assert self._transport is not None
@@ -176,7 +212,7 @@ async def _run(fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, wit
             vehicle = fleet.vehicles[name]
             relay = Relay(bus, Body(vehicle, fleet.fleet.global_origin), with_mocap, boot_id)
             port = _FIRST_PORT + vehicle.system_id - 1
-            listener = Listener(vehicle.system_id, relay.take)
+            listener = Listener(vehicle.system_id, relay.take, relay.body)
             try:
                 transport, _ = await loop.create_datagram_endpoint(
                     lambda listener=listener: listener,  # type: ignore[misc]

@@ -70,6 +70,33 @@ def test_px4_is_asked_for_its_rate_once_and_again_when_it_restarts() -> None:
     assert heard == [489400]
 
 
+def test_truth_started_anew_in_flight_or_over_a_sunken_vehicle_has_the_same_zero() -> None:
+    sent: list[bytes] = []
+
+    class Transport(asyncio.DatagramTransport):
+        def sendto(self, data: Any, addr: Any = None) -> None:
+            sent.append(bytes(data))
+
+    vehicle = ROOM.vehicles["mav2"]
+    px4 = Encoder(system_id=3)
+    for alt, height_m in ((491400, 2.0), (489100, -0.3)):
+        body, truths = Body(vehicle, None), list[Truth]()
+        listener = Listener(3, lambda fields, stamp_ns, body=body, to=truths: to.append(body.truth(fields, 1)), body)
+        listener.connection_made(Transport())
+        flying = px4.encode_named("HIL_STATE_QUATERNION", **state(lon=85455940 + 133, alt=alt))
+        listener.datagram_received(flying, ("127.0.0.1", 19452))
+        assert not truths  # nothing is published before the zero is known
+        for name, value in (("SIH_LOC_LAT0", 47.397742), ("SIH_LOC_LON0", 8.545594), ("SIH_LOC_H0", 489.4)):
+            answer = px4.encode_named("PARAM_VALUE", param_id=name.encode(), param_value=value, param_type=9)
+            listener.datagram_received(answer, ("127.0.0.1", 19452))
+        listener.datagram_received(flying, ("127.0.0.1", 19452))
+        position = truths[-1].position_enu_m
+        assert position[0] - vehicle.start_enu_m[0] == pytest.approx(1.0, abs=0.1)
+        assert position[2] - vehicle.start_enu_m[2] == pytest.approx(height_m, abs=0.01)
+    requests = [message.fields["param_id"].rstrip(b"\0").decode() for one in sent for message in Decoder().decode(one)]
+    assert requests[:3] == ["SIH_LOC_LAT0", "SIH_LOC_LON0", "SIH_LOC_H0"]
+
+
 def test_poses_of_a_vehicle_that_stands_are_never_the_same_twice_and_come_at_fifty_hertz() -> None:
     published: list[Any] = []
 
