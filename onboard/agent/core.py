@@ -260,7 +260,9 @@ class AgentCore:
         if state is None:
             return FlightView(now_ns, self._view.position_enu_m, _ZERO, False, self._snapshot)
         own = self.own
-        return FlightView(now_ns, own.position_enu_m, own.velocity_enu_m_s, own.age_s < POSITION_LOST_S, self._snapshot)
+        has_position = own.age_s < POSITION_LOST_S
+        thrust_share = self._setpoints.sent_thrust_frac / self.control.hover_frac
+        return FlightView(now_ns, own.position_enu_m, own.velocity_enu_m_s, has_position, self._snapshot, thrust_share)
 
     def _supervise(self) -> None:
         """Let the failsafes and, on the ground, the preflight check decide."""

@@ -11,6 +11,7 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control.pipeline import Phase
 from onboard.events import Command, Publish
+from onboard.flight.contact import ContactSigns
 from onboard.flight.types import FlightView, Step
 from onboard.safety.failsafe_table import Situation
 from onboard.types import Goal
@@ -37,7 +38,9 @@ class FlightContext:
     is_slow: bool = False  # a failsafe has slowed the order down
     leg_count: int = 0  # orders to move that have begun
     ground_z_m: float = 0.0  # height of the ground where it took off
-    lowest_m: float = math.inf  # lowest height since the landing began
+    lowest_m: float = math.inf  # lowest height since the landing began, or since contact
+    contact_z_m: float = -math.inf  # height where it came to stand
+    contact: ContactSigns = ContactSigns()
     step_ns: int = 0  # begin of the step
     steady_ns: int = 0  # last time at which the vehicle was not yet steady in this step
     request_ns: int = 0  # last request to PX4 in this step

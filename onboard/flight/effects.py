@@ -91,8 +91,8 @@ def descend_further(flight: FlightContext, view: FlightView) -> None:
 
 
 def expect_contact(flight: FlightContext, view: FlightView) -> None:
-    """Forget how low it was before."""
-    flight.lowest_m = math.inf
+    """Forget how low it was before, and remember where it stands."""
+    flight.lowest_m, flight.contact_z_m = math.inf, view.position_enu_m[2]
 
 
 def _set_goal(flight: FlightContext, position_enu_m: Vec3, duration_s: float) -> None:

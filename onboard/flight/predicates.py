@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from onboard.flight import contact
 from onboard.flight.arrival import is_at, is_at_rest
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
@@ -13,10 +14,11 @@ _LEAST_OFFBOARD_S = 0.1
 _ARM_ON_ITS_WAY_S = 0.5  # an older request to arm has had its effect
 _LIFTED_M = 0.12
 _ARRIVED_S, _REST_S = 0.5, 0.3
-_CONTACT_HEIGHT_M, _CONTACT_M_S, _CONTACT_S = 0.06, 0.10, 0.3
-_STALLED_M, _STALLED_M_S, _STALLED_S = 0.30, 0.05, 1.5
+_CONTACT_HEIGHT_M = 0.06
+_BEGUN_S = 0.3  # of a descent, before which nothing counts as its end
+_FALLEN_M, _FALLING_M_S = 0.10, -0.3
 _LATE_DESCENT_S, _LOWER_FLOOR_S = 1.0, 3.0  # after the time that was planned for it
-_DISARM_AFTER_S = 4.0
+_DISARM_AFTER_S, _DISARM_AFTER_SEEN_S = 4.0, 0.5
 
 
 def _is_confirmed(flight: FlightContext, view: FlightView) -> bool:
@@ -69,18 +71,18 @@ def px4_is_armed_in_the_air(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_is_disarmed_on_ground(flight: FlightContext, view: FlightView) -> bool:
-    """Whether PX4 says disarmed, and on the ground."""
-    return not view.snapshot.is_armed and view.is_on_ground
+    """Whether PX4 says disarmed, and its last report on the ground."""
+    return not view.snapshot.is_armed and view.was_on_ground
 
 
 def px4_is_on_ground(flight: FlightContext, view: FlightView) -> bool:
-    """Whether PX4 says that it is on the ground."""
-    return view.is_on_ground
+    """Whether PX4's last report says that it is on the ground."""
+    return view.was_on_ground
 
 
 def px4_flies_without_agent(flight: FlightContext, view: FlightView) -> bool:
     """Whether the vehicle is in the air although this agent has not begun a flight."""
-    return view.snapshot.is_armed and not view.is_on_ground and flight.order is None
+    return view.snapshot.is_armed and not view.was_on_ground and flight.order is None
 
 
 # -- take-off, move, hold ----------------------------------------------------------------------------------------------
@@ -124,21 +126,16 @@ def not_slowed_yet(flight: FlightContext, view: FlightView) -> bool:
 # -- landing -----------------------------------------------------------------------------------------------------------
 
 
-def _is_low(flight: FlightContext, view: FlightView) -> bool:
-    height_m = view.position_enu_m[2] - flight.ground_z_m
-    return height_m < _CONTACT_HEIGHT_M and abs(view.velocity_enu_m_s[2]) < _CONTACT_M_S
-
-
-def _is_stalled(flight: FlightContext, view: FlightView) -> bool:
-    height_m = view.position_enu_m[2] - flight.ground_z_m
-    is_late = flight.seconds(view) > flight.goal.duration_s + _LATE_DESCENT_S
-    return is_late and abs(view.velocity_enu_m_s[2]) < _STALLED_M_S and height_m < _STALLED_M
-
-
 def touched_down(flight: FlightContext, view: FlightView) -> bool:
-    """Whether it is low and slow for a moment, or sinks no more near the ground, or PX4 says that it is down."""
-    steady_s = _CONTACT_S if _is_low(flight, view) else _STALLED_S
-    return flight.steady_s(view) > steady_s or (view.is_on_ground and flight.seconds(view) > 1.0)
+    """Whether several signs have agreed for a moment that it stands on the ground."""
+    is_late = flight.seconds(view) > flight.goal.duration_s + _LATE_DESCENT_S
+    return contact.is_agreed(flight.contact, view, flight.ground_z_m, is_late) and flight.seconds(view) > _BEGUN_S
+
+
+def falls(flight: FlightContext, view: FlightView) -> bool:
+    """Whether it sinks from where it seemed to stand: it did not."""
+    fallen_m = flight.contact_z_m - view.position_enu_m[2]
+    return fallen_m > _FALLEN_M and view.velocity_enu_m_s[2] < _FALLING_M_S
 
 
 def floor_is_lower(flight: FlightContext, view: FlightView) -> bool:
@@ -158,8 +155,8 @@ def landed(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_should_have_disarmed(flight: FlightContext, view: FlightView) -> bool:
-    """Whether PX4 has been down for longer than it takes to disarm by itself."""
-    return flight.seconds(view) > _DISARM_AFTER_S
+    """Whether PX4 sees that it is down, or had the time to disarm by itself."""
+    return flight.seconds(view) > (_DISARM_AFTER_SEEN_S if view.is_on_ground else _DISARM_AFTER_S)
 
 
 def px4_does_not_land(flight: FlightContext, view: FlightView) -> bool:
@@ -185,6 +182,4 @@ def is_steady(flight: FlightContext, view: FlightView) -> bool:
     step = flight.step
     if step in (Step.CLIMB, Step.LEG):
         return is_at(view, flight.goal_position_enu_m, flight.vehicle)
-    if step is Step.HOLDING:
-        return is_at_rest(view, flight.vehicle)
-    return step is Step.DESCENT and (_is_low(flight, view) or _is_stalled(flight, view))
+    return step is Step.HOLDING and is_at_rest(view, flight.vehicle)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from onboard.bus.schema import Order, OrderOutcome, Severity
 from onboard.events import PlayTune
-from onboard.flight import sentences
+from onboard.flight import contact, sentences
 from onboard.flight.context import FlightContext
 from onboard.flight.flight_table import CAUSE, TABLE, Row, Text
 from onboard.flight.predicates import is_steady
@@ -77,9 +77,10 @@ def preflight_checked(flight: FlightContext, view: FlightView, is_ready: bool) -
 
 def advance(flight: FlightContext, view: FlightView) -> None:
     """Move on by what telemetry and estimate say now."""
+    flight.contact = contact.observe(flight.contact, view, flight.vehicle.mocap_required)
+    flight.lowest_m = min(flight.lowest_m, view.position_enu_m[2])
     if not is_steady(flight, view):
         flight.steady_ns = view.now_ns
-    flight.lowest_m = min(flight.lowest_m, view.position_enu_m[2])
     row = _match(flight, view, FlightEvent.TICK)
     if row is not None:
         _apply(flight, view, row)

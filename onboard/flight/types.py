@@ -12,6 +12,9 @@ from onboard.control.pipeline import Phase
 from onboard.safety.failsafe_table import Situation
 
 
+_LANDED_FRESH_NS = 1_500_000_000  # PX4 reports it 5 to 10 times a second
+
+
 class Step(Enum):
     """Steps of a flight.
 
@@ -84,8 +87,15 @@ class FlightView(Struct, frozen=True):
     velocity_enu_m_s: Vec3
     has_position: bool
     snapshot: Snapshot
+    thrust_share: float = 1.0  # thrust sent last over the thrust that carries the vehicle
 
     @property
     def is_on_ground(self) -> bool:
-        """Whether PX4 says so."""
+        """Whether PX4 says so, in a report that is not old."""
+        is_fresh = self.now_ns - self.snapshot.landed_ns < _LANDED_FRESH_NS
+        return is_fresh and self.snapshot.landed is Landed.ON_GROUND
+
+    @property
+    def was_on_ground(self) -> bool:
+        """Whether PX4's last report said so, however old it is."""
         return self.snapshot.landed is Landed.ON_GROUND

@@ -61,6 +61,9 @@ class Rig:
     has_autopilot: bool = True
     has_bus: bool = True  # False: poses come by another wire, nothing else is heard
     has_lift: bool = True  # False: propellers broken, as after a collision
+    landed_report: Landed | None = None  # what PX4 reports instead of what it sees
+    has_landed_reports: bool = True  # False: the last one stays
+    floor_m: float = 0.0
     battery_frac: float = 0.9
     sends_battery: bool = True
     now_ns: int = 1_000_000_000
@@ -110,7 +113,7 @@ class Rig:
         if self.has_autopilot:
             if now - self._heartbeat[0] >= 1_000_000_000:
                 self._heartbeat = (now, self.is_armed, self.mode)
-            on_ground = self.position[2] <= 1e-6
+            on_ground = self.position[2] <= self.floor_m + 1e-6
             self._on_ground_ns = (self._on_ground_ns or now) if on_ground else 0
             landed = on_ground and self.sees_ground and (not self.is_armed or now - self._on_ground_ns > 2_200_000_000)
             if landed and self.is_armed and self.has_flown and now - self._on_ground_ns > 4_200_000_000:
@@ -124,8 +127,7 @@ class Rig:
                 heartbeat_ns=self._heartbeat[0],
                 is_armed=self._heartbeat[1],
                 mode=self._heartbeat[2],
-                landed=Landed.ON_GROUND if landed or not self.has_flown else Landed.IN_AIR,
-                landed_ns=now,
+                **self._landed(landed or not self.has_flown),
                 battery_frac=self.battery_frac,
                 battery_voltage_v=15.0,
                 battery_ns=now if self.sends_battery else self.snapshot.battery_ns,
@@ -139,6 +141,12 @@ class Rig:
         self.take(self.core.tick(now))
         self.move()
         self.after_move()
+
+    def _landed(self, is_landed: bool) -> dict[str, object]:
+        if not self.has_landed_reports:
+            return {}
+        seen = Landed.ON_GROUND if is_landed else Landed.IN_AIR
+        return {"landed": self.landed_report or seen, "landed_ns": self.now_ns}
 
     def carry(self, *position: float, speed_m_s: float = 1.5) -> None:
         """Carry the vehicle to a position by hand, whatever it does itself."""
@@ -179,7 +187,7 @@ class Rig:
                     self.mode = "OFFBOARD"
                 case ev.Arm() if self.accepts_arm and self.mode == "OFFBOARD":
                     self.is_armed = True
-                case ev.Disarm() if self.position[2] <= 1e-6:
+                case ev.Disarm() if self.position[2] <= self.floor_m + 1e-6:
                     self.is_armed = False
                 case ev.Kill():
                     self.is_armed = False
@@ -208,8 +216,8 @@ class Rig:
             acceleration = np.array([0.0, 0.0, -0.5]) - self.velocity * 1.0
         self.velocity = self.velocity + 0.02 * acceleration
         self.position = self.position + 0.02 * self.velocity
-        if self.position[2] <= 0.0:
-            self.position[2] = 0.0
+        if self.position[2] <= self.floor_m:
+            self.position[2] = self.floor_m
             self.velocity = np.zeros(3)
         elif self.position[2] > 0.05:
             self.has_flown = True

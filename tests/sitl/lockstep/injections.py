@@ -6,10 +6,12 @@ import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 
 from onboard import events as ev
+from onboard.autopilot import Landed
 from onboard.bus.schema import StateMessage
 from onboard.bus.topics import Topic
 from onboard.safety.failsafe_table import Condition as C
@@ -163,6 +165,25 @@ def _nonsense(flight: Lockstep, name: str) -> None:
     flight.at(flight.time_s + 1.5, liar.stop)
 
 
+def _landed_state(duration_s: float, *, is_repeated: bool) -> Inject:
+    """PX4 reports the ground wherever it is: for a while, or its last report stays."""
+
+    def inject(flight: Lockstep, name: str) -> None:
+        link, end_s = flight.agents[name].link, flight.time_s + duration_s
+        receive = link.receive
+
+        def change(fields: dict[str, Any]) -> None:
+            if "landed" in fields and flight.time_s < end_s:
+                lie = {"landed": Landed.ON_GROUND} if is_repeated else {}
+                fields = {key: value for key, value in fields.items() if key != "landed"} | lie
+            receive(fields)
+
+        link.receive = change  # type: ignore[method-assign]
+        receive({"landed": Landed.ON_GROUND})
+
+    return inject
+
+
 def _order(verb: str) -> Inject:
     """An operator orders something of one vehicle in the middle of a mission; it may be refused."""
 
@@ -233,6 +254,8 @@ INJECTIONS: tuple[Injection, ...] = (
               _f(C.ATTITUDE_NOT_FOLLOWED, C.NOT_CLIMBING, C.FALLEN, C.DISARMED, C.PX4_FAILSAFE, C.LEFT_OFFBOARD),
               is_silenced=True, may_leave_fence=True, is_falling=True),
     Injection("PX4's own vision lost", _fault("vision_lost", 3.0)),
+    Injection("PX4 reports the ground for 0.5 s", _landed_state(0.5, is_repeated=True)),
+    Injection("PX4's last report of the ground stays", _landed_state(math.inf, is_repeated=False)),
     Injection("one is ordered to land", _order("land")),
     Injection("one is ordered to hold", _order("hold")),
     Injection("one is ordered to disarm", _order("disarm")),

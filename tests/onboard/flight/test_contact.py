@@ -1,0 +1,107 @@
+"""Contact with the ground: no single signal ends the thrust, contact is taken back, and any height is ground."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from onboard import events as ev
+from onboard.autopilot import Landed
+from onboard.flight.types import Step
+from onboard.frames import body_up
+from tests.onboard.agent.rig import Rig
+
+
+def _hover(height_m: float, rig: Rig | None = None) -> Rig:
+    rig = Rig() if rig is None else rig
+    rig.until("ready")
+    rig.order("takeoff", height_m=height_m)
+    rig.until("flying")
+    return rig
+
+
+def _sink(rig: Rig, until: Callable[[], bool], timeout_s: float = 20.0) -> float:
+    """Return the largest speed downwards [m/s] until a condition holds."""
+    fastest = 0.0
+    for _ in range(round(timeout_s / 0.02)):
+        if until():
+            return fastest
+        rig.step()
+        fastest = max(fastest, -float(rig.velocity[2]))
+    raise AssertionError(f"still {rig.core.flight.step.name} at {rig.position[2]:.2f} m")
+
+
+@pytest.mark.parametrize("seconds", [0.06, 0.5, math.inf])
+def test_a_wrong_report_of_the_ground_in_a_landing_does_not_end_the_thrust(seconds: float) -> None:
+    rig = _hover(1.8)
+    rig.order("land", order_id="land")
+    rig.run(1.2)
+    assert rig.position[2] > 1.2
+    end_ns = rig.now_ns + seconds * 1e9
+
+    def report() -> None:
+        rig.landed_report = Landed.ON_GROUND if rig.now_ns < end_ns else None
+
+    rig.after_move = report
+    assert _sink(rig, lambda: rig.position[2] <= 0.0) < 1.0
+    rig.until("landed")
+    assert rig.outcomes()["land"] == "done"
+
+
+def test_reports_of_the_ground_that_stopped_before_the_take_off_do_not_count() -> None:
+    rig = Rig()
+    rig.until("ready")
+    rig.has_landed_reports = False
+    _hover(1.8, rig)
+    rig.order("land", order_id="land")
+    assert _sink(rig, lambda: rig.position[2] <= 0.0) < 1.0
+    rig.until("landed")
+    assert rig.outcomes()["land"] == "done"
+
+
+def test_contact_is_taken_back_when_the_vehicle_falls() -> None:
+    rig = _hover(2.2)
+    rig.floor_m = 1.8
+    rig.order("land", order_id="land")
+    _sink(rig, lambda: rig.core.flight.step is Step.CONTACT)
+    rig.floor_m = 0.0  # what it stood on gives way
+    assert _sink(rig, lambda: rig.position[2] <= 0.0) < 2.5  # a free fall ends at 5.9 m/s
+    assert -rig.core.own.velocity_enu_m_s[2] < 1.5
+    rig.until("landed")
+    assert rig.outcomes()["land"] == "done"
+
+
+@pytest.mark.parametrize("floor_m", [0.0, 0.2, 0.5])
+@pytest.mark.parametrize("push_m_s2", [0.0, 0.8])
+def test_on_ground_of_any_height_it_is_level_at_once_and_disarmed_within_three_seconds(
+    floor_m: float, push_m_s2: float
+) -> None:
+    rig = _hover(1.0)
+    rig.floor_m = floor_m
+
+    def stand() -> None:
+        if rig.position[2] <= rig.floor_m:
+            rig.velocity = np.zeros(3)
+        else:
+            rig.velocity[0] += 0.02 * push_m_s2  # wind, against which it leans
+
+    rig.after_move = stand
+    rig.order("land", order_id="land")
+    _sink(rig, lambda: rig.position[2] <= rig.floor_m)
+    contact_ns = rig.now_ns
+    tilts = []
+    while rig.is_armed:
+        rig.step()
+        setpoint = rig.setpoint
+        assert setpoint is not None
+        tilts.append((rig.now_ns - contact_ns, math.degrees(math.acos(min(1.0, body_up(setpoint.quaternion_wxyz)[2])))))
+        assert rig.now_ns - contact_ns < 3_000_000_000 + 1_200_000_000 * (not rig.sees_ground), rig.core.flight.step
+    late = [tilt_deg for age_ns, tilt_deg in tilts if age_ns > 600_000_000]
+    assert max(late) < 0.1
+    assert max(tilt_deg for _, tilt_deg in tilts) < 12.0
+    rig.until("landed")
+    assert rig.outcomes()["land"] == "done"
+    assert rig.count(ev.Px4Land) == 0
