@@ -40,7 +40,7 @@ class FlightContext:
     ground_z_m: float = 0.0  # height of the ground where it took off
     lowest_m: float = math.inf  # lowest height since the landing began, or since contact
     contact_z_m: float = -math.inf  # height where it came to stand
-    contact: ContactSigns = ContactSigns()
+    contact: ContactSigns = field(default_factory=ContactSigns)
     step_ns: int = 0  # begin of the step
     steady_ns: int = 0  # last time at which the vehicle was not yet steady in this step
     request_ns: int = 0  # last request to PX4 in this step

@@ -11,7 +11,6 @@ from onboard.bus.schema import AgentState
 from onboard.control.pipeline import Phase
 from onboard.safety.failsafe_table import Situation
 
-
 _LANDED_FRESH_NS = 1_500_000_000  # PX4 reports it 5 to 10 times a second
 
 

@@ -21,6 +21,7 @@ from onboard.frames import quaternion_from_yaw, quaternion_multiply, wrap_rad, y
 from onboard.localization.local_frame import LocalFrame
 from onboard.localization.pose_validator import PoseValidator, PoseVerdict
 from onboard.localization.px4_position_check import Px4PositionCheck
+from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M_S
 from onboard.types import AttitudeSetpoint, State
 
 _MAX_POSITION_M = 1e4
@@ -30,7 +31,6 @@ _FUTURE_NS = 5_000_000
 _REJECTED_TO_RESTART = 10
 _BELIEVED_S = 0.1
 _PX4_POSITION_STD_M = 0.05  # from one sample to the next; its slow error is larger, see ACCURACIES
-_WORST_STD_M = 0.5  # a margin for more would push the other vehicles out of the geofence
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 _SQRT_HALF = math.sqrt(0.5)
 
@@ -141,7 +141,7 @@ class OwnState:
         if snapshot.local_position_ns == self._local_ns:
             return
         self._local_ns = snapshot.local_position_ns
-        std_m = min(snapshot.position_accuracy_m * _SQRT_HALF, _WORST_STD_M)  # PX4's value is of two axes together
+        std_m = snapshot.position_accuracy_m * _SQRT_HALF  # PX4's value is of two axes together
         least = ACCURACIES[self.vehicle.px4_position]
         self._least_std = max(least.position_std_m, std_m), least.velocity_std_m_s
         position = self._local_frame.take(snapshot)
@@ -189,4 +189,8 @@ class OwnState:
         """Estimate as of the last update; None before the first sample."""
         if self._memory is None:
             return None
-        return kalman.state(self._memory, self._yaw_rad, *self._least_std)
+        state = kalman.state(self._memory, self._yaw_rad, *self._least_std)
+        return state._replace(
+            position_std_m=min(state.position_std_m, LARGEST_POSITION_STD_M),
+            velocity_std_m_s=min(state.velocity_std_m_s, LARGEST_VELOCITY_STD_M_S),
+        )

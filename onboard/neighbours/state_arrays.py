@@ -11,6 +11,7 @@ import numpy as np
 
 from onboard.arrays import Array, BoolArray, IntArray
 from onboard.bus.schema import StateMessage
+from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M_S
 from onboard.types import Neighbour
 from onboard.vectors import Vec3
 
@@ -87,9 +88,15 @@ class NeighbourRow(NamedTuple):
 
 
 def numbers_of(message: StateMessage) -> tuple[float, ...]:
-    """Return the numbers of a message in the order of the columns."""
+    """Return the numbers of a message in the order of the columns; its accuracy is bounded as its sender's is."""
     p, v, a, pp, pv, c, i = _vectors_of(message)
-    return (*p, *v, *a, *pp, *pv, *c, *i, *_scalars_of(message))
+    std_m, crowd_count, lead_s, std_m_s = _scalars_of(message)
+    std_m, std_m_s = _believed(std_m, LARGEST_POSITION_STD_M), _believed(std_m_s, LARGEST_VELOCITY_STD_M_S)
+    return (*p, *v, *a, *pp, *pv, *c, *i, std_m, crowd_count, lead_s, std_m_s)
+
+
+def _believed(std: float, largest: float) -> float:
+    return min(abs(std), largest) if math.isfinite(std) else std
 
 
 def is_usable(message: StateMessage, numbers: tuple[float, ...]) -> bool:

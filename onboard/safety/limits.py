@@ -1,7 +1,9 @@
-"""Limits that more than one judgement uses: the ages at which something counts as stale, silent or lost."""
+"""Limits that more than one judgement uses: ages of what is stale, silent or lost, and what accuracy is believed."""
 
 from __future__ import annotations
 
 POSITION_STALE_S = 0.2  # own position: setpoints are level, and no take-off
 POSITION_LOST_S = 0.5
 AUTOPILOT_SILENT_S = 0.3  # without any packet of PX4
+# standard deviations that are published, and believed: a margin for more would push the other vehicles out of the fence
+LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M_S = 0.5, 0.5

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from onboard.bus.schema import StateMessage
 from onboard.neighbours.table import SILENT_S, NeighbourTable
+from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M_S
 from sitl.lockstep.neighbour_tables import Round, Tables
 from tests.onboard.agent.rig import fleet
 
@@ -48,6 +49,13 @@ def _table() -> NeighbourTable:
 
 def test_a_neighbour_never_heard_is_not_present() -> None:
     assert _table().snapshot(5 * S) == []
+
+
+def test_no_accuracy_is_believed_that_no_vehicle_would_publish() -> None:
+    table = _table()
+    table.hear(_state(position_std_m=2.0, velocity_std_m_s=50.0), 5 * S)
+    (neighbour,) = table.snapshot(5 * S)
+    assert (neighbour.position_std_m, neighbour.velocity_std_m_s) == (LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M_S)
 
 
 def test_the_ring_successor_is_the_next_of_the_fleet_file() -> None:
