@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import inspect
+import time
 import traceback
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -21,6 +22,8 @@ from onboard.config.fleet import ConfigError
 LAND_TIMEOUT_S = 40.0
 READY_TIMEOUT_SIM_S = 60.0  # for the first step, when emulator and agents start with the mission
 LAST_TELEMETRY_S = 0.5
+OWN_STALL_S = 1.0  # between two looks at the vehicles, after which this ground itself stood still
+AFTER_STALL_S = 6.0  # until silence counts again: connections come back first
 SILENT_S = 2.0  # without telemetry in flight, after which the mission ends
 
 
@@ -32,6 +35,7 @@ class MissionRun:
         client: started.
         say: progress in words.
         ready_timeout_s: how long to wait for the vehicles before the first step.
+        boot_clock_ns: a clock that goes on while this computer sleeps [ns].
     """
 
     def __init__(
@@ -41,6 +45,7 @@ class MissionRun:
         *,
         say: Callable[[str], None] = lambda line: None,
         ready_timeout_s: float = 60.0,
+        boot_clock_ns: Callable[[], int] = lambda: time.clock_gettime_ns(time.CLOCK_BOOTTIME),
     ) -> None:
         self.mission = mission
         self.client = client
@@ -55,6 +60,9 @@ class MissionRun:
         self._begin_ns = client.now_ns()
         self._end_ns = self._begin_ns
         self._task: asyncio.Task[Any] | None = None
+        self._boot_clock_ns = boot_clock_ns
+        self._look_ns: int | None = None  # last look at the vehicles, on the boot clock
+        self._stall_ns: int | None = None  # end of this ground's last stall, on the boot clock
 
     async def run(self) -> Verdict:
         """Fly it. Cancelling this coroutine is an interruption: all vehicles land, then it returns.
@@ -116,9 +124,13 @@ class MissionRun:
     def abort_if_silent(self) -> bool:
         """End the mission when a vehicle whose last telemetry was armed has been silent for SILENT_S.
 
+        Call it several times a second. After a stall of this ground itself the vehicles get AFTER_STALL_S.
+
         Returns:
             Whether one has.
         """
+        if self._is_after_own_stall():
+            return False
         now_ns = self.client.now_ns()
         silent = [
             name
@@ -131,6 +143,20 @@ class MissionRun:
             self.client.publish_event("critical", "agent_silent", reason)
             self.abort(reason)
         return bool(silent)
+
+    def _is_after_own_stall(self) -> bool:
+        boot_ns = self._boot_clock_ns()
+        gap_s = 0.0 if self._look_ns is None else (boot_ns - self._look_ns) * 1e-9
+        self._look_ns = boot_ns
+        if gap_s > OWN_STALL_S:
+            self._stall_ns = boot_ns
+            self.client.publish_event(
+                "warning",
+                "ground_stalled",
+                f"This ground itself stood still for {gap_s:.1f} s: the record has a gap, and the smallest distance of "
+                f"that time is not known. Silent vehicles are waited for, {AFTER_STALL_S:g} s.",
+            )
+        return self._stall_ns is not None and boot_ns - self._stall_ns < AFTER_STALL_S * 1e9
 
     def _is_at_rest(self, state: FleetState) -> bool:
         return all(is_landed(state, name) or state.vehicles[name].is_airborne for name in self.fleet.names)
