@@ -141,7 +141,7 @@ class NeighbourTable:
         announces = message.is_cooperative
         flags = message.is_airborne, announces and index not in self.distrusted, announces
         arrays.set_state(index, stamp_ns, numbers, flags)
-        self._ages.at_ns = -1
+        self.forget_ages()
         return True
 
     def hear_telemetry(self, telemetries: Mapping[str, Telemetry], received_ns: int) -> None:
@@ -170,7 +170,7 @@ class NeighbourTable:
         floor_m = self.fleet.vehicles[self.names[index]].start_enu_m[2]
         is_airborne = p[2] > floor_m + _ON_FLOOR_M
         arrays.set_state(index, min(tracker.stamp_ns, received_ns), numbers, (is_airborne, False, False))
-        self._ages.at_ns = -1
+        self.forget_ages()
         return True
 
     def bodies_to_track(self, now_ns: int) -> list[str]:
@@ -202,6 +202,10 @@ class NeighbourTable:
             ages_s = np.where(arrays.flags[KNOWN], np.maximum(now_ns - arrays.stamp_ns, 0) * 1e-9, np.inf)
             self.set_ages(ages_s, now_ns, bool((ages_s > arrays.silent_after_s).any()))
         return self._ages.all_s
+
+    def forget_ages(self) -> None:
+        """Have the ages calculated anew, since newer states are in the arrays."""
+        self._ages.at_ns = -1
 
     def set_ages(self, ages_s: Array, now_ns: int, has_silent: bool) -> None:
         """Set the ages (K,) at a time, where they were calculated for many tables together."""

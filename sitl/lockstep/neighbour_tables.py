@@ -111,6 +111,7 @@ class Tables:
         for kind, flag in enumerate((is_valid, is_airborne, is_cooperative, is_cooperative)):
             self.arrays.flags[rows, kind, columns] = flag[senders]
         for table in self.tables:
+            table.forget_ages()
             if table.distrusted:
                 table.arrays.flags[COOPERATIVE, list(table.distrusted)] = False
 
