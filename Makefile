@@ -1,5 +1,5 @@
 # make demo             three drones fly the paper's experiment in this terminal
-# make test             lint, types, import contracts and every test that needs no real time (under 5 minutes)
+# make test             lint, types, import contracts and every test that needs no real time (about 5 minutes)
 # make test-realtime    tests with processes, sockets and terminals
 # make test-long        tests that take longer than that
 # make pins             write requirements/*.txt anew: the newest libraries that pyproject.toml allows, with hashes
@@ -41,7 +41,7 @@ bench-%:
 	@exec .venv/bin/python -m tests.bench $* $(ARGS)
 
 # one resolution for all systems and for Python 3.11 and newer; setuptools builds Covey itself
-PIN = .venv/pins/bin/uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
+PIN = .venv/pins/bin/uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes \
   --custom-compile-command "make pins" pyproject.toml requirements/build.in
 
 pins:

@@ -80,7 +80,10 @@ def test_whoever_flies_has_the_versions_that_were_tested() -> None:
 def test_the_pins_name_no_registry_and_no_file_of_one_machine() -> None:
     for path in (ROOT / "requirements").iterdir():
         text = path.read_text(encoding="utf-8")
-        assert not re.search(r"https?://|file:|--(extra-)?index-url|--find-links| @ ", text), path
+        assert not re.search(r"//|file:| @ ", text), path
+        assert set(re.findall(r"(?<!\S)-[a-z-]+", re.sub("#.*", "", text))) <= {"--hash"}, (
+            f"{path} has an option of pip's"
+        )
 
 
 def test_setup_installs_pinned_wheels_with_hashes_and_covey_without_libraries() -> None:
