@@ -117,11 +117,11 @@ def mission_current(v: View) -> Values:
     return _ordered("MISSION_CURRENT", mission_state=1)  # there is no mission
 
 
-def event_sequence(v: View) -> Values:
+def current_event_sequence(v: View) -> Values:
     return (v.autopilot.journal.newest_sequence, 0)
 
 
-def time_estimate(v: View) -> Values:
+def time_estimate_to_target(v: View) -> Values:
     return (-1, -1, -1, -1, -1)
 
 
@@ -161,7 +161,7 @@ def attitude_quaternion(v: View) -> Values:
     return (v.boot_ms, *v.sensed.attitude, *v.sensed.rates_rad_s, 0.0, 0.0, 0.0, 0.0)
 
 
-def local_position(v: View) -> Values:
+def local_position_ned(v: View) -> Values:
     return (v.boot_ms, *v.sensed.position_ned_m, *v.sensed.velocity_ned_m_s)
 
 
@@ -190,7 +190,7 @@ def global_position_int(v: View) -> Values:
     return (v.boot_ms, *_degrees_and_mm(*place), above_home, *speed, heading)
 
 
-def gps_raw(v: View) -> Values:
+def gps_raw_int(v: View) -> Values:
     fix, satellites = (3, 10) if v.has_fix else (0, 0)
     lat, lon, alt = _degrees_and_mm(*v.global_position)
     vx, vy, _ = v.sensed.velocity_ned_m_s
@@ -234,7 +234,7 @@ def home_position(v: View) -> Values | None:
     )
 
 
-def global_origin(v: View) -> Values | None:
+def gps_global_origin(v: View) -> Values | None:
     if not v.has_origin:
         return None
     return (*_degrees_and_mm(*v.origin_deg, v.origin_altitude_m), v.boot_us)
@@ -248,7 +248,7 @@ def attitude_target(v: View) -> Values:
     return (v.boot_ms, *actuation.attitude.tolist(), *actuation.rate_rad_s.tolist(), actuation.thrust_frac, 0)
 
 
-def local_target(v: View) -> Values | None:
+def position_target_local_ned(v: View) -> Values | None:
     a = v.autopilot
     if a.mode is Mode.OFFBOARD and a.setpoint is not None and a.setpoint.kind is not SetpointKind.POSITION:
         return None
@@ -259,7 +259,7 @@ def local_target(v: View) -> Values | None:
     return (v.boot_ms, *position, *speed, _NAN, _NAN, _NAN, goal.yaw_rad, _NAN, 0, 1)
 
 
-def global_target(v: View) -> Values | None:
+def position_target_global_int(v: View) -> Values | None:
     a = v.autopilot
     if not a.is_armed or a.flight.goal is None or MODES[a.mode].main != 4:
         return None
@@ -280,16 +280,16 @@ def _pulse(v: View) -> int:
     return round(1000.0 + 1000.0 * _commanded_thrust(v)) if v.autopilot.is_armed else 900
 
 
-def servo_output(v: View) -> Values:
+def servo_output_raw(v: View) -> Values:
     pulse = _pulse(v)
     return (v.boot_us & 0xFFFFFFFF, pulse, pulse, pulse, pulse, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 
 
-def actuator_output(v: View) -> Values:
+def actuator_output_status(v: View) -> Values:
     return (v.boot_us, 4, *((float(_pulse(v)),) * 4), *((0.0,) * 28))
 
 
-def hil_actuators(v: View) -> Values:
+def hil_actuator_controls(v: View) -> Values:
     thrust = _commanded_thrust(v)
     return (v.boot_us, 0, *((thrust,) * 4), *((0.0,) * 12), 129 if v.autopilot.is_armed else 1)
 
@@ -329,7 +329,7 @@ def vibration(v: View) -> Values:
     return (v.boot_us, level, level, level, 0, 0, 0)
 
 
-def hil_state(v: View) -> Values:
+def hil_state_quaternion(v: View) -> Values:
     """Ground truth, as the simulator's own link of PX4 has it: its time stamp is zero."""
     states, i = v.emulator.world.vehicles.states, v.index
     north, east, down = states.position_ned_m[i].tolist()
@@ -357,7 +357,7 @@ def ping(v: View) -> Values:
     return (v.boot_us, 0, 0, 0)
 
 
-def drone_id_location(v: View) -> Values:
+def open_drone_id_location(v: View) -> Values:
     height = v.global_position[2]
     latitude, longitude, _ = _degrees_and_mm(*v.global_position)
     flies = v.autopilot.landed != 1
@@ -377,7 +377,7 @@ def drone_id_location(v: View) -> Values:
     )
 
 
-def drone_id_system(v: View) -> Values:
+def open_drone_id_system(v: View) -> Values:
     latitude, longitude = v.origin_deg
     return _ordered(
         "OPEN_DRONE_ID_SYSTEM",

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import heapq
 import math
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from importlib.resources import files
 
 from sitl.mavlink import messages
 from sitl.mavlink.codec import ID_BY_NAME
@@ -15,99 +16,13 @@ from sitl.mavlink.messages import Builder
 FASTEST_HZ = 250.0  # the loop of PX4's simulator
 
 
-class Stream(NamedTuple):
-    """One message that PX4 can stream."""
-
-    # name, build: the message and what it says
-    name: str
-    build: Builder
-    # onboard_hz, ground_hz: default rates on the companion's and on the ground station's link; 0 = not by itself
-    onboard_hz: float
-    ground_hz: float
-    ceiling_hz: float = FASTEST_HZ  # what PX4 reaches when asked for more
-
-
-STREAMS: tuple[Stream, ...] = (
-    Stream("HEARTBEAT", messages.heartbeat, 1.0, 1.0),
-    Stream("TIMESYNC", messages.timesync, 10.0, 0.0),
-    Stream("ATTITUDE", messages.attitude, 100.0, 15.0, 218.0),
-    Stream("HIGHRES_IMU", messages.highres_imu, 50.0, 0.0),
-    Stream("ATTITUDE_QUATERNION", messages.attitude_quaternion, 50.0, 10.0, 220.0),
-    Stream("GLOBAL_POSITION_INT", messages.global_position_int, 50.0, 5.0, 125.0),
-    Stream("LOCAL_POSITION_NED", messages.local_position, 30.0, 1.0, 125.0),  # the rate of the estimator
-    Stream("ODOMETRY", messages.odometry, 30.0, 0.0, 125.0),
-    Stream("ALTITUDE", messages.altitude, 10.0, 1.0),
-    Stream("DISTANCE_SENSOR", messages.distance_sensor, 10.0, 0.5),
-    Stream("ATTITUDE_TARGET", messages.attitude_target, 10.0, 2.0),
-    Stream("POSITION_TARGET_LOCAL_NED", messages.local_target, 10.0, 1.5),
-    Stream("POSITION_TARGET_GLOBAL_INT", messages.global_target, 10.0, 1.0),
-    Stream("SERVO_OUTPUT_RAW", messages.servo_output, 10.0, 1.0),
-    Stream("VFR_HUD", messages.vfr_hud, 10.0, 4.0),
-    Stream("GPS_RAW_INT", messages.gps_raw, 8.0, 5.0, 8.0),  # as fast as the receiver
-    Stream("EXTENDED_SYS_STATE", messages.extended_sys_state, 5.0, 1.0),
-    Stream("SYS_STATUS", messages.sys_status, 5.0, 1.0),
-    Stream("ESTIMATOR_STATUS", messages.estimator_status, 1.0, 0.5),
-    Stream("OPEN_DRONE_ID_LOCATION", messages.drone_id_location, 1.0, 1.0),
-    Stream("OPEN_DRONE_ID_SYSTEM", messages.drone_id_system, 1.0, 1.0),
-    Stream("PING", messages.ping, 1.0, 0.1),
-    Stream("SCALED_PRESSURE", messages.scaled_pressure, 1.0, 1.0),
-    Stream("SYSTEM_TIME", messages.system_time, 1.0, 0.0),
-    Stream("LINK_NODE_STATUS", messages.link_node_status, 1.0, 1.0),
-    Stream("MISSION_CURRENT", messages.mission_current, 1.0, 1.0),
-    Stream("GPS_GLOBAL_ORIGIN", messages.global_origin, 1.0, 1.0),  # but only when it has changed: see the link
-    Stream("BATTERY_STATUS", messages.battery_status, 0.5, 0.5),
-    Stream("CURRENT_MODE", messages.current_mode, 0.5, 0.5),
-    Stream("HOME_POSITION", messages.home_position, 0.5, 0.5),
-    Stream("VIBRATION", messages.vibration, 0.5, 0.1),
-    Stream("TIME_ESTIMATE_TO_TARGET", messages.time_estimate, 0.5, 0.5),
-    Stream("CURRENT_EVENT_SEQUENCE", messages.event_sequence, 0.3, 0.3),
-    Stream("ACTUATOR_OUTPUT_STATUS", messages.actuator_output, 0.0, 0.0),
-    Stream("HIL_STATE_QUATERNION", messages.hil_state, 0.0, 0.0),
-    Stream("HIL_ACTUATOR_CONTROLS", messages.hil_actuators, 0.0, 0.0),
-    Stream("AUTOPILOT_VERSION", messages.autopilot_version, 0.0, 0.0),
-    Stream("PROTOCOL_VERSION", messages.protocol_version, 0.0, 0.0),
-    Stream("FLIGHT_INFORMATION", messages.flight_information, 0.0, 0.0),
-)
-BUILDERS: dict[int, Builder] = {ID_BY_NAME[stream.name]: stream.build for stream in STREAMS}
-ONBOARD_RATES_HZ: dict[int, float] = {ID_BY_NAME[stream.name]: stream.onboard_hz for stream in STREAMS}
-GCS_RATES_HZ: dict[int, float] = {ID_BY_NAME[stream.name]: stream.ground_hz for stream in STREAMS}
-_CEILINGS_HZ: dict[int, float] = {ID_BY_NAME[stream.name]: stream.ceiling_hz for stream in STREAMS}
-
-# Streams that PX4 has and for which its simulated quadrotor has no data: their rate can be set, nothing comes.
-SILENT: frozenset[int] = frozenset(
-    ID_BY_NAME[name]
-    for name in (
-        "ADSB_VEHICLE",
-        "CAMERA_IMAGE_CAPTURED",
-        "CAMERA_TRIGGER",
-        "DEBUG",
-        "DEBUG_VECT",
-        "DEBUG_FLOAT_ARRAY",
-        "EFI_STATUS",
-        "ESC_INFO",
-        "ESC_STATUS",
-        "GIMBAL_MANAGER_STATUS",
-        "GPS2_RAW",
-        "GPS_STATUS",
-        "HIGH_LATENCY2",
-        "HYGROMETER_SENSOR",
-        "MANUAL_CONTROL",
-        "NAMED_VALUE_FLOAT",
-        "NAV_CONTROLLER_OUTPUT",
-        "OBSTACLE_DISTANCE",
-        "OPTICAL_FLOW_RAD",
-        "ORBIT_EXECUTION_STATUS",
-        "RAW_RPM",
-        "RC_CHANNELS",
-        "SCALED_IMU",
-        "SCALED_IMU2",
-        "SCALED_IMU3",
-        "SCALED_PRESSURE2",
-        "SCALED_PRESSURE3",
-        "WIND_COV",
-    )
-    if name in ID_BY_NAME
-)
+_TABLE = tomllib.loads(files(__package__).joinpath("streams.toml").read_text())
+_RATES: dict[int, list[float]] = {ID_BY_NAME[name]: rates for name, rates in _TABLE["rates_hz"].items()}
+BUILDERS: dict[int, Builder] = {ID_BY_NAME[name]: vars(messages)[name.lower()] for name in _TABLE["rates_hz"]}
+ONBOARD_RATES_HZ: dict[int, float] = {message_id: rates[0] for message_id, rates in _RATES.items()}
+GCS_RATES_HZ: dict[int, float] = {message_id: rates[1] for message_id, rates in _RATES.items()}
+_CEILINGS_HZ: dict[int, float] = {message_id: (*rates, FASTEST_HZ)[2] for message_id, rates in _RATES.items()}
+SILENT: frozenset[int] = frozenset(ID_BY_NAME[name] for name in _TABLE["silent"]["names"] if name in ID_BY_NAME)
 
 _HEARTBEAT = ID_BY_NAME["HEARTBEAT"]
 # After its start a PX4 says nothing for a moment, and is alive a little later.

@@ -6,13 +6,14 @@ PX4's texts end in a tab when an event says the same, so that a ground station t
 from __future__ import annotations
 
 import struct
+import tomllib
 from dataclasses import dataclass, field
+from importlib.resources import files
 from typing import Generic, NamedTuple, TypeVar
 
 from sitl.px4.signals import Text
 
-_CRITICAL, _ERROR, _WARNING, _INFO = 2, 3, 4, 6
-_EMERGENCY = 0
+_INFO = 6  # MAV_SEVERITY
 _AUTOPILOT_NAMESPACE = 1 << 24
 _KEPT = 100
 Entry = TypeVar("Entry")
@@ -44,55 +45,8 @@ REASONS: dict[str, tuple[str, int]] = {
     "failsafe": ("failsafe", 14),
 }
 
-SAYINGS: dict[str, Saying] = {
-    "armed": Saying(_INFO, "Armed by {why}\t", "commander_armed_by", arguments="B"),
-    "disarmed": Saying(_INFO, "Disarmed by {why}\t", "commander_disarmed_by", arguments="B"),
-    "arm denied": Saying(
-        _CRITICAL,
-        "Arming denied: Resolve system health failures first\t",
-        "commander_arm_denied_resolve_failures",
-    ),
-    "disarm denied": Saying(_CRITICAL, "Disarming denied: not landed\t", "commander_disarm_denied_not_landed"),
-    "takeoff height": Saying(_INFO, "Using default takeoff altitude: {height:.1f} m\t"),
-    "least takeoff height": Saying(_CRITICAL, "Using minimum takeoff altitude: {height:.2f} m\t"),
-    "takeoff": Saying(_INFO, "Takeoff detected\t", "commander_takeoff_detected"),
-    "landed": Saying(_INFO, "Landing detected\t", "commander_landing_detected"),
-    "landing": Saying(_INFO, "Landing at current position\t", "commander_landing_current_pos"),
-    "returning": Saying(_INFO, "Returning to launch\t", "commander_rtl"),
-    "no such mode": Saying(_CRITICAL, "Unsupported auto mode\t", "commander_unsupported_auto_mode", _ERROR),
-    "bad arm": Saying(
-        _CRITICAL,
-        "Unsupported ARM_DISARM param: {value:.3f}\t",
-        "commander_unsupported_arm_disarm_param",
-        arguments="f",
-    ),
-    "failsafe": Saying(_CRITICAL, "Failsafe activated\t", "commander_failsafe_enter_generic", _WARNING, arguments="IB"),
-    "failsafe hold": Saying(
-        _CRITICAL,
-        "Failsafe activated: entering Hold for {seconds:.0f} seconds\t",
-        "commander_failsafe_enter_generic_hold",
-        _WARNING,
-        arguments="IBH",
-    ),
-    "battery low": Saying(_EMERGENCY, "Low battery\t", "commander_failsafe_enter_low_bat", _WARNING),
-    "battery critical": Saying(_EMERGENCY, "Critical battery\t", "commander_failsafe_enter_crit_bat_warn", _WARNING),
-    "battery emergency": Saying(
-        _EMERGENCY, "Emergency battery level\t", "commander_failsafe_enter_crit_low_bat_warn", _WARNING
-    ),
-    "no shutdown": Saying(_EMERGENCY, "System does not support shutdown\t"),
-    "roll failure": Saying(_CRITICAL, "Preflight Fail: Attitude failure (roll)\t", "check_failure_detector_roll"),
-    "pitch failure": Saying(_CRITICAL, "Preflight Fail: Attitude failure (pitch)\t", "check_failure_detector_pitch"),
-    "bad frame": Saying(
-        _CRITICAL,
-        "SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported\t",
-        "mavlink_rcv_sp_local_unsup_coord",
-        _ERROR,
-        arguments="B",
-    ),
-    "empty setpoint": Saying(
-        _CRITICAL, "SET_POSITION_TARGET_LOCAL_NED invalid\t", "mavlink_rcv_sp_local_invalid", _ERROR
-    ),
-}
+_TABLE = tomllib.loads(files(__package__).joinpath("events.toml").read_text())
+SAYINGS: dict[str, Saying] = {key: Saying(**values) for key, values in _TABLE.items()}
 
 
 class Event(NamedTuple):
