@@ -1,4 +1,12 @@
-"""The ``covey`` command: the list of commands, and errors as sentences. A command is imported when it is called."""
+"""The ``covey`` command: the list of commands, and errors as sentences. A command is imported when it is called.
+
+Start with: covey demo
+Shell completion: covey --install-completion
+ASCII instead of line drawings: covey --ascii COMMAND, or COVEY_ASCII=1
+
+Exit status: 0 all came true; 1 an expectation failed; 2 wrong input, nothing started; 10 nobody answered; 50 mixed
+results per vehicle; 130 interrupted. Ctrl-C lands; a second one ends the processes that were started.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +15,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from functools import cache
+from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
 
 from onboard.bus.protocol import BusError
@@ -15,14 +24,6 @@ from onboard.exit_status import EXIT_INTERRUPTED, EXIT_OK, EXIT_WRONG_INPUT
 
 if TYPE_CHECKING:
     from cyclopts import App, Group
-
-EPILOG = """\
-Start with: covey demo
-Shell completion: covey --install-completion
-ASCII instead of line drawings: covey --ascii COMMAND, or COVEY_ASCII=1
-
-Exit status: 0 all came true; 1 an expectation failed; 2 wrong input, nothing started; 10 nobody answered; 50 mixed \
-results per vehicle; 130 interrupted. Ctrl-C lands; a second one ends the processes that were started."""
 
 
 class Command(NamedTuple):
@@ -125,7 +126,7 @@ def front_page(called: str) -> App:
         name="covey",
         help="Fleet ground station for PX4 multirotors that fly close together.",
         help_format="plaintext",
-        help_epilogue=EPILOG,
+        help_epilogue=_epilogue(sys.modules[__name__]),
         version=_version,
         group_commands=_group(_HELP),
         default_parameter=Parameter(negative="", show_default=_default),
@@ -141,10 +142,19 @@ def front_page(called: str) -> App:
             continue
         module = importlib.import_module(command.module)
         target = getattr(module, command.function)
-        options = {} if isinstance(target, App) else {"help_epilogue": module.EPILOG}
-        app.command(target, name=command.name, **options)
+        if isinstance(target, App):
+            target.help_epilogue = _epilogue(module)
+            app.command(target)
+        else:
+            app.command(target, name=command.name, help_epilogue=_epilogue(module))
     app.register_install_completion_command()
     return app
+
+
+def _epilogue(module: ModuleType) -> str:
+    """Return what stands below the options: the end of a module's docstring, and what it computes."""
+    text = (module.__doc__ or "").partition("\n\n")[2].strip()
+    return "\n\n".join(filter(None, (text, getattr(module, "MORE_HELP", ""))))
 
 
 @cache

@@ -8,8 +8,6 @@ from cyclopts import Parameter
 
 from onboard.agent.main import main
 
-EPILOG = "covey agent --help says more."
-
 
 def agent(*words: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> int:
     """Fly one vehicle of a fleet, or look after the service that does.

@@ -1,4 +1,12 @@
-"""``covey check``: is a fleet or mission file right, and can it be flown as configured? Before anything starts."""
+"""``covey check``: is a fleet or mission file right, and can it be flown as configured? Before anything starts.
+
+Examples:
+  covey check configs/fleets/paper.toml
+  covey check mission.toml --fleet fleet.toml --errors gps --json
+
+Exit status: 0 all can be flown (warnings may remain); 1 a finding refuses the flight; 2 a file is wrong.
+docs/check.md explains each finding.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +27,6 @@ from onboard.config.fleet import ConfigError, FleetConfig, load_fleet, read_toml
 from onboard.exit_status import EXIT_FAILED, EXIT_OK, EXIT_WRONG_INPUT
 from onboard.feasibility.finding import Finding, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings
-
-EPILOG = """\
-Examples:
-  covey check configs/fleets/paper.toml
-  covey check mission.toml --fleet fleet.toml --errors gps --json
-
-Exit status: 0 all can be flown (warnings may remain); 1 a finding refuses the flight; 2 a file is wrong.
-docs/check.md explains each finding."""
 
 
 def check(

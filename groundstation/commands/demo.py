@@ -1,4 +1,14 @@
-"""``covey demo``: the paper's experiment in simulation."""
+"""``covey demo``: the paper's experiment in simulation.
+
+Examples:
+  covey demo
+  covey demo --law off
+  covey demo --headless --record flights/first
+  covey demo --lockstep --bus-loss 0.1
+
+Exit status: 0 all came true; 1 an expectation failed; 2 wrong input, nothing started; 130 interrupted. Ctrl-C lands;
+a second one ends the processes that were started.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +18,6 @@ from groundstation.commands.fly import fly_mission
 from groundstation.commands.parameters import BusOptions, File, FlightOptions
 from onboard.config.fleet import ConfigError
 
-EPILOG = """\
-Examples:
-  covey demo
-  covey demo --law off
-  covey demo --headless --record flights/first
-  covey demo --lockstep --bus-loss 0.1
-
-Exit status: 0 all came true; 1 an expectation failed; 2 wrong input, nothing started; 130 interrupted. Ctrl-C lands;
-a second one ends the processes that were started."""
 _OPTIONS, _BUS = FlightOptions(), BusOptions()
 
 

@@ -1,4 +1,13 @@
-"""``covey fly``: a mission from its file to its verdict, in real time or in lockstep."""
+"""``covey fly``: a mission from its file to its verdict, in real time or in lockstep.
+
+Examples:
+  covey fly my_mission.py --sitl
+  covey fly configs/missions/paper.toml --fleet fleet.toml --headless --record flights/first
+  covey fly configs/missions/paper.toml --lockstep --law off
+
+Exit status: 0 all that the mission declares came true; 1 something did not; 2 wrong input, nothing started;
+130 interrupted. Ctrl-C lands; a second one ends the processes that were started.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +22,6 @@ from groundstation.commands.flight import MissionFlight, clock_say, prepare
 from groundstation.commands.parameters import BusOptions, FlightOptions
 from onboard.config.fleet import ConfigError
 
-EPILOG = """\
-Examples:
-  covey fly my_mission.py --sitl
-  covey fly configs/missions/paper.toml --fleet fleet.toml --headless --record flights/first
-  covey fly configs/missions/paper.toml --lockstep --law off
-
-Exit status: 0 all that the mission declares came true; 1 something did not; 2 wrong input, nothing started;
-130 interrupted. Ctrl-C lands; a second one ends the processes that were started."""
 _OPTIONS, _BUS = FlightOptions(), BusOptions()
 
 

@@ -1,7 +1,10 @@
 """``covey identify``: a vehicle's real values, from a short manoeuvre or from any recorded flight.
 
-Flies one vehicle through quick and slow moves in a box about its start, or reads a record, and proposes the values of
-the vehicle's type with their uncertainty, beside what the fleet file says.
+Examples:
+  covey identify --fleet fleet.toml --vehicle mav0 --sitl
+  covey identify flights/first
+
+Exit status: 0 identified; 1 the flight failed or showed too little; 2 wrong input.
 """
 
 from __future__ import annotations
@@ -28,13 +31,6 @@ from groundstation.processes.free_ports import toml_text
 from groundstation.recording.reader import record_path
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
-
-EPILOG = """\
-Examples:
-  covey identify --fleet fleet.toml --vehicle mav0 --sitl
-  covey identify flights/first
-
-Exit status: 0 identified; 1 the flight failed or showed too little; 2 wrong input."""
 
 
 def identify(

@@ -1,4 +1,13 @@
-"""``covey mocap``: the relay from a motion capture to the fleet's bus, and its check."""
+"""``covey mocap``: the relay from a motion capture to the fleet's bus, and its check.
+
+Examples:
+  covey mocap --fleet fleet.toml
+  covey mocap --fleet fleet.toml --source vicon --hostname 192.168.1.5
+  covey mocap --fleet fleet.toml --check
+
+Exit status: 0 stopped, or all is right at the end (every vehicle's body tracked; with --check its own one, and its
+stamps right); 1 something is not; 2 wrong input; 10 no body was seen. docs/mocap.md says more.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +22,6 @@ from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.config.mocap import SystemType, problems
 from onboard.mocap.relay.check import MocapCheck
 from onboard.mocap.relay.relay import Relay, with_source
-
-EPILOG = """\
-Examples:
-  covey mocap --fleet fleet.toml
-  covey mocap --fleet fleet.toml --source vicon --hostname 192.168.1.5
-  covey mocap --fleet fleet.toml --check
-
-Exit status: 0 stopped, or all is right at the end (every vehicle's body tracked; with --check its own one, and its
-stamps right); 1 something is not; 2 wrong input; 10 no body was seen. docs/mocap.md says more."""
 
 
 def mocap(

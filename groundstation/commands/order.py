@@ -1,4 +1,16 @@
-"""``covey order``: one order from a shell or a script, one line per vehicle, an exit status. No questions are asked."""
+"""``covey order``: one order from a shell or a script, one line per vehicle, an exit status. No questions are asked.
+
+Examples, with the orders of the console:
+  covey order --fleet fleet.toml takeoff all 1.0
+  covey order --fleet fleet.toml move mav1 0 1 1.2
+  covey order --fleet fleet.toml formation triangle 1.6
+  covey order --fleet fleet.toml locate mav1
+  covey order --fleet fleet.toml land all --json
+
+Nothing is shown ahead: covey check and the console do that. Land, hold and kill go at once, whoever operates; other
+orders need control, which is taken when nobody has it and given back at the end. Exit status: 0 every vehicle did it;
+1 none did; 2 wrong input, nothing sent; 10 nobody answered; 50 some did; 130 interrupted.
+"""
 
 from __future__ import annotations
 
@@ -20,17 +32,6 @@ from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSWER, EXIT_OK
 
 CONNECT_S = 3.0
-EPILOG = """\
-Examples, with the orders of the console:
-  covey order --fleet fleet.toml takeoff all 1.0
-  covey order --fleet fleet.toml move mav1 0 1 1.2
-  covey order --fleet fleet.toml formation triangle 1.6
-  covey order --fleet fleet.toml locate mav1
-  covey order --fleet fleet.toml land all --json
-
-Nothing is shown ahead: covey check and the console do that. Land, hold and kill go at once, whoever operates; other
-orders need control, which is taken when nobody has it and given back at the end. Exit status: 0 every vehicle did it;
-1 none did; 2 wrong input, nothing sent; 10 nobody answered; 50 some did; 130 interrupted."""
 
 
 def order(

@@ -1,4 +1,10 @@
-"""``covey plot DIR``: the paper's Figs. 2 and 4-6 for a recorded flight, as PNG and SVG."""
+"""``covey plot DIR``: the paper's Figs. 2 and 4-6 for a recorded flight, as PNG and SVG.
+
+Example:
+  covey plot flights/first
+
+Exit status: 0 all was drawn; 2 nothing can be drawn, or the record breaks off (what it has is drawn).
+"""
 
 from __future__ import annotations
 
@@ -14,11 +20,6 @@ from groundstation.recording.reader import read, record_path
 from onboard.config.fleet import ConfigError, load_fleet
 from onboard.exit_status import EXIT_OK, EXIT_WRONG_INPUT
 
-EPILOG = """\
-Example:
-  covey plot flights/first
-
-Exit status: 0 all was drawn; 2 nothing can be drawn, or the record breaks off (what it has is drawn)."""
 _MAGIC = b"\x89MCAP0\r\n"
 _DEFAULT_SAFETY_DISTANCE_M = 0.80
 

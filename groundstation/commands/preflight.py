@@ -1,4 +1,12 @@
-"""``covey preflight``: go or no-go of every vehicle, check by check."""
+"""``covey preflight``: go or no-go of every vehicle, check by check.
+
+Examples:
+  covey preflight --fleet fleet.toml
+  covey preflight --fleet fleet.toml --vehicles mav0,mav2 --json
+
+Exit status: 0 all are go; 1 at least one is not; 2 wrong input; 10 nobody answered. docs/preflight.md explains each
+check.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +18,6 @@ from groundstation.client.client import FleetClient
 from groundstation.client.preflight_page import VehiclePage, as_mapping, as_text, ask, exit_status
 from groundstation.commands.parameters import FleetFile, Names, Seconds
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
-
-EPILOG = """\
-Examples:
-  covey preflight --fleet fleet.toml
-  covey preflight --fleet fleet.toml --vehicles mav0,mav2 --json
-
-Exit status: 0 all are go; 1 at least one is not; 2 wrong input; 10 nobody answered. docs/preflight.md explains each
-check."""
 
 
 def preflight(

@@ -1,4 +1,11 @@
-"""``covey px4 params``: each PX4's parameters beside those that this fleet needs."""
+"""``covey px4 params``: each PX4's parameters beside those that this fleet needs.
+
+Examples:
+  covey px4 params --fleet fleet.toml
+  covey px4 params --fleet fleet.toml --vehicles mav0 --apply
+
+Exit status: 0 all are as needed; 1 none is; 2 wrong input; 10 nobody answered; 50 some are.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +18,9 @@ from groundstation.commands.parameters import FleetFile, Names
 from groundstation.commands.px4_params import as_mapping, as_text, exit_status, read_or_set
 from onboard.config.fleet import ConfigError, load_fleet
 
-EPILOG = """\
-Examples:
-  covey px4 params --fleet fleet.toml
-  covey px4 params --fleet fleet.toml --vehicles mav0 --apply
-
-Exit status: 0 all are as needed; 1 none is; 2 wrong input; 10 nobody answered; 50 some are."""
 _LARGEST_BATCH = 8
 
-px4 = App(name="px4", help="PX4 itself, past the agents.", help_epilogue=EPILOG)
+px4 = App(name="px4", help="PX4 itself, past the agents.")
 
 
 @px4.command

@@ -1,4 +1,13 @@
-"""``covey replay``: a recorded flight in the console, or its events as text."""
+"""``covey replay``: a recorded flight in the console, or its events as text.
+
+Examples:
+  covey replay flights/first
+  covey replay flights/first --at 12 --speed 0.5
+  covey replay flights/first --headless --json
+
+Keys: space play or pause; , and . one step; left and right 5 s; n and N next event and the one before; < and > speed;
+home and end. Exit status: 0; 2 when there is no record to open.
+"""
 
 from __future__ import annotations
 
@@ -14,15 +23,6 @@ from groundstation.commands.tui import require_terminal
 from groundstation.recording.replay import SPEEDS, Replay, open_flight, story
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_OK
-
-EPILOG = """\
-Examples:
-  covey replay flights/first
-  covey replay flights/first --at 12 --speed 0.5
-  covey replay flights/first --headless --json
-
-Keys: space play or pause; , and . one step; left and right 5 s; n and N next event and the one before; < and > speed;
-home and end. Exit status: 0; 2 when there is no record to open."""
 
 
 def replay(

@@ -1,4 +1,12 @@
-"""``covey simulate``: the law over many perturbed flights on the emulator's physics."""
+"""``covey simulate``: the law over many perturbed flights on the emulator's physics.
+
+Examples:
+  covey simulate form3 --seeds 0:100
+  covey simulate swap8x --seeds 0:1 --plot swap8.png
+  covey simulate mix --seeds 200:242 --set law.rotation=never --json
+
+Exit status: 0 all flights succeed without violation; 1 otherwise; 2 wrong input.
+"""
 
 from __future__ import annotations
 
@@ -13,17 +21,10 @@ from onboard.exit_status import EXIT_FAILED, EXIT_OK
 from sitl.monte_carlo import results, scenarios, settings
 from sitl.monte_carlo.command import run
 
-EPILOG = f"""\
-Examples:
-  covey simulate form3 --seeds 0:100
-  covey simulate swap8x --seeds 0:1 --plot swap8.png
-  covey simulate mix --seeds 200:242 --set law.rotation=never --json
-
+MORE_HELP = f"""\
 Scenarios: {scenarios.KNOWN}
 Laws: {", ".join(settings.LAWS)}. Classes of errors: {", ".join(settings.ERRORS)}.
-Keys of --set: {", ".join(settings.keys(with_aliases=True))}.
-
-Exit status: 0 all flights succeed without violation; 1 otherwise; 2 wrong input."""
+Keys of --set: {", ".join(settings.keys(with_aliases=True))}."""
 
 
 def simulate(

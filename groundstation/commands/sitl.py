@@ -1,4 +1,12 @@
-"""``covey sitl``: emulated PX4s for a fleet file."""
+"""``covey sitl``: emulated PX4s for a fleet file.
+
+Examples:
+  covey sitl --fleet configs/fleets/paper.toml
+  covey sitl --fleet fleet.toml --fault 'mav1 motor_dead at=20 motor=2' --wind-m-s 3,0
+  covey sitl --faults
+
+Exit status: 0 ended by an interrupt; 2 wrong input or a port in use, nothing was emulated.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +28,6 @@ from sitl.physics.contacts import SpawnError
 from sitl.physics.wind import WindSettings
 from sitl.server import Server, run, simulator_bus
 
-EPILOG = """\
-Examples:
-  covey sitl --fleet configs/fleets/paper.toml
-  covey sitl --fleet fleet.toml --fault 'mav1 motor_dead at=20 motor=2' --wind-m-s 3,0
-  covey sitl --faults
-
-Exit status: 0 ended by an interrupt; 2 wrong input or a port in use, nothing was emulated."""
 _LARGEST = 30.0
 
 

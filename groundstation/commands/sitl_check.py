@@ -1,4 +1,13 @@
-"""``covey sitl-check``: does a MAVLink endpoint behave as a real PX4, fact by fact?"""
+"""``covey sitl-check``: does a MAVLink endpoint behave as a real PX4, fact by fact?
+
+Examples:
+  covey sitl-check udpin://127.0.0.1:14540
+  covey sitl-check udpin://127.0.0.1:14540 --only quirk.heartbeat 'param.*' --json
+  covey sitl-check --list
+
+Exit status: 0 all agree; 1 some differ; 2 wrong input; 10 nobody answered; 130 interrupted. Boot facts need a vehicle
+that is started while the check already waits.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +25,6 @@ from sitl.conformance.endpoint import UdpPort
 from sitl.conformance.facts import Fact, FactReport, FactResult, Verdict, matching
 from sitl.conformance.suite import FACTS, NobodyAnsweredError, Terms, check
 
-EPILOG = """\
-Examples:
-  covey sitl-check udpin://127.0.0.1:14540
-  covey sitl-check udpin://127.0.0.1:14540 --only quirk.heartbeat 'param.*' --json
-  covey sitl-check --list
-
-Exit status: 0 all agree; 1 some differ; 2 wrong input; 10 nobody answered; 130 interrupted. Boot facts need a vehicle
-that is started while the check already waits."""
 _ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*):(\d{1,5})")
 _MARKS = {Verdict.AGREES: "  agrees ", Verdict.DIFFERS: "X DIFFERS", Verdict.SKIPPED: "- skipped"}
 

@@ -1,4 +1,10 @@
-"""``covey sitl-truth``: ground truth of real PX4s with their built-in simulator (SIH) on the fleet's bus."""
+"""``covey sitl-truth``: ground truth of real PX4s with their built-in simulator (SIH) on the fleet's bus.
+
+Example:
+  covey sitl-truth --fleet configs/fleets/px4-sitl.toml
+
+Exit status: 0 ended by an interrupt; 2 wrong input or a port in use. docs/px4-sitl.md says more.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +13,6 @@ from onboard.config.fleet import ConfigError, load_fleet
 from onboard.exit_status import EXIT_OK
 from sitl.mavlink.endpoints import StartError
 from sitl.sih_truth import run
-
-EPILOG = """\
-Example:
-  covey sitl-truth --fleet configs/fleets/px4-sitl.toml
-
-Exit status: 0 ended by an interrupt; 2 wrong input or a port in use. docs/px4-sitl.md says more."""
 
 
 def sitl_truth(*, fleet: FleetFile, vehicles: Names | None = None, mocap: bool = False) -> int:

@@ -1,4 +1,11 @@
-"""``covey tui``: the console, attached to a fleet at any time."""
+"""``covey tui``: the console, attached to a fleet at any time.
+
+Examples:
+  covey tui --fleet configs/fleets/paper.toml
+  covey tui --fleet fleet.toml --view
+
+The console ends with q; a fleet that flies goes on flying. Exit status: 0; 2 wrong input or no terminal.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +17,6 @@ from groundstation.client.client import FleetClient
 from groundstation.client.read_only import ReadOnlyClient
 from groundstation.commands.parameters import FleetFile
 from onboard.config.fleet import ConfigError, load_fleet
-
-EPILOG = """\
-Examples:
-  covey tui --fleet configs/fleets/paper.toml
-  covey tui --fleet fleet.toml --view
-
-The console ends with q; a fleet that flies goes on flying. Exit status: 0; 2 wrong input or no terminal."""
 
 
 def tui(

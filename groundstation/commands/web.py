@@ -1,4 +1,11 @@
-"""``covey web``: the console of a fleet, or of a recorded flight, in a browser of this machine."""
+"""``covey web``: the console of a fleet, or of a recorded flight, in a browser of this machine.
+
+Examples:
+  covey web --fleet fleet.toml
+  covey web --replay flights/first --port 0
+
+Exit status: 0 ended by an interrupt; 2 wrong input, nothing was served.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +21,6 @@ from groundstation.recording.replay import open_flight
 from groundstation.web.server import ConsoleServer, require_loopback
 from onboard.config.fleet import ConfigError, load_fleet
 from onboard.exit_status import EXIT_OK
-
-EPILOG = """\
-Examples:
-  covey web --fleet fleet.toml
-  covey web --replay flights/first --port 0
-
-Exit status: 0 ended by an interrupt; 2 wrong input, nothing was served."""
 
 
 def web(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -11,36 +12,7 @@ from textual.widgets import Static
 
 from groundstation.console.screens.live import Dialog
 
-HELP = """[b]At once, from every screen[/b]
-  [b]ctrl+l F9[/b]   LAND ALL            [b]ctrl+o F8[/b]   HOLD ALL
-  [b]F7[/b] land  [b]F6[/b] hold     the marked, else the one at the cursor
-  [b]F12 F12[/b]     KILL the one at the cursor: the same key twice
-              within 1 s (or ctrl+\\ twice). It falls.
-[b]Shown first[/b], with paths and distances; enter sends
-  [b]F2[/b] arm  [b]F3[/b] take off  [b]F4[/b] move  [b]F5[/b] formation   [b]w[/b] locate
-  [b]:[/b] an order   WHO is all, mav1, mav0,mav2 or numbers 0-1
-    takeoff all 1.0       formation triangle 0 1.2 1.0
-    move all 0 0 1.2      move mav1 1 0 1 in 8
-    hold    land mav2     arm all    disarm all    kill mav1
-    tab completes, ↑ ↓ fetch earlier orders
-[b]Fleet[/b]
-  [b]↑ ↓ j k home end[/b]   select          [b]enter[/b]   its page
-  [b]space[/b] mark   [b]J K[/b] mark along   [b]*[/b] all (for 5 s) or none
-  [b]3-7 enter[/b]   mark numbers   [b]m[/b] mark by name   [b]esc[/b] unmark
-  [b]/[/b] filter    part of a name, 3-7, flying, armed, silent,
-              unready, low; !word negates it; esc ends it
-  [b]s S[/b]         sort by the next column, the other way
-[b]Panels[/b]        [b]tab[/b] next panel, [b]z[/b] enlarges it
-  [b]+ -[/b]         zoom the plan; in it also [b]arrows[/b] move,
-              [b]f[/b] follow, [b]0[/b] the whole fence
-  [b]pgup pgdn[/b]   earlier events    [b]v[/b]   verdict
-  [b]a A[/b]         acknowledge alarms, all alarms with advice
-  [b]t[/b]           light or dark     [b]ctrl+y[/b]   give the control
-  [b]q[/b]           quit; asks when vehicles fly
-[b]Plan[/b]          number in the fleet file, then height
-  circles have half the safety distance: touching = limit
-  [b]\\[1][/b] cursor  ✓ marked  ! too close  ? silent
-  ✛ goal  × setpoint  ┄ way to go  ·→ avoids that one"""
+HELP = files(__package__).joinpath("help.txt").read_text(encoding="utf-8").rstrip()
 
 
 class HelpScreen(Dialog[None]):
