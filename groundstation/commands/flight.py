@@ -19,7 +19,7 @@ from groundstation.missions.findings import refuse_unflyable
 from groundstation.missions.interruption import listen, listen_no_more
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
 from groundstation.missions.verdict import Verdict
-from groundstation.processes.free_ports import busy_ports, toml_text, with_free_ports
+from groundstation.processes.free_ports import busy_ports, is_local, toml_text, with_free_ports
 from groundstation.processes.supervisor import ProcessError, Processes, agent_command, leaves_room
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.writer import FLUSH_PERIOD_S, RECORD_NAME, RecordWriter
@@ -67,7 +67,8 @@ def prepare(
         raise ConfigError("--law is for simulated flights: agents that run already fly the law of their fleet file.")
     mission = load_mission(mission_path, fleet_path)
     if is_simulated:
-        fleet = _own_fleet(mission.fleet, folder, law, has_free_ports)
+        has_own_ports = has_free_ports or (needs_ports and not is_local(mission.fleet))
+        fleet = _own_fleet(mission.fleet, folder, law, has_own_ports)
         mission = load_mission(mission_path, fleet)
         busy = busy_ports(fleet) if needs_ports else []
         if busy:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 import socket
 from collections.abc import Iterator
 from typing import Any
@@ -14,6 +15,7 @@ from onboard.config.fleet import ConfigError, FleetConfig
 # Below the kernel's own range for outgoing connections, so that nobody is handed one of these by accident.
 PORT_RANGE = (20_000, 30_000)
 PX4_OFFSET = 40
+_LOOPBACK = re.compile(r"(tcp/|udpin://|udpout://|tcp://)(127\.|localhost:|\[::1\])")
 
 
 def is_free(port: int, kind: socket.SocketKind) -> bool:
@@ -47,6 +49,14 @@ def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
         vehicles[name] = own
     section = {**data["fleet"], "simulator": f"tcp/127.0.0.1:{_next(ports)}"}
     return {**data, "fleet": section, "vehicles": vehicles}
+
+
+def is_local(fleet: FleetConfig) -> bool:
+    """Whether every endpoint of a fleet file is of this machine alone, so that a simulated flight may use it."""
+    endpoints = [fleet.simulator_endpoint]
+    for vehicle in fleet.vehicles.values():
+        endpoints += [vehicle.agent, vehicle.autopilot, *([] if vehicle.direct is None else [vehicle.direct])]
+    return all(_LOOPBACK.match(endpoint) for endpoint in endpoints)
 
 
 def busy_ports(fleet: FleetConfig) -> list[str]:

@@ -95,6 +95,11 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sitl: SitlProfile = SitlProfile()
 
     @property
+    def host(self) -> str:
+        """Name or address of the computer that runs the agent."""
+        return self.agent.removeprefix("tcp/").rpartition(":")[0]
+
+    @property
     def body(self) -> str | None:
         """Name of this vehicle's mocap body; None if it flies without a mocap."""
         return self.mocap_body or (self.name if self.mocap_required else None)

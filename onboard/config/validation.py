@@ -115,17 +115,19 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
 
 
 def _double_problems(config: FleetConfig) -> Iterator[str]:
-    owners: dict[tuple[str, Any], str] = {}
+    owners: dict[tuple[str, Any, str], str] = {}
     for name, vehicle in config.vehicles.items():
         for key in ("system_id", "agent", "autopilot", "direct", "mocap_body"):
             value = getattr(vehicle, key)
             if value is None:
                 continue
-            other = owners.setdefault((key, value), name)
+            # a port of a companion is its own: each has its /dev/ttyAMA0
+            is_of_the_host = key == "autopilot" and not value.startswith("udpout://")
+            other = owners.setdefault((key, value, vehicle.host if is_of_the_host else ""), name)
             if other != name:
                 yield (
-                    f"'vehicles.{name}.{key}' is {value!r}, which 'vehicles.{other}.{key}' has too. "
-                    "Give each vehicle its own."
+                    f"'vehicles.{name}.{key}' is {value!r}, which 'vehicles.{other}.{key}' has too"
+                    f"{f', on the same computer, {vehicle.host}' if is_of_the_host else ''}. Give each vehicle its own."
                 )
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.processes.free_ports import PX4_OFFSET, busy_ports, is_free, toml_text, with_free_ports
+from groundstation.processes.free_ports import PX4_OFFSET, busy_ports, is_free, is_local, toml_text, with_free_ports
 from groundstation.processes.supervisor import ProcessError, Processes
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
 
@@ -50,6 +50,24 @@ def test_free_ports_are_distinct_pairs_and_everything_else_stays(fleet: FleetCon
     assert len(set(ports)) == len(ports) == 13
     assert busy_ports(made) == []
     assert made.law == fleet.law
+
+
+@pytest.mark.parametrize(
+    ("key", "endpoint"),
+    [
+        ("agent", "tcp/192.168.1.11:7460"),
+        ("autopilot", "serial:///dev/ttyAMA0:921600"),
+        ("autopilot", "udpin://0.0.0.0:14540"),
+        ("direct", "udpout://192.168.1.21:18570"),
+    ],
+)
+def test_an_endpoint_of_another_computer_is_known(fleet: FleetConfig, key: str, endpoint: str) -> None:
+    data = tomllib.loads(fleet.text)
+    data["vehicles"]["mav1"][key] = endpoint
+    lab = fleet_from_mapping(data)
+    assert is_local(fleet)
+    assert not is_local(lab)
+    assert is_local(fleet_from_mapping(with_free_ports(data, lab)))
 
 
 def test_a_port_in_use_is_named_with_its_key(fleet: FleetConfig) -> None:

@@ -69,6 +69,16 @@ def test_a_wrong_value_is_refused_with_file_key_and_bound() -> None:
         assert words in str(error.value), f"{key} = {value}"
 
 
+def test_an_autopilot_s_endpoint_is_of_its_companion() -> None:
+    data = paper_data()
+    for index, vehicle in enumerate(data["vehicles"].values()):
+        vehicle |= {"agent": f"tcp/192.168.1.{11 + index}:7460", "autopilot": "serial:///dev/ttyAMA0:921600"}
+    assert len(fleet_from_mapping(data).vehicles) == 3
+    data["vehicles"]["mav1"]["agent"] = "tcp/192.168.1.11:7461"
+    with pytest.raises(ConfigError, match=r"vehicles\.mav1\.autopilot.*on the same computer, 192\.168\.1\.11"):
+        fleet_from_mapping(data)
+
+
 def test_a_missing_key_of_a_vehicle_is_named() -> None:
     for key in ("system_id", "start_enu_m", "agent", "autopilot"):
         data = paper_data()
