@@ -23,10 +23,13 @@ from cyclopts import Parameter
 from groundstation.commands.parameters import File
 from groundstation.missions.files import load_mission
 from groundstation.missions.findings import mission_findings
+from groundstation.missions.runner import load_function
+from onboard.config.example_files import existing_file
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet, read_toml
 from onboard.exit_status import EXIT_FAILED, EXIT_OK, EXIT_WRONG_INPUT
+from onboard.feasibility.bounds import ACCURACIES
 from onboard.feasibility.finding import Finding, worst_first
-from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings
+from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spacing_finding
 
 
 def check(
@@ -73,16 +76,25 @@ def examine(
     Raises:
         ConfigError: the file is wrong.
     """
+    path = existing_file(path, "fleet or mission file")
     if path.endswith(".py") or "step" in read_toml(path, "fleet or mission file")[0]:
         mission = load_mission(path, fleet_path)
         fleet = mission.fleet
+        if mission.is_python:
+            load_function(mission)
         what = "Python" if mission.is_python else f"{len(mission.steps)} steps"
         headline = f"{path}: a valid mission, {what}, for fleet '{fleet.fleet.name}' ({fleet.path})."
         return headline, fleet, worst_first([*mission_findings(mission, errors), *fleet_findings(fleet, errors=errors)])
     fleet = load_fleet(path)
     names = ", ".join(fleet.enabled_names)
     headline = f"{path}: a valid fleet, {len(fleet.enabled_names)} vehicles ({names}), law '{fleet.law.name}'."
-    return headline, fleet, fleet_findings(fleet, errors=errors)
+    findings = fleet_findings(fleet, errors=errors)
+    if len(fleet.enabled_names) > 1:
+        spots = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
+        accuracy = ACCURACIES[errors or error_class(fleet)]
+        above = spacing_finding(fleet, spots, "a take-off of all", accuracy)
+        findings = findings if above.status == "ok" else (*findings, above)
+    return headline, fleet, worst_first(findings)
 
 
 def _page(headline: str, fleet: FleetConfig, findings: Sequence[Finding], errors: ErrorClass | None) -> str:

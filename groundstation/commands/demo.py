@@ -12,11 +12,8 @@ a second one ends the processes that were started.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from groundstation.commands.fly import fly_mission
 from groundstation.commands.parameters import BusOptions, File, FlightOptions
-from onboard.config.fleet import ConfigError
 
 _OPTIONS, _BUS = FlightOptions(), BusOptions()
 
@@ -27,12 +24,4 @@ def demo(*, mission: File | None = None, options: FlightOptions = _OPTIONS, bus:
     Args:
         mission: fly this mission instead
     """
-    path = mission or str(_configs() / "missions" / "paper.toml")
-    return fly_mission(path, options, bus, is_simulated=True, has_free_ports=True)
-
-
-def _configs() -> Path:
-    folder = Path(__file__).resolve().parents[2] / "configs"
-    if not folder.is_dir():
-        raise ConfigError(f"{folder}: the example configurations are missing. Run this from a clone, or use covey fly.")
-    return folder
+    return fly_mission(mission or "paper", options, bus, is_simulated=True, has_free_ports=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -11,6 +12,7 @@ import msgspec
 
 from groundstation.orders.grammar import Intent, default_formation
 from groundstation.orders.plan import HeldFormation, plan_order
+from onboard.config.example_files import existing_file
 from onboard.config.fleet import ConfigError, FleetConfig, Vec3, check_schema, convert, load_fleet, read_toml
 
 Names = str | list[str]
@@ -141,7 +143,7 @@ def load_mission(path: str | os.PathLike[str], fleet: FleetConfig | str | None =
     """Read and check a mission, TOML or Python.
 
     Args:
-        path: of the file.
+        path: of the file, or the name of an example: ``paper``.
         fleet: instead of the fleet that the mission names.
 
     Returns:
@@ -150,10 +152,10 @@ def load_mission(path: str | os.PathLike[str], fleet: FleetConfig | str | None =
     Raises:
         ConfigError: missing file, unknown key, unknown vehicle or formation, goal outside the fence ...
     """
-    name = os.fspath(path)
+    name = existing_file(path, "mission file")
     if name.endswith(".py"):
         return _load_python(name, fleet)
-    data, text = read_toml(name, "mission file")
+    data, text, name = read_toml(name, "mission file")
     return mission_from_mapping(data, path=name, text=text, fleet=fleet)
 
 
@@ -162,6 +164,11 @@ def mission_from_mapping(
 ) -> Mission:
     """Resolve and check the content of a mission file; see :func:`load_mission`."""
     check_schema(data, path)
+    if "vehicles" in data:
+        raise ConfigError(
+            f"{path} is a fleet file, not a mission. Fly a mission with it: covey fly MISSION --fleet {path}. "
+            f"Look at it: covey check {path}. Fly it by hand: covey tui --fleet {path}"
+        )
     known = {"schema", "fleet", "step", "expect", "on_failure"}
     for key in data:
         if key not in known:
@@ -223,7 +230,8 @@ def _fleet_of(value: Any, override: FleetConfig | str | None, path: str) -> Flee
         return load_fleet(override)
     if not isinstance(value, str):
         raise ConfigError(f"{path}: 'fleet' must be the path of a fleet file, relative to this file; or give --fleet.")
-    return load_fleet(Path(path).parent / value)
+    beside = Path(path).parent / value
+    return load_fleet(value if Path(value).name == value and not beside.exists() else beside)
 
 
 def _step(table: Any, key: str, path: str) -> Step:
@@ -253,12 +261,15 @@ def _check_expect(expect: Expect, path: str, key: str) -> None:
 def _check_steps(mission: Mission) -> None:
     """Check every order of the mission as if it were given now, so that no mission starts that must fail later."""
     fleet, held = mission.fleet, HeldFormation(default_formation(mission.fleet))
+    flying: set[str] = set()
+    is_known = True  # who flies; a fault may land anybody
     for index, step in enumerate(mission.steps):
         key = f"step[{index}]"
         if isinstance(step, (WaitStep, ExpectStep)):
             continue
         if isinstance(step, FaultStep):
             _check_fault(step, fleet, f"{mission.path}: '{key}")
+            is_known = False
             continue
         if isinstance(step, FormationStep) and step.name not in fleet.formations:
             raise ConfigError(
@@ -274,6 +285,24 @@ def _check_steps(mission: Mission) -> None:
         if planned.refusals:
             reason = next(iter(planned.refusals.values()))
             raise ConfigError(f"{mission.path}: '{key}' ({step.do}): {reason}")
+        reason = _out_of_order(step, intent.vehicles, flying) if is_known else ""
+        if reason:
+            raise ConfigError(f"{mission.path}: '{key}' ({step.do}): {reason}")
+
+
+def _out_of_order(step: OrderStep, vehicles: Sequence[str], flying: set[str]) -> str:
+    """Return a sentence on a step that comes too early or too late; keeps the set of those that fly."""
+    grounded = ", ".join(name for name in vehicles if name not in flying)
+    up = ", ".join(name for name in vehicles if name in flying)
+    if isinstance(step, (MoveStep, FormationStep, HoldStep)) and grounded:
+        return f'{grounded} would be on the ground at this step. Put a step do = "takeoff" before it.'
+    if isinstance(step, (ArmStep, TakeoffStep, DisarmStep)) and up:
+        return f'{up} would fly already at this step. Put a step do = "land" before it, or remove it.'
+    if isinstance(step, TakeoffStep):
+        flying.update(vehicles)
+    elif isinstance(step, LandStep):
+        flying.difference_update(vehicles)
+    return ""
 
 
 def _check_fault(step: FaultStep, fleet: FleetConfig, where: str) -> None:
@@ -292,8 +321,6 @@ def _load_python(name: str, fleet: FleetConfig | str | None) -> Mission:
     try:
         text = Path(name).read_text(encoding="utf-8")
         tree = ast.parse(text, name)
-    except FileNotFoundError:
-        raise ConfigError(f"{name}: there is no such mission file. Give the path of an existing one.") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{name}: this mission cannot be read ({error}). Check the path.") from None
     except (SyntaxError, ValueError) as error:

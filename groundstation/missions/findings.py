@@ -14,7 +14,7 @@ from onboard.feasibility.bounds import ACCURACIES
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
 
-_OF_THE_MISSION = ("time", "expectation", "arrival")  # findings that are no promise of the law's
+_OF_THE_MISSION = ("time", "expectation", "arrival", "ending")  # findings that are no promise of the law's
 _CLIMB_M_S, _START_S, _SETTLE_S = 0.4, 3.0, 1.0
 _ROOM_FOR_DETOURS = 1.7  # times the straight way's duration
 
@@ -110,6 +110,16 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
             yield from spot_findings(
                 fleet, {name: positions[name] for name in positions if name in flying}, where, errors=errors
             )
+    if flying and mission.expect.all_landed is not False:
+        yield at_most(
+            "ending",
+            float(len(flying)),
+            0.0,
+            "",
+            f"The mission ends with {', '.join(sorted(flying))} in the air, so it cannot pass",
+            'Add a last [[step]] with do = "land", or say expect.all_landed = false.',
+            refuse_above=math.inf,
+        )
 
 
 def _goal(step: OrderStep, position: Vec3, ordered: Vec3 | None) -> Vec3:

@@ -35,14 +35,14 @@ def load_fleet(path: str | os.PathLike[str]) -> FleetConfig:
     """Read and validate a fleet file.
 
     Args:
-        path: of the file.
+        path: of the file, or the name of an example: ``paper``.
     Returns:
         its values.
     Raises:
         ConfigError: file missing, not TOML, unknown key, wrong type, value out of bounds, duplicated id.
     """
-    data, text = read_toml(path, "fleet file")
-    return fleet_from_mapping(data, path=os.fspath(path), text=text)
+    data, text, name = read_toml(path, "fleet file")
+    return fleet_from_mapping(data, path=name, text=text)
 
 
 def fleet_from_mapping(data: Mapping[str, Any], *, path: str = "<fleet>", text: str = "") -> FleetConfig:
@@ -58,6 +58,8 @@ def fleet_from_mapping(data: Mapping[str, Any], *, path: str = "<fleet>", text: 
         ConfigError: see :func:`load_fleet`.
     """
     check_schema(data, path)
+    if "step" in data:
+        raise ConfigError(f"{path} is a mission file, not a fleet file. Name its fleet, or fly it: covey fly {path}")
     known = {"schema", "fleet", "law", "formations", "mocap", "obstacles", "types", "defaults", "vehicles"}
     for key in data:
         if key not in known:

@@ -11,34 +11,28 @@ from typing import Any, get_args
 
 import msgspec
 
+from onboard.config.config_error import ConfigError as ConfigError
+from onboard.config.example_files import existing_file
+
 SCHEMA = 1
 
 
-class ConfigError(ValueError):
-    """Wrong input from a person: a sentence with file, key, bound and what to do. Exit status 2."""
-
-
-def read_toml(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], str]:
+def read_toml(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], str, str]:
     """Read a TOML file.
 
     Args:
-        path: of the file.
-        kind: of file, for the sentences: "fleet file" or "mission file".
+        path: of the file, or the name of an example.
+        kind: of file: "fleet file", "mission file" or "fleet or mission file".
     Returns:
-        its data and its text.
+        its data, its text and its path.
     Raises:
         ConfigError: file missing, not readable, or not TOML.
     """
-    name = os.fspath(path)
+    name = existing_file(path, kind)
     try:
         with open(name, encoding="utf-8") as file:
             text = file.read()
-        return tomllib.loads(text), text
-    except FileNotFoundError:
-        folder = "missions" if kind.startswith("mission") else "fleets"
-        raise ConfigError(
-            f"{name}: there is no such {kind}. Give the path of an existing one, such as configs/{folder}/paper.toml."
-        ) from None
+        return tomllib.loads(text), text, name
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(
             f"{name}: this {kind} cannot be read ({error}). Check the path and its permissions."

@@ -6,7 +6,6 @@ import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from pathlib import Path
 from typing import Any
 
 from onboard.config.fleet import (
@@ -21,8 +20,7 @@ from onboard.config.fleet import (
 )
 
 LAWS = ("covey", "paper", "off")
-_CONFIGS = Path(__file__).resolve().parents[2] / "configs" / "fleets"
-_EXAMPLES = ("sih.toml", "paper.toml")  # whose types can be named without --fleet
+_EXAMPLES = ("sih", "paper")  # whose types can be named without --fleet
 _FLEET_KEYS = ("safety_distance_m", "body_diameter_m")  # what a fleet file gives to a campaign besides types and law
 # short names for what is otherwise a value of the law or of the vehicle
 _ALIASES = {"tilt_deg": "vehicle.max_tilt_deg", "range_m": "law.range_m", "neighbours": "law.max_neighbours"}
@@ -231,5 +229,5 @@ def _examples() -> dict[str, Any]:
     """The vehicle types of the example fleets; nothing else of them."""
     types: dict[str, Any] = {}
     for name in _EXAMPLES:
-        types |= read_toml(str(_CONFIGS / name), "fleet file")[0].get("types", {})
+        types |= read_toml(name, "fleet file")[0].get("types", {})
     return {"types": types}

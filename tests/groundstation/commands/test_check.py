@@ -131,6 +131,34 @@ position_enu_m = [-0.9, -1.5, 1.0]
     assert "REFUSED" not in capsys.readouterr().out
 
 
+def test_a_fleet_whose_take_off_is_refused_is_refused_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    near = ("[0.0, -1.5, 0.0]", "[-0.5, -1.5, 0.0]")  # 1.00 m: the law keeps it, and cannot park there
+    fleet = edited(PAPER, tmp_path, near)
+    mission = tmp_path / "m.toml"
+    mission.write_text(f'schema = 1\nfleet = "{fleet}"\n[[step]]\ndo = "takeoff"\n[[step]]\ndo = "land"\n')
+    for path in (fleet, str(mission)):
+        status, found = rows(capsys, path)
+        assert status == 1
+        assert "spacing" in str(next(row["name"] for row in found if row["status"] == "refused"))
+
+
+def test_a_mission_that_leaves_vehicles_in_the_air_is_warned_about(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text(f'schema = 1\nfleet = "{SIH}"\n[[step]]\ndo = "takeoff"\n')
+    status, found = rows(capsys, str(path))
+    assert status == 0
+    assert "mav0, mav1, mav2 in the air" in next(str(row["sentence"]) for row in found if row["name"] == "ending")
+
+
+def test_a_python_mission_is_imported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "m.py"
+    path.write_text(f'import nobody_has_this\nFLEET = "{SIH}"\nasync def mission(fleet):\n    pass\n')
+    assert cli.main(["check", str(path)]) == 2
+    assert "No module named 'nobody_has_this'" in capsys.readouterr().err
+
+
 def test_a_narrow_terminal_breaks_lines_and_loses_no_words(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -16,7 +16,7 @@ from groundstation.missions.runner import MissionRun
 from groundstation.recording.writer import RecordWriter
 from onboard.bus.schema import PreflightReport
 from onboard.bus.topics import Topic
-from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 ROOT = Path(__file__).resolve().parents[3]
 HOP = [{"do": "takeoff", "height_m": 1.0}, {"do": "formation", "name": "triangle", "position_enu_m": [0, 1.2, 1.0]}]
@@ -51,6 +51,9 @@ def test_every_mission_of_the_repository_is_valid_for_its_fleet_or_for_both_that
         ([{"do": "formation", "name": "star", "position_enu_m": [0, 0, 1]}], {}, "star"),
         ([{"do": "move", "position_enu_m": [3.9, 0, 1]}], {}, "outside the fence"),
         ([{"do": "move", "position_enu_m": [0, 0]}], {}, "step[0].position_enu_m"),
+        (HOP[1:], {}, "on the ground at this step"),
+        ([*HOP, {"do": "land", "vehicles": "mav1"}, HOP[1]], {}, "mav1 would be on the ground"),
+        ([*HOP, HOP[0]], {}, "would fly already"),
         ([{"do": "fault"}], {}, "vehicles"),
         (HOP, {"expect": {"min_distance_m": 1.0}}, "expect.min_distance_m"),
         (HOP, {"expect": {"min_separation_m": -1.0}}, "expect.min_separation_m"),
@@ -349,5 +352,22 @@ async def test_a_python_mission_uses_the_same_orders(fleet: FleetConfig, client:
 
 
 def test_who_names_a_mission_that_is_not_there_is_shown_a_mission(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"such as configs/missions/paper\.toml"):
+    with pytest.raises(ConfigError, match=r"the name of an example: .*paper"):
         load_mission(tmp_path / "absent.toml")
+
+
+def test_the_examples_are_known_by_name_and_by_their_path_in_the_repository(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("paper", "configs/missions/paper.toml"):
+        assert load_mission(name).fleet.fleet.name == "paper"
+    (tmp_path / "mine.py").write_text("FLEET = 'sih'\nasync def mission(fleet):\n    pass\n")
+    assert load_mission("mine.py").fleet.fleet.name == "sih"
+
+
+def test_a_fleet_file_instead_of_a_mission_and_the_other_way_round_is_said_with_the_words_to_type() -> None:
+    with pytest.raises(ConfigError, match=r"is a fleet file.*covey fly MISSION --fleet"):
+        load_mission(ROOT / "configs/fleets/paper.toml")
+    with pytest.raises(ConfigError, match=r"is a mission file.*covey fly"):
+        load_fleet(ROOT / "configs/missions/paper.toml")

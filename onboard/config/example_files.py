@@ -1,0 +1,51 @@
+"""The example fleets and missions of ``configs/``, which are installed with the product and known by name."""
+
+from __future__ import annotations
+
+import os
+
+from onboard.config.config_error import ConfigError
+
+EXAMPLES = os.path.join(os.path.dirname(os.path.realpath(__file__)), "examples")  # in the repository a link to configs/
+_FOLDERS = {"fleet file": ("fleets",), "mission file": ("missions",), "fleet or mission file": ("missions", "fleets")}
+
+
+def example_names(kind: str) -> list[str]:
+    """Return the names of the examples.
+
+    Args:
+        kind: "fleet file", "mission file" or "fleet or mission file".
+    Returns:
+        names without ending, sorted.
+    """
+    files = [file for folder in _FOLDERS[kind] for file in os.listdir(os.path.join(EXAMPLES, folder))]
+    return sorted({stem for stem, ending in map(os.path.splitext, files) if ending in (".toml", ".py")})
+
+
+def existing_file(path: str | os.PathLike[str], kind: str) -> str:
+    """Return the path of a file that exists, or of the example of that name.
+
+    Args:
+        path: of a file; or the name of an example, ``paper``; or its path in the repository.
+        kind: as in :func:`example_names`.
+    Returns:
+        a path that exists.
+    Raises:
+        ConfigError: there is neither.
+    """
+    name = os.fspath(path)
+    if os.path.isfile(name):
+        return name
+    parent, file = os.path.split(name)
+    for folder in _FOLDERS[kind]:
+        endings = ("", ".toml", ".py") if not parent else ("",) if parent == os.path.join("configs", folder) else ()
+        for ending in endings:
+            example = os.path.join(EXAMPLES, folder, file + ending)
+            if os.path.isfile(example):
+                return example
+    if os.path.exists(name):  # a folder: whoever reads it says so
+        return name
+    raise ConfigError(
+        f"{name}: there is no such {kind}. Give the path of an existing one, or the name of an example: "
+        f"{', '.join(example_names(kind))}."
+    )
