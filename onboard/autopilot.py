@@ -97,6 +97,9 @@ class Autopilot(Protocol):
     def kill(self) -> None:
         """Stop the motors now, wherever the vehicle is."""
 
+    def request_heartbeat(self) -> None:
+        """Ask for a heartbeat now; one comes every second by itself."""
+
     def play_tune(self) -> None:
         """Play a tune; PX4 does not acknowledge it."""
 

@@ -142,6 +142,10 @@ class Kill(Struct, frozen=True):
     """Stop the motors now."""
 
 
+class RequestHeartbeat(Struct, frozen=True):
+    """Ask PX4 for a heartbeat now, since one waits for another that agrees."""
+
+
 class PlayTune(Struct, frozen=True):
     """Let PX4 play a tune, so that people see which vehicle it is."""
 
@@ -191,6 +195,7 @@ Command = (
     | Arm
     | Disarm
     | Kill
+    | RequestHeartbeat
     | PlayTune
     | SendOdometry
     | WatchBodies

@@ -59,6 +59,7 @@ class CommandExecutor:
             ev.Disarm: lambda _: self._link.disarm(),
             ev.Px4Land: lambda _: self._link.land(),
             ev.Kill: lambda _: self._link.kill(),
+            ev.RequestHeartbeat: lambda _: self._link.request_heartbeat(),
             ev.PlayTune: lambda _: self._link.play_tune(),
             ev.Exit: lambda _: on_exit(),
         }

@@ -38,6 +38,7 @@ from onboard.events import (
     PoseReceived,
     Publish,
     Reply,
+    RequestHeartbeat,
     ShutdownRequested,
     SnapshotReceived,
     TickFailed,
@@ -131,7 +132,7 @@ class AgentCore:
 
     def _snapshot_received(self, event: SnapshotReceived, now_ns: int) -> list[Command]:
         if _is_plausible(event.snapshot):
-            self._snapshot = event.snapshot
+            self._snapshot = self.failsafes.reports.believe(event.snapshot, self.flight.expected)
         else:
             self._publisher.malformed_messages += 1  # a PX4 that sends nonsense counts as silent
         return []
@@ -249,6 +250,8 @@ class AgentCore:
         bodies = self.neighbours.bodies_to_track(view.now_ns)
         if bodies:
             out.append(WatchBodies(tuple(bodies)))
+        if self.failsafes.reports.is_heartbeat_due(view.now_ns):
+            out.append(RequestHeartbeat())
         report = self.preflight.due(view.now_ns)
         if report is not None:
             out.append(Publish(Topic.PREFLIGHT, report))

@@ -14,6 +14,7 @@ from onboard.events import Command, Publish
 from onboard.flight.contact import ContactSigns
 from onboard.flight.types import FlightView, Step
 from onboard.safety.failsafe_table import Situation
+from onboard.safety.report_confirmation import Expected
 from onboard.types import Goal
 from onboard.vectors import ZERO_3
 
@@ -81,6 +82,12 @@ class FlightContext:
     def must_be_armed(self) -> bool:
         """Whether a heartbeat without the armed flag means that somebody stopped the motors in the air."""
         return self.step in _IN_FREE_FLIGHT
+
+    @property
+    def expected(self) -> Expected:
+        """Reports that PX4 sends while nobody takes the vehicle away."""
+        mode = "OFFBOARD" if self.must_be_offboard else "LAND" if self.step is Step.PX4_LANDING else ""
+        return Expected(self.must_be_armed, mode)
 
     @property
     def goal_position_enu_m(self) -> Vec3:

@@ -45,7 +45,7 @@ _RATES_HZ = {31: 50.0, 245: 10.0, 147: 2.0, 230: 1.0}
 _UNUSED = (24, 30, 33, 36, 74, 83, 85, 87, 105, 132, 141, 331)
 _STOP_US = -1.0
 _TUNE = "MFT180O4L8CEGO5CP4O4CEGO5C"  # up a chord, twice; at most 29 characters
-_GPS_GLOBAL_ORIGIN = 49
+_HEARTBEAT, _GPS_GLOBAL_ORIGIN = 0, 49
 # Indoors any position will do: only PX4's global frame depends on it. Its altitude must be 0: PX4 takes heights of a
 # mocap for altitudes, and its local height would be wrong by the altitude of the origin.
 _ORIGIN = (47.397742, 8.545594, 0.0)
@@ -206,6 +206,10 @@ class Px4Link:
     def kill(self) -> None:
         """Disarm by force: the motors stop at once, also in the air."""
         self._command(modes.CMD_ARM, 0.0, modes.FORCE_DISARM_MAGIC)
+
+    def request_heartbeat(self) -> None:
+        """REQUEST_MESSAGE of HEARTBEAT, whose rate PX4 does not let anybody raise."""
+        self._command(modes.CMD_REQUEST_MESSAGE, float(_HEARTBEAT))
 
     def play_tune(self) -> None:
         """PLAY_TUNE: PX4 plays it on its buzzer or motors, and acknowledges nothing."""

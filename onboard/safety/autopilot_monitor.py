@@ -72,11 +72,10 @@ class AutopilotMonitor:
         if not self._offset_ns:
             self._offset_ns = offset_ns
         self._offset_ns += _CREEP * (now_ns - self._moved_ns) if self._moved_ns else 0.0
-        if offset_ns <= self._offset_ns:
+        shift_ns = offset_ns - self._offset_ns
+        self._lost_ticks = self._lost_ticks + 1 if abs(shift_ns) > STANDSTILL_S * 1e9 else 0
+        if self._lost_ticks >= _LIVE_TICKS:
+            self._back_ns = now_ns if shift_ns > 0.0 else self._back_ns
             self._offset_ns, self._lost_ticks = offset_ns, 0
-        elif offset_ns - self._offset_ns > STANDSTILL_S * 1e9:
-            self._lost_ticks += 1
-            if self._lost_ticks >= _LIVE_TICKS:
-                self._back_ns, self._offset_ns, self._lost_ticks = now_ns, offset_ns, 0
-        else:
-            self._lost_ticks = 0
+        elif not self._lost_ticks:
+            self._offset_ns = min(self._offset_ns, offset_ns)

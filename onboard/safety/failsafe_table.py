@@ -55,6 +55,8 @@ class Condition(Enum):
     AUTOPILOT_FROZEN = "PX4 frozen"
     AUTOPILOT_BACK = "PX4 back after a standstill"
     HEARTBEAT_LOST = "PX4's heartbeat lost"
+    REPORTS_CONTRADICT = "PX4's reports contradict each other"
+    REPORTS_CONTRADICT_LONG = "PX4's reports contradict each other for long"
     ATTITUDE_NOT_FOLLOWED = "attitude does not follow"
     THRUST_SATURATED = "thrust saturated"
     NOT_CLIMBING = "not climbing with full thrust"
@@ -152,6 +154,9 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
         _C.AUTOPILOT_BACK: (_A.GO_ON, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # attitude still arrives, so it follows setpoints; but its mode is not known any more
         _C.HEARTBEAT_LOST: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        # one wrong datagram ends no flight; from several on nobody knows which of two senders is the PX4
+        _C.REPORTS_CONTRADICT: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        _C.REPORTS_CONTRADICT_LONG: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # our setpoints do not reach the motors; PX4's own landing does not depend on them
         _C.ATTITUDE_NOT_FOLLOWED: (_A.GO_ON, _A.GO_ON, _A.PX4_LAND, _A.PX4_LAND, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
         _C.THRUST_SATURATED: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),

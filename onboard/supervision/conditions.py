@@ -22,6 +22,7 @@ from onboard.safety.battery_monitor import BatteryMonitor
 from onboard.safety.failsafe_table import Condition, Situation
 from onboard.safety.geofence import Fence
 from onboard.safety.limits import POSITION_LOST_S, POSITION_STALE_S
+from onboard.safety.report_confirmation import CONTRADICTED_LONG_S, ReportConfirmation
 from onboard.safety.tracking_monitor import TrackingMonitor
 from onboard.supervision.neighbour_conditions import NeighbourMonitor
 from onboard.types import GRAVITY_M_S2, TICK_S, LawStatus
@@ -71,6 +72,7 @@ class ConditionMonitor:
     own: OwnState
     flight: FlightContext
     neighbours: NeighbourTable
+    reports: ReportConfirmation = field(default_factory=ReportConfirmation)
     autopilot: AutopilotMonitor = field(default_factory=AutopilotMonitor)
     tracking: TrackingMonitor = field(init=False)
     battery: BatteryMonitor = field(default_factory=BatteryMonitor)
@@ -167,6 +169,11 @@ class ConditionMonitor:
             active.add(c.REBOOTED)
         if px4.is_back:
             active.add(c.AUTOPILOT_BACK)
+        contradicted_s = self.reports.contradicted_s(now_ns)
+        if contradicted_s:
+            self._add(active, c.REPORTS_CONTRADICT, self.reports.contradicted)
+            if contradicted_s > CONTRADICTED_LONG_S:
+                self._add(active, c.REPORTS_CONTRADICT_LONG, self.reports.contradicted)
 
     def _check_mode(self, active: set[Condition], view: FlightView) -> None:
         c, now_ns, snapshot, flight = Condition, view.now_ns, view.snapshot, self.flight

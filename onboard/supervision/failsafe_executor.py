@@ -54,6 +54,7 @@ class FailsafeExecutor:
     ) -> None:
         self._flight = flight
         self._monitor = ConditionMonitor(fleet, vehicle, own, flight, neighbours)
+        self.reports = self._monitor.reports  # of PX4, and which of them are believed
         self.conditions: set[Condition] = set()  # that hold as of the last tick
         self.action = Action.GO_ON  # the strongest since the last order; on the ground the one of the last tick
         self.must_be_level = False  # the setpoint of this tick

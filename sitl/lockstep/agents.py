@@ -270,6 +270,8 @@ class AgentShell:
                     link.land()
                 case ev.Kill():
                     link.kill()
+                case ev.RequestHeartbeat():
+                    link.request_heartbeat()
                 case ev.PlayTune():
                     link.play_tune()
                 case ev.Exit():

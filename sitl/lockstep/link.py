@@ -99,6 +99,12 @@ class LinkBank:
         """Call something at PX4's end when it gets there."""
         self._up.append((self._steps + self._delay_steps, index, call))
 
+    def answer(self, index: int, fields: Fields) -> None:
+        """Send what one agent has asked for."""
+        rows: list[Fields | None] = [None] * len(self.links)
+        rows[index] = fields
+        self._down.append((self._steps + self._delay_steps, rows))
+
     def _release_delayed(self) -> None:
         """Deliver what arrives from channels that hold something back."""
         now_s = self.emulator.time_s
@@ -135,7 +141,7 @@ class LinkBank:
         for every, sample in (
             (_LANDED_EVERY_STEPS, self._landed),
             (_BATTERY_EVERY_STEPS, self._battery),
-            (_HEARTBEAT_EVERY_STEPS, self._heartbeat),
+            (_HEARTBEAT_EVERY_STEPS, self.heartbeat),
         ):
             if frame % every == 0:
                 for index, row in enumerate(rows):
@@ -159,7 +165,8 @@ class LinkBank:
         battery = self.emulator.autopilots[index].battery
         return {"battery_frac": battery.remaining_pct / 100.0, "battery_voltage_v": battery.voltage_mv / 1000.0}
 
-    def _heartbeat(self, index: int) -> Fields:
+    def heartbeat(self, index: int) -> Fields:
+        """HEARTBEAT, and with it what PX4 sends as seldom."""
         autopilot, view = self.emulator.autopilots[index], View(self.emulator, index)
         origin = (*view.origin_deg, view.origin_altitude_m) if view.has_origin else None
         return {
@@ -187,7 +194,9 @@ class EmulatedLink:
         now_ns = self._bank.now_ns()
         known = self._fields
         known.update(fields)
-        known["last_packet_ns"] = known["attitude_ns"] = now_ns
+        known["last_packet_ns"] = now_ns
+        if "px4_boot_ms" in fields:
+            known["attitude_ns"] = now_ns
         if "position_local_ned_m" in fields:
             known["local_position_ns"] = now_ns
         if "mode" in fields:
@@ -231,6 +240,10 @@ class EmulatedLink:
     def kill(self) -> None:
         """Disarm by force."""
         self._request(lambda px4, now_s: px4.request_arm(now_s, False, modes.FORCE_DISARM_MAGIC))
+
+    def request_heartbeat(self) -> None:
+        """REQUEST_MESSAGE of HEARTBEAT."""
+        self._request(lambda px4, now_s: self._bank.answer(self._index, self._bank.heartbeat(self._index)))
 
     def play_tune(self) -> None:
         """Let it play a tune."""

@@ -191,6 +191,8 @@ class Rig:
                     self.is_armed = False
                 case ev.Kill():
                     self.is_armed = False
+                case ev.RequestHeartbeat():
+                    self._heartbeat = (self.now_ns, self.is_armed, self.mode)
                 case ev.Px4Land():
                     self.mode = "LAND"
                 case ev.Publish(Topic.EVENT, Event() as event):

@@ -105,7 +105,7 @@ def test_a_low_battery_lands() -> None:
     rig = Rig()
     rig.fly()
     rig.battery_frac = 0.19
-    rig.run(0.1)
+    rig.run(0.5)
     assert rig.core.flight.state == "landing"
     rig.until("landed")
     assert any("Battery" in event.sentence for event in rig.events)

@@ -18,6 +18,8 @@ from onboard.safety.failsafe_table import Condition as C
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.bus import BusSettings
 from sitl.lockstep.flight import GROUND, Lockstep
+from sitl.lockstep.simulation import TICK_STEPS
+from sitl.physics.vehicle import STEP_S
 from sitl.px4.modes import Mode
 
 Inject = Callable[[Lockstep, str], None]
@@ -184,6 +186,46 @@ def _landed_state(duration_s: float, *, is_repeated: bool) -> Inject:
     return inject
 
 
+# one datagram of somebody who plays a vehicle's PX4
+WRONG_REPORTS: dict[str, dict[str, Any]] = {
+    "disarmed": {"is_armed": False, "mode": "OFFBOARD"},
+    "another mode": {"is_armed": True, "mode": "POSCTL"},
+    "a failsafe": {"is_armed": True, "mode": "LAND", "is_failsafe": True},
+    "a small clock": {"quaternion_enu_flu_wxyz": (1.0, 0.0, 0.0, 0.0), "px4_boot_ms": 20},
+    "a large clock": {"quaternion_enu_flu_wxyz": (1.0, 0.0, 0.0, 0.0), "px4_boot_ms": 4_000_000},
+    "upside down": {"quaternion_enu_flu_wxyz": (0.0, 1.0, 0.0, 0.0)},
+    "a battery of 5 %": {"battery_frac": 0.05, "battery_voltage_v": 13.0},
+    "on the ground": {"landed": Landed.ON_GROUND},
+}
+
+
+def wrong_report(name: str) -> Inject:
+    """Return the injection of one wrong report; the next true one comes as always."""
+
+    def inject(flight: Lockstep, vehicle: str) -> None:
+        link, fields = flight.agents[vehicle].link, dict(WRONG_REPORTS[name])
+        if "quaternion_enu_flu_wxyz" in fields:
+            fields.setdefault("px4_boot_ms", link.snapshot().px4_boot_ms + 10)
+        # after the true report of this tick and before the tick: the newest of a kind is the one that is read
+        step_s, steps = STEP_S, flight.simulation.emulator.world.vehicles.steps
+        flight.at(step_s * (steps + TICK_STEPS - 1 - steps % TICK_STEPS), lambda: link.receive(fields))
+
+    return inject
+
+
+def _some_wrong_report(flight: Lockstep, vehicle: str) -> None:
+    """One wrong report, another one at each tick."""
+    wrong_report(list(WRONG_REPORTS)[round(flight.time_s / 0.02) % len(WRONG_REPORTS)])(flight, vehicle)
+
+
+def _repeated(inject: Inject, count: int, every_s: float) -> Inject:
+    def repeat(flight: Lockstep, vehicle: str) -> None:
+        for number in range(count):
+            flight.at(flight.time_s + every_s * number, functools.partial(inject, flight, vehicle))
+
+    return repeat
+
+
 def _order(verb: str) -> Inject:
     """An operator orders something of one vehicle in the middle of a mission; it may be refused."""
 
@@ -256,6 +298,9 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection("PX4's own vision lost", _fault("vision_lost", 3.0)),
     Injection("PX4 reports the ground for 0.5 s", _landed_state(0.5, is_repeated=True)),
     Injection("PX4's last report of the ground stays", _landed_state(math.inf, is_repeated=False)),
+    Injection("one wrong report of PX4", _some_wrong_report),
+    Injection("wrong reports of PX4 for 5 s", _repeated(wrong_report("another mode"), 9, 0.6),
+              _f(C.REPORTS_CONTRADICT_LONG)),
     Injection("one is ordered to land", _order("land")),
     Injection("one is ordered to hold", _order("hold")),
     Injection("one is ordered to disarm", _order("disarm")),

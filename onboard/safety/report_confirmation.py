@@ -1,0 +1,201 @@
+"""PX4's reports that surprise are believed when a second one agrees, never at once. Pure.
+
+MAVLink has no check of the source: whoever reaches the agent's port and knows the system id can play its PX4. One
+datagram therefore decides nothing that cannot be taken back: while it waits for the next report of its kind, the one
+before it counts. A next report that does not agree contradicts it. What is true is never decided by a majority.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from msgspec.structs import replace
+
+from onboard.autopilot import Landed, Snapshot
+
+CONTRADICTED_S = 2.0  # for so long a contradiction counts as a condition
+CONTRADICTED_LONG_S = 2.0  # contradictions over so long a time are no single datagrams any more
+_ONE_RUN_S = 3.0  # contradictions no farther apart belong together
+_ASK_EVERY_NS = 60_000_000
+_CLOCK_MS = 500
+_SAME_TURN_COS = math.cos(math.radians(0.5 * 45.0))  # of half the angle by which an attitude turns between two reports
+_TURN_WITHIN_NS = 100_000_000  # after a longer gap it may have turned by anything
+_BATTERY_FRAC, _BATTERY_VOLTAGE_SHARE = 0.10, 0.10
+
+
+class Expected(NamedTuple):
+    """Reports that a flight expects of PX4 while nobody takes the vehicle away."""
+
+    is_armed: bool = False  # a report of disarmed would end the flight
+    mode: str = ""  # "" for any, on the ground
+
+
+class Kind(NamedTuple):
+    """One kind of report: fields of the snapshot that arrive together."""
+
+    name: str
+    fields: tuple[str, ...]
+    stamp: str  # the field with the time of arrival
+    needed: int  # reports that have to agree
+    least_ns: int  # from the first to the last of them
+    surprises: Callable[[Snapshot, Snapshot, Expected], bool]  # the believed one, the new one
+    agrees: Callable[[Snapshot, Snapshot], bool]  # the one that waits, the new one
+
+
+def _heartbeat_surprises(believed: Snapshot, new: Snapshot, expected: Expected) -> bool:
+    if expected.is_armed and believed.is_armed and not new.is_armed:
+        return True
+    has_landed = not new.is_armed and new.landed is Landed.ON_GROUND
+    return expected.mode != "" and believed.mode == expected.mode != new.mode and not has_landed
+
+
+def _heartbeat_agrees(first: Snapshot, new: Snapshot) -> bool:
+    return (first.is_armed, first.mode) == (new.is_armed, new.mode)
+
+
+def _clock_error_ms(known: Snapshot, new: Snapshot) -> float:
+    """Return by how much PX4's clock is ahead of what time allows (positive), or has gone back (negative)."""
+    moved_ms = new.px4_boot_ms - known.px4_boot_ms
+    return min(moved_ms, 0.0) or max(0.0, moved_ms - (new.attitude_ns - known.attitude_ns) * 1e-6)
+
+
+def _attitude_agrees(known: Snapshot, new: Snapshot) -> bool:
+    if abs(_clock_error_ms(known, new)) > _CLOCK_MS:
+        return False
+    pairs = zip(known.quaternion_enu_flu_wxyz, new.quaternion_enu_flu_wxyz, strict=True)
+    is_near = abs(sum(a * b for a, b in pairs)) > _SAME_TURN_COS
+    return is_near or new.attitude_ns - known.attitude_ns > _TURN_WITHIN_NS
+
+
+def _battery_agrees(known: Snapshot, new: Snapshot) -> bool:
+    voltage_v = max(abs(known.battery_voltage_v), abs(new.battery_voltage_v))
+    return _is_near(known.battery_frac, new.battery_frac, _BATTERY_FRAC) and _is_near(
+        known.battery_voltage_v, new.battery_voltage_v, _BATTERY_VOLTAGE_SHARE * voltage_v
+    )
+
+
+def _is_near(a: float, b: float, limit: float) -> bool:
+    return abs(a - b) <= limit or (math.isnan(a) and math.isnan(b))
+
+
+KINDS = (
+    Kind(
+        "heartbeat",
+        ("heartbeat_ns", "is_armed", "mode", "is_failsafe"),
+        "heartbeat_ns",
+        2,
+        100_000_000,
+        _heartbeat_surprises,
+        _heartbeat_agrees,
+    ),
+    Kind(
+        "attitude",
+        ("quaternion_enu_flu_wxyz", "attitude_ns", "px4_boot_ms"),
+        "attitude_ns",
+        5,
+        0,
+        lambda believed, new, _: not _attitude_agrees(believed, new),
+        _attitude_agrees,
+    ),
+    Kind(
+        "battery",
+        ("battery_frac", "battery_voltage_v", "battery_ns"),
+        "battery_ns",
+        2,
+        300_000_000,
+        lambda believed, new, _: not _battery_agrees(believed, new),
+        _battery_agrees,
+    ),
+)
+
+
+@dataclass(slots=True)
+class _Waiting:
+    """Memory of one kind of report."""
+
+    seen_ns: int = 0  # arrival of the newest that was looked at
+    report: Snapshot | None = None  # the one that waits for others
+    first_ns: int = 0
+    count: int = 0
+
+
+@dataclass(slots=True)
+class ReportConfirmation:
+    """Memory of one PX4's reports; give it every snapshot."""
+
+    contradicted: str = ""  # kind of report that was contradicted last
+    _believed: Snapshot = field(default_factory=Snapshot)
+    _waiting: tuple[_Waiting, ...] = field(default_factory=lambda: tuple(_Waiting() for _ in KINDS))
+    _run_begin_ns: int = 0
+    _contradicted_ns: int = 0
+    _asked_ns: int = 0
+
+    def believe(self, snapshot: Snapshot, expected: Expected) -> Snapshot:
+        """Take the newest values.
+
+        Args:
+            snapshot: as the link has it.
+            expected: by the flight.
+        Returns:
+            the snapshot with the values before in the fields of the reports that wait for confirmation.
+        """
+        withheld: dict[str, object] = {}
+        for kind, waiting in zip(KINDS, self._waiting, strict=True):
+            if self._is_withheld(kind, waiting, snapshot, expected):
+                withheld.update((name, getattr(self._believed, name)) for name in kind.fields)
+        origin = self._believed.global_origin
+        if expected.mode and origin is not None and snapshot.global_origin != origin:
+            withheld["global_origin"] = origin  # PX4 does not move it in flight
+        self._believed = replace(snapshot, **withheld) if withheld else snapshot
+        return self._believed
+
+    def is_heartbeat_due(self, now_ns: int) -> bool:
+        """Whether PX4 is to be asked for a heartbeat now, since one waits for another that agrees.
+
+        Args:
+            now_ns: our clock, at each tick.
+        """
+        if self._waiting[0].report is None or now_ns - self._asked_ns < _ASK_EVERY_NS:
+            return False
+        self._asked_ns = now_ns
+        return True
+
+    def contradicted_s(self, now_ns: int) -> float:
+        """Return over how long a time reports have contradicted each other; 0 when they have not lately.
+
+        Args:
+            now_ns: our clock.
+        """
+        if not self._contradicted_ns or now_ns - self._contradicted_ns > 1e9 * CONTRADICTED_S:
+            return 0.0
+        return max(1e-9, (self._contradicted_ns - self._run_begin_ns) * 1e-9)
+
+    def _is_withheld(self, kind: Kind, waiting: _Waiting, new: Snapshot, expected: Expected) -> bool:
+        stamp_ns, first = getattr(new, kind.stamp), waiting.report
+        is_new, waiting.seen_ns = stamp_ns != waiting.seen_ns, stamp_ns
+        if not is_new and first is None:
+            return False
+        if not getattr(self._believed, kind.stamp) or not kind.surprises(self._believed, new, expected):
+            if is_new and first is not None and not kind.agrees(first, new):
+                self._contradict(kind.name, stamp_ns)
+            waiting.report = None
+            return False
+        if not is_new:
+            return True
+        if first is None or not kind.agrees(first, new):
+            if first is not None:
+                self._contradict(kind.name, stamp_ns)
+            waiting.first_ns, waiting.count = stamp_ns, 0
+        waiting.report, waiting.count = new, waiting.count + 1
+        if waiting.count < kind.needed or stamp_ns - waiting.first_ns < kind.least_ns:
+            return True
+        waiting.report = None
+        return False
+
+    def _contradict(self, kind: str, now_ns: int) -> None:
+        if not self._contradicted_ns or now_ns - self._contradicted_ns > 1e9 * _ONE_RUN_S:
+            self._run_begin_ns = now_ns
+        self.contradicted, self._contradicted_ns = kind, now_ns

@@ -1,0 +1,125 @@
+"""A report that surprises is believed when others of its kind agree over time, and never by itself."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from msgspec.structs import replace
+
+from onboard.autopilot import Landed, Snapshot
+from onboard.safety.report_confirmation import KINDS, Expected, ReportConfirmation
+
+FLYING = Expected(is_armed=True, mode="OFFBOARD")
+S = 1_000_000_000
+TRUE = Snapshot(
+    heartbeat_ns=S,
+    is_armed=True,
+    mode="OFFBOARD",
+    attitude_ns=S,
+    px4_boot_ms=60_000,
+    battery_ns=S,
+    battery_frac=0.8,
+    battery_voltage_v=15.2,
+    global_origin=(47.0, 8.0, 0.0),
+    landed=Landed.IN_AIR,
+)
+STEP_NS = {"heartbeat": S, "attitude": 20_000_000, "battery": S // 2}
+WRONG = {
+    "heartbeat": ({"is_armed": False}, {"mode": "POSCTL"}, {"mode": "LAND", "is_failsafe": True}),
+    "attitude": (
+        {"px4_boot_ms": 10},
+        {"px4_boot_ms": 2**31},
+        {"quaternion_enu_flu_wxyz": (0.0, 1.0, 0.0, 0.0)},
+    ),
+    "battery": (
+        {"battery_frac": 0.05},
+        {"battery_voltage_v": 12.0},
+        {"battery_frac": math.nan},
+    ),
+}
+
+
+def _later(kind: str, stamp: str, number: int, **changes: object) -> Snapshot:
+    """The report of a kind that comes ``number`` steps later, with its clock."""
+    after_ns = number * STEP_NS[kind]
+    clock = {"px4_boot_ms": TRUE.px4_boot_ms + after_ns // 1_000_000} if kind == "attitude" else {}
+    return replace(TRUE, **{stamp: S + after_ns, **clock, **changes})
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_one_wrong_report_is_never_believed_and_contradicted_by_the_next(kind) -> None:
+    for wrong in WRONG[kind.name]:
+        reports = ReportConfirmation()
+        assert reports.believe(TRUE, FLYING) is TRUE
+        for number, changes in ((1, wrong), (2, {}), (3, {})):
+            believed = reports.believe(_later(kind.name, kind.stamp, number, **changes), FLYING)
+            for name, value in changes.items():
+                assert getattr(believed, name) == getattr(TRUE, name), (name, value)
+        assert believed == _later(kind.name, kind.stamp, 3)
+        assert reports.contradicted == kind.name
+        assert 0.0 < reports.contradicted_s(S + 3 * STEP_NS[kind.name]) < 0.01
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_reports_that_agree_are_believed_after_their_number(kind) -> None:
+    for wrong in WRONG[kind.name]:
+        reports = ReportConfirmation()
+        reports.believe(TRUE, FLYING)
+        for number in range(1, kind.needed + 1):
+            now = dict(wrong)
+            if "px4_boot_ms" in now:
+                now["px4_boot_ms"] = int(now["px4_boot_ms"]) + 20 * number
+            believed = reports.believe(_later(kind.name, kind.stamp, number, **now), FLYING)
+            is_believed = all(repr(getattr(believed, name)) == repr(value) for name, value in now.items())
+            assert is_believed is (number == kind.needed), (wrong, number)
+        assert not reports.contradicted
+
+
+def test_two_reports_of_one_moment_are_one_and_px4_is_asked_meanwhile() -> None:
+    reports = ReportConfirmation()
+    reports.believe(TRUE, FLYING)
+    asked = 0
+    for after_ms in range(0, 100, 20):
+        now_ns = 2 * S + after_ms * 1_000_000
+        believed = reports.believe(replace(TRUE, heartbeat_ns=now_ns, is_armed=False), FLYING)
+        assert believed.is_armed
+        asked += reports.is_heartbeat_due(now_ns)
+    assert asked == 2
+    assert not reports.believe(replace(TRUE, heartbeat_ns=2 * S + 100_000_000, is_armed=False), FLYING).is_armed
+    assert not reports.is_heartbeat_due(3 * S)
+
+
+def test_contradictions_that_go_on_count_as_long_and_a_single_one_is_forgotten() -> None:
+    reports = ReportConfirmation()
+    for second in range(1, 7):
+        wrong = {"is_armed": False} if second % 2 == 0 else {}
+        reports.believe(replace(TRUE, heartbeat_ns=second * S, **wrong), FLYING)
+    assert reports.contradicted_s(6 * S) == pytest.approx(2.0)  # in the third and the fifth second
+    assert reports.contradicted_s(9 * S) == 0.0
+
+
+def test_on_the_ground_and_in_a_landing_heartbeats_are_believed_at_once() -> None:
+    for expected in (Expected(), Expected(mode="OFFBOARD")):
+        reports = ReportConfirmation()
+        reports.believe(TRUE, expected)
+        down = replace(TRUE, heartbeat_ns=2 * S, is_armed=False, mode="HOLD", landed=Landed.ON_GROUND)
+        assert reports.believe(down, expected) is down
+
+
+def test_what_a_flight_does_not_expect_any_more_is_believed_without_another_report() -> None:
+    reports = ReportConfirmation()
+    reports.believe(TRUE, FLYING)
+    disarmed = replace(TRUE, heartbeat_ns=2 * S, is_armed=False)
+    assert reports.believe(disarmed, FLYING).is_armed
+    assert not reports.believe(disarmed, Expected(mode="OFFBOARD")).is_armed
+    assert not reports.contradicted
+
+
+def test_nobody_moves_the_origin_in_flight() -> None:
+    reports = ReportConfirmation()
+    reports.believe(TRUE, FLYING)
+    moved = replace(TRUE, global_origin=(48.0, 8.0, 0.0))
+    for _ in range(5):
+        assert reports.believe(moved, FLYING).global_origin == TRUE.global_origin
+    assert reports.believe(moved, Expected()).global_origin == moved.global_origin
