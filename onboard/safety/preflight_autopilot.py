@@ -8,6 +8,7 @@ from onboard.safety.limits import AUTOPILOT_SILENT_S
 from onboard.safety.preflight_facts import HEARTBEAT_SILENT_S, PreflightFacts
 from onboard.safety.preflight_rule import FINE, NO_PX4, OK, SKIP, Judgement, PreflightRule, RuleFault
 
+_EVERY_NETWORK = ("", "0.0.0.0", "::", "[::]")
 LEAST_ATTITUDE_HZ, USUAL_ATTITUDE_HZ = 20.0, 35.0
 
 # conditions that another rule shows; for SHUTDOWN, the refusal of the order itself does
@@ -32,6 +33,11 @@ def _link(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
         return SKIP, {"reason": "in the first second"}
     is_slow, is_low = facts.attitude_hz < LEAST_ATTITUDE_HZ, facts.attitude_hz < USUAL_ATTITUDE_HZ
     return ("slow" if is_slow else "low" if is_low else OK), {"rate": facts.attitude_hz}
+
+
+def _port(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
+    host = vehicle.autopilot.removeprefix("udpin://").rpartition(":")[0]
+    return ("open" if vehicle.autopilot.startswith("udpin://") and host in _EVERY_NETWORK else OK), {}
 
 
 def _alone(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
@@ -104,6 +110,20 @@ AUTOPILOT_RULES = (
             ),
         },
         _link,
+    ),
+    PreflightRule(
+        "port",
+        "The agent's MAVLink port is open to one network only, best to none: MAVLink has no check of the source.",
+        "PX4 is heard by {autopilot} only.",
+        {
+            "open": RuleFault(
+                "{autopilot} listens on every network of this computer: whoever reaches it can play this PX4.",
+                "Use a serial cable or udpin://127.0.0.1:PORT in 'autopilot'; over Ethernet the address of that one "
+                "interface. See docs/who-can-fly.md.",
+                is_advice=True,
+            )
+        },
+        _port,
     ),
     PreflightRule(
         "alone",

@@ -51,6 +51,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("px4", "silent"): ({"autopilot_age_s": 0.5}, "udpin://127.0.0.1:14541"),
     ("link", "slow"): ({"attitude_hz": 9.0}, "only 9 Hz"),
     ("link", "low"): ({"attitude_hz": 30.0}, "30 Hz"),
+    ("port", "open"): (
+        {"vehicle": msgspec.structs.replace(VEHICLE, autopilot="udpin://0.0.0.0:14541")},
+        "every network",
+    ),
     ("alone", "duplicate"): ({"has_duplicate": True}, "Another agent runs for mav1"),
     ("health", "failsafe"): ({"is_failsafe": True}, "failsafe"),
     ("health", "unhealthy"): (
