@@ -27,6 +27,7 @@ from onboard.bus.protocol import (
     OnReply,
 )
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
+from onboard.bus.sockets import PromptSockets
 from onboard.bus.topics import TOPICS, Delivery, Topic, key, topic_and_name
 from onboard.native_threads import keep_thread_state
 
@@ -64,6 +65,7 @@ class BusSession:
         self._listen = list(listen)
         self._connect = [endpoint for endpoint in connect if endpoint not in self._listen]
         self._session: zenoh.Session | None = None
+        self._sockets = PromptSockets()
         self._publishers: dict[tuple[Topic, str], zenoh.Publisher] = {}
         self._followed: dict[tuple[Topic, str], _Collector] = {}
         self._collected: list[_Collector] = []
@@ -79,6 +81,7 @@ class BusSession:
         """
         if self._session is None:
             self._session = self._open_session()
+            self._sockets.start()
             token = self._session.liveliness().declare_token(key(self.namespace, Topic.ALIVE, self.node))
             self._declared.append(token)
 
@@ -120,6 +123,7 @@ class BusSession:
             self._followed.clear()
             self._collected.clear()
             self._collectors = ()
+            self._sockets.stop()
             session.close()  # type: ignore[no-untyped-call]
             self._declared.clear()
             self._claims.clear()

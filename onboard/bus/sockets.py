@@ -1,0 +1,60 @@
+"""Sockets that close at once. Zenoh gives each of its TCP sockets ten seconds to deliver what is left at its end.
+
+For so long ``close()`` blocks the thread that calls it, and that is the thread of all network work: one peer that
+hangs, or whose cable is cut, would take the bus away from all others. Zenoh has no option for it, so it is changed from
+outside, on every socket of the process. The kernel then delivers what is left, and nobody waits.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import struct
+import threading
+
+_LINGER = struct.Struct("ii")  # on or off, seconds
+_PERIOD_S = 0.4  # a peer is given up a second after it was heard last, hence later than its socket is seen here
+
+
+class PromptSockets:
+    """Lets all sockets of the process close at once, the future ones included, until it is stopped."""
+
+    def __init__(self) -> None:
+        self._ended = threading.Event()
+
+    def start(self) -> None:
+        """Begin, in a thread of its own."""
+        threading.Thread(target=self._run, name="bus-sockets", daemon=True).start()
+
+    def stop(self) -> None:
+        """Change those that there are, and end."""
+        self._ended.set()
+        let_all_close_at_once()
+
+    def _run(self) -> None:
+        while not self._ended.wait(_PERIOD_S):
+            let_all_close_at_once()
+
+
+def let_all_close_at_once() -> int:
+    """Let every socket that the process has now close at once.
+
+    Returns:
+        how many of them would have waited.
+    """
+    changed = 0
+    for number in os.listdir("/proc/self/fd"):
+        try:
+            borrowed = socket.socket(socket.AF_INET, socket.SOCK_STREAM, 0, int(number))
+        except OSError:
+            continue
+        try:
+            is_on, _ = _LINGER.unpack(borrowed.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _LINGER.size))
+            if is_on:
+                borrowed.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _LINGER.pack(0, 0))
+                changed += 1
+        except OSError:
+            continue  # no socket, or closed meanwhile
+        finally:
+            borrowed.detach()
+    return changed
