@@ -51,14 +51,12 @@ class MissionRun:
         self.client = client
         self.fleet = Fleet(client, say=say)
         self._ready_timeout_s = ready_timeout_s
-        self._failure = ""
-        self._nobody = False
-        self._is_wrong_input = False
-        self._is_interrupted = False
         self._aborted: str | None = None
         self._can_land = True
-        self._begin_ns = client.now_ns()
-        self._end_ns = self._begin_ns
+        now_ns, steps, arrivals = client.now_ns(), self.fleet.steps, self.fleet.arrivals
+        self._flown = FlightObservations(
+            mission.name, mission.fleet, client.state, steps, arrivals, begin_ns=now_ns, end_ns=now_ns
+        )
         self._task: asyncio.Task[Any] | None = None
         self._boot_clock_ns = boot_clock_ns
         self._look_ns: int | None = None  # last look at the vehicles, on the boot clock
@@ -71,7 +69,7 @@ class MissionRun:
             The verdict by the live state; with :meth:`flown` a record can be judged as well.
         """
         task = self._task = asyncio.create_task(self._steps())
-        if self._is_interrupted or self._aborted is not None:
+        if self._flown.is_interrupted or self._aborted is not None:
             task.cancel()
         try:
             await asyncio.wait({task})
@@ -81,31 +79,31 @@ class MissionRun:
         # the vehicles land after any exception of a mission, also after a mistake of its author
         error = None if task.cancelled() else task.exception()
         if task.cancelled() and self._aborted is not None:
-            self._failure = self._aborted  # an event has said it
+            self._flown.failure = self._aborted  # an event has said it
             self.fleet.say("The mission ends here.")
             if self._can_land:
                 await self.fleet.land_all(LAND_TIMEOUT_S)
         elif task.cancelled():
-            self._is_interrupted = True
+            self._flown.is_interrupted = True
             self.fleet.say("Interrupted: all flying vehicles land.")
             await self.fleet.land_all(LAND_TIMEOUT_S)
         elif isinstance(error, NotReady):
-            self._failure, self._nobody = str(error), not error.heard
+            self._flown.failure, self._flown.nobody = str(error), not error.heard
             self.fleet.say(str(error))
         elif error is not None:
             is_known = isinstance(error, (OrderFailed, MissionFailed, FaultRefused, ConfigError))
-            self._failure = str(error) if is_known else "".join(traceback.format_exception(error)).strip()
-            self.fleet.say(f"The mission ends here: {self._failure}")
+            self._flown.failure = str(error) if is_known else "".join(traceback.format_exception(error)).strip()
+            self.fleet.say(f"The mission ends here: {self._flown.failure}")
             await self._on_failure()
         # ends of orders are never lost, but telemetry may be: the next one shows the result of the last step
         await self.client.wait_for(self._is_at_rest, LAST_TELEMETRY_S)
-        self._end_ns = self.client.now_ns()
-        return self.verdict()
+        self._flown.end_ns = self.client.now_ns()
+        return judge(self.flown(), self.mission.expect)
 
     def interrupt(self) -> None:
         """Stop the mission and land all vehicles; :meth:`run` returns when they are down."""
-        if not self._is_interrupted:
-            self._is_interrupted = True
+        if not self._flown.is_interrupted:
+            self._flown.is_interrupted = True
             if self._task is not None:
                 self._task.cancel()
 
@@ -116,7 +114,7 @@ class MissionRun:
             reason: a sentence, which the caller has published as an event.
             can_land: whether vehicles can still be reached.
         """
-        if self._aborted is None and not self._is_interrupted:
+        if self._aborted is None and not self._flown.is_interrupted:
             self._aborted, self._can_land = reason, can_land
             if self._task is not None:
                 self._task.cancel()
@@ -163,28 +161,13 @@ class MissionRun:
 
     def flown(self) -> FlightObservations:
         """Return the observations so far."""
-        return FlightObservations(
-            mission=self.mission.name,
-            fleet=self.mission.fleet,
-            state=self.client.state,
-            begin_ns=self._begin_ns,
-            end_ns=self._end_ns,
-            steps=list(self.fleet.steps),
-            arrivals=list(self.fleet.arrivals),
-            failure=self._failure,
-            nobody=self._nobody,
-            is_wrong_input=self._is_wrong_input,
-            is_interrupted=self._is_interrupted,
-        )
-
-    def verdict(self) -> Verdict:
-        """Judge the flight by the live state."""
-        return judge(self.flown(), self.mission.expect)
+        self._flown.state = self.client.state
+        return self._flown
 
     async def _steps(self) -> None:
         self.fleet.say(f"Waiting for {', '.join(self.fleet.names)} to be ready.")
         await self.fleet.ready(self._ready_timeout_s)
-        self._begin_ns = self.client.now_ns()
+        self._flown.begin_ns = self.client.now_ns()
         advised = advice_of(self.client.state, self.fleet.names, is_recording=self.client.is_recording)
         for advice, names in advised.items():
             self.fleet.say(f"Preflight, {', '.join(names)}: {advice}")
@@ -196,7 +179,7 @@ class MissionRun:
                 try:
                     await self._fault(step, is_rehearsal=True)  # no take-off before a fault that will be impossible
                 except FaultRefused:
-                    self._is_wrong_input = True
+                    self._flown.is_wrong_input = True
                     raise
         for index, step in enumerate(self.mission.steps):
             if isinstance(step, WaitStep):

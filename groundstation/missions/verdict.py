@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import msgspec
 
 from groundstation.fleet.state import FleetState, Separation
 from groundstation.missions.files import Expect
-from groundstation.recording.report import PERIOD_NOMINAL_MS, FlightReport
+from groundstation.recording.report import PERIOD_NOMINAL_MS, FlightReport, LoopTiming
 from onboard.config.fleet import FleetConfig
 from onboard.exit_status import (
     EXIT_FAILED,
@@ -52,15 +53,6 @@ class StepResult(msgspec.Struct, frozen=True):
         return all(phase == "done" for phase in self.vehicles.values())
 
 
-class Loop(msgspec.Struct, frozen=True):
-    """Period of an agent's loop; nominal 20 ms."""
-
-    period_p50_ms: float
-    period_p99_ms: float
-    period_max_ms: float
-    ticks: int
-
-
 class Closest(msgspec.Struct, frozen=True):
     """The smallest separation of the flight."""
 
@@ -87,7 +79,7 @@ class Verdict(msgspec.Struct, frozen=True):
     arrivals: list[Arrival]
     worst_arrival_m: float | None
     landed: dict[str, bool]
-    loop: dict[str, Loop]
+    loop: dict[str, LoopTiming]
     duration_s: float
     is_interrupted: bool = False
     record: str = ""
@@ -99,16 +91,17 @@ class Verdict(msgspec.Struct, frozen=True):
         return [*describe(self), self.summary]
 
 
-class FlightObservations(msgspec.Struct, frozen=True):
-    """Observations of the mission's runner; the input of :func:`judge`."""
+@dataclass(slots=True)
+class FlightObservations:
+    """Observations of a mission's runner, which writes them; the input of :func:`judge`."""
 
     mission: str
     fleet: FleetConfig
-    state: FleetState
-    begin_ns: int
-    end_ns: int
+    state: FleetState  # at the end
     steps: list[StepResult]
     arrivals: list[Arrival]
+    begin_ns: int
+    end_ns: int
     failure: str = ""  # sentence that ended the mission
     nobody: bool = False  # no vehicle answered
     is_wrong_input: bool = False
@@ -181,44 +174,32 @@ def check(
         One result for each declared expectation.
     """
     checks: list[ExpectationResult] = []
-    if expect.min_separation_m is not None:
-        limit = expect.min_separation_m
-        if closest is None:
-            few = len(fleet.enabled_names) < 2
-            outcome = "there is only one vehicle" if few else "no separation was measured"
-            checks.append(ExpectationResult("min_separation_m", few, f"At least {limit:.2f} m between all: {outcome}."))
-        else:
-            touched = f" {' and '.join(collided)} collided." if collided else ""
-            checks.append(
-                ExpectationResult(
-                    "min_separation_m",
-                    closest.distance_m >= limit and not collided,
-                    f"At least {limit:.2f} m between all: {closest.first} and {closest.second} came to "
-                    f"{closest.distance_m:.3f} m.{touched}",
-                )
-            )
-    if expect.arrived_within_m is not None:
-        limit = expect.arrived_within_m
+    limit = expect.min_separation_m
+    if limit is not None:
+        is_met, outcome = len(fleet.enabled_names) < 2, "no separation was measured"
+        if closest is not None:
+            is_met = closest.distance_m >= limit and not collided
+            touched = f". {' and '.join(collided)} collided" if collided else ""
+            outcome = f"{closest.first} and {closest.second} came to {closest.distance_m:.3f} m{touched}"
+        elif is_met:
+            outcome = "there is only one vehicle"
+        sentence = f"At least {limit:.2f} m between all: {outcome}."
+        checks.append(ExpectationResult("min_separation_m", is_met, sentence))
+    limit = expect.arrived_within_m
+    if limit is not None:
         worst = max(arrivals, key=lambda arrival: arrival.distance_m, default=None)
-        if worst is None:
-            sentence = f"Goals reached within {limit:.2f} m: no goal was flown to."
-            checks.append(ExpectationResult("arrived_within_m", False, sentence))
-        else:
-            late = [arrival for arrival in arrivals if not arrival.distance_m <= limit]
-            checks.append(
-                ExpectationResult(
-                    "arrived_within_m",
-                    not late,
-                    f"Goals reached within {limit:.2f} m: {len(arrivals) - len(late)} of {len(arrivals)}; furthest off "
-                    f"was {worst.vehicle}, {_metres(worst.distance_m)} at '{worst.step}'.",
-                )
-            )
+        near = [arrival for arrival in arrivals if arrival.distance_m <= limit]
+        outcome = "no goal was flown to"
+        if worst is not None:
+            outcome = f"{len(near)} of {len(arrivals)}; furthest off was {worst.vehicle}, "
+            outcome += f"{_metres(worst.distance_m)} at '{worst.step}'"
+        sentence = f"Goals reached within {limit:.2f} m: {outcome}."
+        checks.append(ExpectationResult("arrived_within_m", 0 < len(near) == len(arrivals), sentence))
     if expect.all_landed is not None:
         flying = [name for name in fleet.enabled_names if not landed.get(name, False)]
         outcome = f"not {', '.join(flying)}" if flying else "all"
-        checks.append(
-            ExpectationResult("all_landed", (not flying) == expect.all_landed, f"Landed and disarmed: {outcome}.")
-        )
+        sentence = f"Landed and disarmed: {outcome}."
+        checks.append(ExpectationResult("all_landed", (not flying) == expect.all_landed, sentence))
     return checks
 
 
@@ -260,21 +241,15 @@ def judge(
     broken = " ".join(filter(None, (flown.failure, _still_up(state, expect), record_failure)))
     failed = [step for step in flown.steps if not step.is_done]
     is_mixed = any(len(set(step.vehicles.values())) > 1 for step in failed)
-    exit_status = (
-        EXIT_INTERRUPTED
-        if flown.is_interrupted
-        else EXIT_NO_ANSWER
-        if flown.nobody
-        else EXIT_WRONG_INPUT
-        if flown.is_wrong_input
-        else EXIT_FAILED
-        if not all(one.has_come_true for one in checks)
-        else EXIT_MIXED
-        if is_mixed
-        else EXIT_FAILED
-        if failed or broken
-        else EXIT_OK
+    statuses = (
+        (flown.is_interrupted, EXIT_INTERRUPTED),
+        (flown.nobody, EXIT_NO_ANSWER),
+        (flown.is_wrong_input, EXIT_WRONG_INPUT),
+        (not all(one.has_come_true for one in checks), EXIT_FAILED),
+        (is_mixed, EXIT_MIXED),
+        (bool(failed or broken), EXIT_FAILED),
     )
+    exit_status = next((status for is_so, status in statuses if is_so), EXIT_OK)
     law = flown_law(state, fleet)
     summary = _summary(flown, law, checks, broken, exit_status)
     return Verdict(
@@ -340,11 +315,11 @@ def _summary(
     return f"FAILED: mission '{flown.mission}' with law '{law}'. {' '.join([*broken, failure])}".strip()
 
 
-def _loops(state: FleetState, report: FlightReport | None) -> dict[str, Loop]:
+def _loops(state: FleetState, report: FlightReport | None) -> dict[str, LoopTiming]:
     if report is not None and report.loops:
-        return {name: Loop(loop.p50_ms, loop.p99_ms, loop.max_ms, loop.ticks) for name, loop in report.loops.items()}
+        return report.loops
     return {
-        name: Loop(one.loop_period_p50_ms, one.loop_period_p99_ms, one.loop_period_max_ms, 0)
+        name: LoopTiming(one.loop_period_p50_ms, one.loop_period_p99_ms, one.loop_period_max_ms, 0)
         for name, view in state.vehicles.items()
         if (one := view.telemetry) is not None
     }

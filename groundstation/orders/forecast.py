@@ -85,7 +85,6 @@ def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = 
         fleet_model(fleet, names),
         seeds,
         Perturbation(start_m=0.0),
-        has_trace=True,
     )
     worst = int(flight.min_separation_m.argmin()) if len(names) > 1 else int(flight.arrival_s[:, 0].argmax())
     trace = flight.trace_enu_m[:, worst]

@@ -8,6 +8,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,13 +19,12 @@ MAX_GAP_S = 0.25
 PERIOD_NOMINAL_MS = 20.0
 
 
-@dataclass(frozen=True, slots=True)
-class LoopTiming:
-    """Periods of one agent's control loop."""
+class LoopTiming(msgspec.Struct, frozen=True):
+    """Periods of one agent's control loop; nominal 20 ms."""
 
-    p50_ms: float
-    p99_ms: float
-    max_ms: float
+    period_p50_ms: float
+    period_p99_ms: float
+    period_max_ms: float
     ticks: int
 
 

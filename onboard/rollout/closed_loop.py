@@ -44,21 +44,26 @@ class FleetModel:
     params: Sequence[pipeline.PipelineParams]  # N
     plants: Sequence[Plant]  # N
     obstacles: tuple[Capsule, ...] = ()
-    safety_distance_m: float = 0.8
 
 
 @dataclass(frozen=True, slots=True)
 class RolloutResult:
-    """Outcome per flight (F,); separations are true ones, horizontal."""
+    """Outcome of F flights."""
 
-    min_separation_m: Array
-    is_success: BoolArray  # every leg arrived in time
     arrival_s: Array  # (F, L) when the last vehicle arrived, after the leg's start; inf: not in time
-    final_error_m: Array  # (F, L) largest distance from the goal at the end of the leg
-    violation_s: Array  # time below the safety distance
-    max_speed_m_s: Array
-    duration_s: Array
-    trace_enu_m: Array  # (T, F, N, 3) true positions of each tick where a trace was ordered, else empty
+    trace_enu_m: Array  # (T, F, N, 3) true positions after each tick, until the last flight has ended
+
+    @property
+    def is_success(self) -> BoolArray:
+        """Whether every leg arrived in time (F,)."""
+        return np.asarray(np.isfinite(self.arrival_s).all(-1))
+
+    @property
+    def min_separation_m(self) -> Array:
+        """Smallest true horizontal distance of any two vehicles (F,); infinite for one alone."""
+        first, second = np.triu_indices(self.trace_enu_m.shape[2], 1)
+        gaps = (position[:, first, :2] - position[:, second, :2] for position in self.trace_enu_m)
+        return np.asarray(np.min([np.linalg.norm(gap, axis=-1).min(-1, initial=np.inf) for gap in gaps], axis=0))
 
 
 def fleet_model(fleet: FleetConfig, names: Sequence[str], law: str | None = None) -> FleetModel:
@@ -75,7 +80,6 @@ def fleet_model(fleet: FleetConfig, names: Sequence[str], law: str | None = None
         [pipeline.pipeline_params(fleet, name, law) for name in names],
         [plant_of(fleet.vehicles[name]) for name in names],
         obstacles(fleet),
-        fleet.fleet.safety_distance_m,
     )
 
 
@@ -84,7 +88,6 @@ def fly(
     model: FleetModel,
     seeds: Sequence[int],
     perturbation: Perturbation | None = None,
-    has_trace: bool = False,
 ) -> RolloutResult:
     """Fly a scenario once per seed, all flights at once.
 
@@ -93,17 +96,15 @@ def fly(
         model: N vehicles.
         seeds: F seeds.
         perturbation: errors of the flights; by default those of a lab.
-        has_trace: keep the true positions of every tick.
     """
     errors = perturbation if perturbation is not None else Perturbation()
-    flights, count = scenario.start_enu_m.shape[:2]
-    noise = Noise(seeds, count)
+    noise = Noise(seeds, scenario.start_enu_m.shape[1])
     start = scenario.start_enu_m.copy()
     start[..., :2] += errors.start_m * noise.starts
     vehicles = VehicleModels(start, model.plants, noise, errors)
     controller = batch.FleetPipeline(model.params, start, model.obstacles)
     sensing = _Sensing(model, start, errors)
-    legs, metrics = _Legs(scenario), _Metrics(model.safety_distance_m, flights, count)
+    legs = _Legs(scenario)
     parked = legs.is_parked
     radio: _Radio | None = None
     trace: list[Array] = []
@@ -117,12 +118,10 @@ def fly(
         sensing.sent(ticks)
         vehicles.advance(ticks["attitude"], gust_noise, errors, TICK_S)
         vehicles.position[:, parked], vehicles.velocity[:, parked] = start[:, parked], 0.0
-        metrics.update(vehicles, legs.is_open)
-        if has_trace:
-            trace.append(vehicles.position.copy())
+        trace.append(vehicles.position.copy())
         if not legs.advance(vehicles.position):
             break
-    return metrics.result(legs, trace)
+    return RolloutResult(legs.arrival_s, np.array(trace))
 
 
 class _Sensing:
@@ -183,7 +182,7 @@ class _Legs:
         self._scenario, self._flights = scenario, np.arange(flights)
         self.is_parked = np.array(scenario.is_parked or [False] * vehicles)
         self.is_open = np.ones(flights, bool)
-        self.arrival_s, self.error_m = np.full((2, flights, self.count), np.inf)
+        self.arrival_s = np.full((flights, self.count), np.inf)
         self._leg = np.zeros(flights, np.int64)
         self._time_s, self._near_s = np.zeros(flights), np.zeros((flights, vehicles))
 
@@ -206,43 +205,8 @@ class _Legs:
         done = np.flatnonzero(self.is_open & (has_arrived | (self._time_s >= scenario.timeout_s)))
         leg = self._leg[done]
         self.arrival_s[done, leg] = np.where(has_arrived[done], self._time_s[done] - scenario.settle_s, np.inf)
-        self.error_m[done, leg] = away[done].max(-1, initial=0.0)
         self._leg[done] += 1
         self._time_s[done] = 0.0
         self._near_s[done] = 0.0
         self.is_open = self.is_open & (self._leg < self.count)
         return bool(self.is_open.any())
-
-
-class _Metrics:
-    """Sums over the ticks of each flight, as long as it is open."""
-
-    def __init__(self, safety_distance_m: float, flights: int, count: int) -> None:
-        self._safety_distance_m = safety_distance_m
-        self._pairs = np.triu_indices(count, 1)
-        self._closest_m = np.full(flights, np.inf)
-        self._violation_s, self._ticks, self._speed = np.zeros((3, flights))
-
-    def update(self, vehicles: VehicleModels, is_open: BoolArray) -> None:
-        """Take one tick; ``is_open`` (F,): the flights that still count."""
-        first, second = self._pairs
-        gap = vehicles.position[:, first, :2] - vehicles.position[:, second, :2]
-        nearest = np.sqrt(np.einsum("fpc,fpc->fp", gap, gap)).min(-1, initial=np.inf)
-        self._closest_m = np.where(is_open, np.minimum(self._closest_m, nearest), self._closest_m)
-        self._violation_s += is_open * (nearest < self._safety_distance_m) * TICK_S
-        self._ticks += is_open
-        speed = np.sqrt(np.einsum("fnc,fnc->fn", vehicles.velocity, vehicles.velocity)).max(-1)
-        self._speed = np.maximum(self._speed, is_open * speed)
-
-    def result(self, legs: _Legs, trace: list[Array]) -> RolloutResult:
-        """Return the outcome of all flights."""
-        return RolloutResult(
-            min_separation_m=self._closest_m,
-            is_success=np.isfinite(legs.arrival_s).all(-1),
-            arrival_s=legs.arrival_s,
-            final_error_m=legs.error_m,
-            violation_s=self._violation_s,
-            max_speed_m_s=self._speed,
-            duration_s=self._ticks * TICK_S,
-            trace_enu_m=np.array(trace),
-        )

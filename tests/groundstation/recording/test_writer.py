@@ -172,8 +172,8 @@ def test_the_report_interpolates_between_samples_and_counts_only_flight(tmp_path
     assert found.smallest is not None
     assert found.smallest.distance_m == pytest.approx(0.0, abs=1e-9)
     assert found.smallest.stamp_ns == 1010 * MS
-    assert found.loops["mav0"].p50_ms == pytest.approx(20.0)
-    assert found.loops["mav0"].max_ms == pytest.approx(30.0)
+    assert found.loops["mav0"].period_p50_ms == pytest.approx(20.0)
+    assert found.loops["mav0"].period_max_ms == pytest.approx(30.0)
     assert found.loops["mav0"].ticks == 100
 
 

@@ -30,7 +30,7 @@ def fly_from_to(start, goal, *obstacles, law=None, seeds=(0,)):
     starts = np.repeat(np.array([[[*start, 1.0]]]), count, 0)
     legs = np.repeat(np.array([[[[*goal, 1.0]]]]), count, 0)
     scenario = closed_loop.Scenario(starts, legs, np.array([0.0]), 25.0)
-    result = closed_loop.fly(scenario, model, seeds, CALM, has_trace=True)
+    result = closed_loop.fly(scenario, model, seeds, CALM)
     return result, fleet
 
 
@@ -107,7 +107,7 @@ def test_pair_that_meets_at_a_pillar_passes_both_the_pillar_and_each_other():
     starts = np.array([[[-2.5, 0.0, 1.0], [2.5, 0.0, 1.0]]] * 3)
     legs = np.array([[[[2.5, 0.0, 1.0], [-2.5, 0.0, 1.0]]]] * 3)
     scenario = closed_loop.Scenario(starts, legs, np.array([0.0]), 25.0)
-    result = closed_loop.fly(scenario, model, [0, 1, 2], replace(CALM, start_m=0.05), has_trace=True)
+    result = closed_loop.fly(scenario, model, [0, 1, 2], replace(CALM, start_m=0.05))
     assert result.is_success.all()
     assert result.min_separation_m.min() > 0.8
     assert nearest_to(fleet.obstacles[0], result.trace_enu_m) > 0.25 + 0.10
