@@ -23,6 +23,7 @@ from groundstation.fleet.tick_stream import BusTickStream
 from groundstation.orders.grammar import Intent, default_formation, parse
 from groundstation.orders.plan import HeldFormation, PlannedOrder, check_again, plan_order, random_id
 from groundstation.orders.result import OrderResult, VehicleResult
+from onboard.bus.authority import GROUND
 from onboard.bus.protocol import Bus
 from onboard.bus.schema import Event, FaultOrder
 from onboard.bus.session import BusSession
@@ -62,7 +63,7 @@ class FleetClient:
         self.is_recording = False  # this ground, as announced to the vehicles
         self.author = author or _user()
         self._clock_ns = clock_ns
-        self._feed = BusFeed(bus or _session(fleet), self._take_batch, recorded=extra_topics, clock_ns=clock_ns)
+        self._feed = BusFeed(bus or session(fleet), self._take_batch, recorded=extra_topics, clock_ns=clock_ns)
         self._orders = OpenOrders(
             fleet,
             self._feed,
@@ -358,10 +359,18 @@ class FleetClient:
             listener(state)
 
 
-def _session(fleet: FleetConfig) -> BusSession:
+def session(fleet: FleetConfig, role: str = GROUND) -> BusSession:
+    """Return a new node on the fleet's bus.
+
+    Args:
+        fleet: its agents are connected to.
+        role: whether the node may order, or only watches: without one that may, vehicles land after a while.
+    Returns:
+        the node, not started.
+    """
     return BusSession(
         namespace=fleet.namespace,
-        node=f"ground-{os.getpid()}-{random_id()[:4]}",
+        node=f"{role}-{os.getpid()}-{random_id()[:4]}",
         connect=[*(fleet.vehicles[name].agent for name in fleet.enabled_names), fleet.simulator_endpoint],
     )
 

@@ -14,9 +14,10 @@ import asyncio
 from collections.abc import Sequence
 from json import dumps
 
-from groundstation.client.client import FleetClient
+from groundstation.client.client import FleetClient, session
 from groundstation.client.preflight_page import VehiclePage, as_mapping, as_text, ask, exit_status
 from groundstation.commands.parameters import FleetFile, Names, Seconds
+from onboard.bus.authority import WATCHER
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 
@@ -47,7 +48,7 @@ def preflight(
 
 
 async def _pages(fleet: FleetConfig, names: Sequence[str], timeout_s: float) -> tuple[VehiclePage, ...]:
-    client = FleetClient(fleet, operates=False)
+    client = FleetClient(fleet, operates=False, bus=session(fleet, WATCHER))
     await client.start()
     try:
         return await ask(client, names, timeout_s)

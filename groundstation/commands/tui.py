@@ -13,9 +13,10 @@ import asyncio
 import os
 import sys
 
-from groundstation.client.client import FleetClient
+from groundstation.client.client import FleetClient, session
 from groundstation.client.read_only import ReadOnlyClient
 from groundstation.commands.parameters import FleetFile
+from onboard.bus.authority import WATCHER
 from onboard.config.fleet import ConfigError, load_fleet
 
 
@@ -36,7 +37,9 @@ def tui(
     from groundstation.orders.forecast_process import Forecaster
 
     async def attach() -> int:
-        client = FleetClient(config, operates=not (view or readonly))
+        client = FleetClient(
+            config, operates=not (view or readonly), bus=session(config, WATCHER) if readonly else None
+        )
         try:
             console = ConsoleApp(
                 config,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from onboard.autopilot import Vec3
-from onboard.bus.authority import Roles
+from onboard.bus.authority import GROUND, Roles
 from onboard.config.fleet import FleetConfig
 from onboard.events import Follow
 from onboard.neighbours.subscription import SELECT_TICKS
@@ -22,7 +22,8 @@ class BusNodes:
     def update(self, node: str, is_alive: bool) -> None:
         """Take a node's appearance or end."""
         (self._names.add if is_alive else self._names.discard)(node)
-        self.has_ground = any(name.startswith("ground") for name in self._names)
+        # whoever may order counts, the operator or not; consoles that only watch have another name
+        self.has_ground = any(name.startswith(GROUND) for name in self._names)
         self.roles.see(node, is_alive)
 
     def silence_s(self, last_heard_ns: int, now_ns: int) -> float:

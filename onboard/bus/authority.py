@@ -17,6 +17,7 @@ from onboard.bus.schema import Order, OrderKind
 Role = Literal["operator", "asks", "keeps"]
 ROLES: tuple[Role, ...] = get_args(Role)
 EMERGENCY: tuple[OrderKind, ...] = ("land", "hold", "kill")  # orders that anybody may send
+GROUND, WATCHER = "ground", "watcher"  # first words of the nodes that may order, and of those that only watch
 MAX_TERM = 10**6
 _MAX_TOKENS = 64
 

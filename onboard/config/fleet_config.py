@@ -59,6 +59,7 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     battery_land_pct: float = 20.0
     direct_command_timeout_s: float = 0.3
     bus_lost_land_s: float = 5.0
+    ground_lost_land_s: float = 60.0  # vehicles in flight land when nobody has been there to order for so long
     simulator: str | None = None
 
     @property

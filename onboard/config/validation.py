@@ -71,6 +71,7 @@ def _fleet_section_problems(config: FleetConfig) -> Iterator[str]:
         ("battery_land_pct", 8.0, 100.0),
         ("direct_command_timeout_s", 0.05, 5.0),
         ("bus_lost_land_s", 0.5, 120.0),
+        ("ground_lost_land_s", 1.0, 3600.0),
     ):
         yield from bound_problems(f"fleet.{key}", getattr(fleet, key), low, high)
     for axis in ("x", "y", "z"):

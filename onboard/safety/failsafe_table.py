@@ -75,6 +75,7 @@ class Condition(Enum):
     BUS_LOST = "bus lost"
     BUS_LOST_LONG = "bus lost for long"
     GROUND_LOST = "ground station lost"
+    GROUND_LOST_LONG = "ground station lost for long"
     ORDER_OVERDUE = "order overdue"
     # other vehicles
     COLLISION_SUSPECTED = "collision suspected"
@@ -178,8 +179,10 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
         _C.SHUTDOWN: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.BUS_LOST: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.BUS_LOST_LONG: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # no emergency: the order is finished, then the vehicle holds
-        _C.GROUND_LOST: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        # no start is completed without anybody; in flight it is no emergency: the order is finished, the vehicle holds
+        _C.GROUND_LOST: (_A.GO_ON, _A.DISARM, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        # nobody comes back, and PX4's failsafe for an empty battery would land all at once, without avoidance
+        _C.GROUND_LOST_LONG: (_A.GO_ON, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # a take-off has time limits of its own; a landing that does not come down is left to PX4
         _C.ORDER_OVERDUE: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.HOLD, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
         # land, but under the law: PX4's landing would not keep away from the other vehicle

@@ -212,8 +212,11 @@ class ConditionMonitor:
             active.add(c.BUS_LOST)
             if bus_s > self.fleet.fleet.bus_lost_land_s:
                 active.add(c.BUS_LOST_LONG)
-        if not context.has_ground:
+        ground, ground_s = self.lasting(c.GROUND_LOST, not context.has_ground, now_ns)
+        if ground >= _LIVE_TICKS:
             active.add(c.GROUND_LOST)
+            if ground_s > self.fleet.fleet.ground_lost_land_s:
+                active.add(c.GROUND_LOST_LONG)
         if context.is_stopping:
             active.add(c.SHUTDOWN)
         if context.has_duplicate:

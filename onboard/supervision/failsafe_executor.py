@@ -25,7 +25,7 @@ from onboard.safety.failsafe_table import (
 from onboard.supervision.conditions import ConditionMonitor, TickContext
 
 # conditions without an event of their own
-_QUIET = {Condition.LOOP_LATE, Condition.GROUND_LOST, Condition.NOT_FINITE, Condition.SHUTDOWN}
+_QUIET = {Condition.LOOP_LATE, Condition.NOT_FINITE, Condition.SHUTDOWN}
 # conditions about other vehicles, reported again when they concern another one
 _NAMED = {
     Condition.NEIGHBOUR_SILENT,

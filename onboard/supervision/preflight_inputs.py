@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from onboard.autopilot import Vec4
+from onboard.bus.authority import GROUND, WATCHER
 from onboard.bus.schema import Telemetry
 from onboard.events import (
     ClocksCompared,
@@ -70,7 +71,9 @@ class PreflightInputs:
                 if self.vehicle in message.doubles:
                     self._duplicate_ns = received_ns
             case ClocksCompared(bounds_s):
-                self.clock_bounds_s = {node: bound for node, bound in bounds_s.items() if not node.startswith("ground")}
+                self.clock_bounds_s = {
+                    node: bound for node, bound in bounds_s.items() if not node.startswith((GROUND, WATCHER))
+                }
             case NodeChanged(node, is_alive) if node.partition("-")[0] == RECORDER:
                 (self._recorders.add if is_alive else self._recorders.discard)(node)
             case ParamsRead(problems):

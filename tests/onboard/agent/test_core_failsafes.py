@@ -101,6 +101,45 @@ def test_a_lost_ground_station_changes_nothing_in_flight() -> None:
     assert rig.core.flight.state == "flying"
 
 
+def test_when_nobody_is_there_to_order_for_long_it_lands_and_a_watcher_does_not_count() -> None:
+    rig = Rig()
+    rig.fly()
+    rig.core.handle(ev.NodeChanged("ground-2", True), rig.now_ns)
+    rig.core.handle(ev.NodeChanged("watcher-1", True), rig.now_ns)
+    rig.core.handle(ev.NodeChanged("ground-1", False), rig.now_ns)
+    rig.run(61.0)
+    assert rig.core.flight.state == "flying"  # another ground is there
+    rig.core.handle(ev.NodeChanged("ground-2", False), rig.now_ns)
+    rig.run(25.0)
+    rig.core.handle(ev.NodeChanged("ground-1", True), rig.now_ns)  # it was stopped for that long
+    rig.run(1.0)
+    rig.core.handle(ev.NodeChanged("ground-1", False), rig.now_ns)
+    rig.run(59.5)
+    assert rig.core.flight.state == "flying"
+    rig.run(1.0)
+    assert rig.core.flight.step is Step.DESCENT
+    assert rig.core.flight.reason == "Ground station lost for long: landing."
+    rig.until("landed")
+    assert rig.count(ev.Px4Land) == 0
+
+
+@pytest.mark.parametrize("step", [Step.TAKEOFF_OFFBOARD, Step.TAKEOFF_ARMING, Step.ARMED, Step.LIFTOFF])
+def test_no_start_is_completed_without_anybody(step: Step) -> None:
+    rig = Rig()
+    rig.until("ready")
+    rig.order("arm" if step is Step.ARMED else "takeoff")
+    while rig.core.flight.step is not step:
+        rig.step()
+    rig.core.handle(ev.NodeChanged("ground-1", False), rig.now_ns)
+    highest_m = 0.0
+    for _ in range(500):
+        rig.step()
+        highest_m = max(highest_m, rig.position[2])
+    assert not rig.is_armed
+    assert highest_m < (0.5 if step is Step.LIFTOFF else 0.01)
+    assert any(event.code == "ground-lost" for event in rig.events)
+
+
 def test_a_low_battery_lands() -> None:
     rig = Rig()
     rig.fly()

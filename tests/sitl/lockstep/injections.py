@@ -104,6 +104,10 @@ def _lose_ground(flight: Lockstep, _name: str) -> None:
     flight.at(flight.time_s + 2.0, flight.bus.heal)
 
 
+def _lose_ground_for_good(flight: Lockstep, _name: str) -> None:
+    flight.bus.partition([GROUND])
+
+
 def _bad_bus(flight: Lockstep, name: str) -> None:
     bad = BusSettings(delay_s=0.01, jitter_s=0.02, loss=0.3, reorder=0.2, duplicate=0.2)
     for other in flight.config.enabled_names:
@@ -287,6 +291,8 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection("all cut apart, mocap stays", _cut(6.0, keeps=("sitl",), all_agents=True),
               _f(C.BUS_LOST, C.BUS_LOST_LONG, *_SILENT), is_cut_off=True),
     Injection("ground lost", _lose_ground, _f(C.GROUND_LOST), is_cut_off=True),
+    Injection("ground lost for good", _lose_ground_for_good, _f(C.GROUND_LOST_LONG), _f(C.GROUND_LOST_LONG),
+              is_cut_off=True),
     Injection("bad bus", _bad_bus),
     Injection("nonsense on the bus", _nonsense),
     Injection("battery cell fails", _fault("battery_cell", drop_pct=80.0),

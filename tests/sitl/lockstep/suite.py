@@ -76,7 +76,8 @@ def fleet_of(count: int) -> FleetConfig:
         name: (0.9 * x, 0.9 * y, 0.0)
         for name, (x, y, _) in zip(fleet.enabled_names, starts[1:] + starts[:1], strict=True)
     }
-    return msgspec.structs.replace(fleet, formations={**fleet.formations, "turned": turned})
+    section = msgspec.structs.replace(fleet.fleet, ground_lost_land_s=4.0)
+    return msgspec.structs.replace(fleet, fleet=section, formations={**fleet.formations, "turned": turned})
 
 
 @functools.lru_cache

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
+from onboard.bus.protocol import LEASE_MS
+from onboard.flight.types import Step
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.bus import BusSettings
 from tests.sitl.lockstep.suite import fleet_of, mission_of
@@ -75,6 +78,18 @@ def test_without_the_ground_the_order_is_finished_and_the_vehicle_stays(lockstep
     flight.bus.heal()
     flight.run(1.0)
     assert all(result.is_done for result in flight.land().values())
+
+
+def test_without_the_ground_for_long_all_land_under_the_law(lockstep, paper):
+    section = msgspec.structs.replace(paper.fleet, ground_lost_land_s=2.0)
+    flight = lockstep(msgspec.structs.replace(paper, fleet=section), seed=8)
+    flight.takeoff(1.0)
+    flight.bus.partition(["ground-1"])
+    flight.run(1e-3 * LEASE_MS + 2.3)
+    assert {shell.core.flight.step for shell in flight.agents.values()} == {Step.DESCENT}
+    flight.run(8.0)
+    assert {shell.core.flight.state for shell in flight.agents.values()} <= {"landed", "ready"}
+    assert flight.min_separation_m > 0.8
 
 
 def test_an_agent_cut_off_from_everybody_loses_its_position_and_px4_lands_it(lockstep, paper):
