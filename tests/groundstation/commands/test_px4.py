@@ -14,7 +14,14 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.client.direct_mavlink import DirectParams
-from groundstation.commands.px4_params import ParameterState, VehicleParams, as_text, exit_status, read_or_set, store
+from groundstation.commands.px4.vehicle_parameters import (
+    ParameterState,
+    VehicleParams,
+    as_text,
+    exit_status,
+    read_or_set,
+    store,
+)
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.px4.port_lock import PortClaim
 from onboard.px4.required_params import all_params, differences, required_params
@@ -115,7 +122,7 @@ def test_parameters_that_px4_did_not_store_are_no_success(
 ) -> None:
     with monkeypatch.context() as patch:
         patch.setattr("onboard.px4.mavsdk_link.Px4Link.request_storage", lambda *_: 4)  # failed
-        patch.setattr("groundstation.commands.px4_params._STORE_S", 0.3)
+        patch.setattr("groundstation.commands.px4.vehicle_parameters._STORE_S", 0.3)
         answer = read_or_set(fleet.vehicles["solo"], applies=True)
     assert not answer.is_fine
     assert "did not confirm that it stored them" in as_text([answer])
@@ -163,7 +170,7 @@ def test_an_armed_vehicle_is_read_but_never_set(fleet: FleetConfig, emulator: su
 def test_without_an_answer_the_status_is_10_and_the_sentence_says_what_to_do(
     fleet: FleetConfig, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundstation.commands.px4_params._ANSWER_S", 0.3)
+    monkeypatch.setattr("groundstation.commands.px4.vehicle_parameters._ANSWER_S", 0.3)
     assert main(["px4", "params", "--fleet", fleet.path]) == 10
     assert "Start PX4, or check cable and ports." in capsys.readouterr().out
     assert main(["px4", "params", "--fleet", fleet.path, "--vehicles", "nobody"]) == 2

@@ -15,7 +15,7 @@ from json import dumps
 from cyclopts import App
 
 from groundstation.commands.parameters import FleetFile, Names
-from groundstation.commands.px4_params import as_mapping, as_text, exit_status, read_or_set
+from groundstation.commands.px4.vehicle_parameters import as_mapping, as_text, exit_status, read_or_set
 from onboard.config.fleet import ConfigError, load_fleet
 
 _LARGEST_BATCH = 8
