@@ -52,6 +52,7 @@ COMMANDS = (
     Command("tui", _FLY, "the console, attached to a fleet"),
     Command("web", _FLY, "the console in a browser of this machine"),
     Command("order", _FLY, "one order to a flying fleet, from a shell or a script"),
+    Command("init", _BEFORE, "a commented fleet file and a first mission, from a few questions"),
     Command("check", _BEFORE, "whether fleet or mission files are right and can be flown"),
     Command("preflight", _BEFORE, "go or no-go of every vehicle, check by check"),
     Command("px4", _BEFORE, "PX4's parameters: what this fleet needs and why, read and set"),

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.plain_text import plain_line, plain_lines
-from groundstation.missions.files import Mission, load_mission
+from groundstation.missions.files import Mission, load_mission, with_fleet
 from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.findings import refuse_unflyable
 from groundstation.missions.interruption import listen, listen_no_more
@@ -45,7 +45,7 @@ class Settings:
 
 
 def prepare(
-    mission_path: str,
+    mission: Mission | str,
     folder: Path,
     *,
     fleet_path: str | None,
@@ -59,17 +59,19 @@ def prepare(
     """Check everything before anything starts, and put the files that are really used into the folder.
 
     Args:
+        mission: as it was read, or its path.
         needs_ports: False for a flight without sockets.
     Raises:
         ConfigError: wrong files, wrong combination, ports in use, no terminal, a folder that cannot be used.
     """
     if law is not None and not is_simulated:
         raise ConfigError("--law is for simulated flights: agents that run already fly the law of their fleet file.")
-    mission = load_mission(mission_path, fleet_path)
+    if isinstance(mission, str):
+        mission = load_mission(mission, fleet_path)
     if is_simulated:
         has_own_ports = has_free_ports or (needs_ports and not is_local(mission.fleet))
         fleet = _own_fleet(mission.fleet, folder, law, has_own_ports)
-        mission = load_mission(mission_path, fleet)
+        mission = with_fleet(mission, fleet)
         busy = busy_ports(fleet) if needs_ports else []
         if busy:
             more = f" ({len(busy)} ports are in use)" if len(busy) > 1 else ""

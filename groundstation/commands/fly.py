@@ -20,6 +20,7 @@ from cyclopts import Parameter
 
 from groundstation.commands.flight import MissionFlight, clock_say, prepare
 from groundstation.commands.parameters import BusOptions, FlightOptions
+from groundstation.missions.files import Mission
 from onboard.config.fleet import ConfigError
 
 _OPTIONS, _BUS = FlightOptions(), BusOptions()
@@ -43,7 +44,7 @@ def fly(
 
 
 def fly_mission(
-    mission: str, options: FlightOptions, bus: BusOptions, *, is_simulated: bool, has_free_ports: bool
+    mission: Mission | str, options: FlightOptions, bus: BusOptions, *, is_simulated: bool, has_free_ports: bool
 ) -> int:
     """Fly a mission as the options say; the exit status.
 

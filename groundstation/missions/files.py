@@ -159,6 +159,24 @@ def load_mission(path: str | os.PathLike[str], fleet: FleetConfig | str | None =
     return mission_from_mapping(data, path=name, text=text, fleet=fleet)
 
 
+def with_fleet(mission: Mission, fleet: FleetConfig) -> Mission:
+    """Check a mission again for another fleet.
+
+    Args:
+        mission: as it was read.
+        fleet: instead of its own.
+
+    Returns:
+        The same mission with that fleet.
+
+    Raises:
+        ConfigError: as :func:`load_mission`.
+    """
+    changed = msgspec.structs.replace(mission, fleet=fleet)
+    _check_steps(changed)
+    return changed
+
+
 def mission_from_mapping(
     data: dict[str, Any], *, path: str, text: str = "", fleet: FleetConfig | str | None = None
 ) -> Mission:

@@ -23,6 +23,7 @@ _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
 STOP_TIMEOUT_S = 4.0
 _LOOPS_PER_CORE = 5
+_MOST_PER_CORE = 6.5  # flights of 13 on two cores kept their time, of 20 did not: docs/processes.md
 LOG_TAIL_LINES = 6
 
 
@@ -35,6 +36,11 @@ def agent_command(path: str, name: str, *, is_realtime: bool = True) -> list[str
 def leaves_room(count: int) -> bool:
     """Whether so many loops may go first on this machine: more of them would leave nothing for network and ground."""
     return count <= _LOOPS_PER_CORE * (os.cpu_count() or 1)
+
+
+def most_agents() -> int:
+    """Return how many agents this machine flies in real time, with their emulator beside them."""
+    return int(_MOST_PER_CORE * (os.cpu_count() or 1))
 
 
 class ProcessError(RuntimeError):

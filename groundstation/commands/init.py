@@ -1,0 +1,127 @@
+"""``covey init``: a commented fleet file and a first mission, from a few questions or options.
+
+Examples:
+  covey init lab
+  covey init lab --vehicles 4 --position optitrack --mocap-host 192.168.1.2 --companions 192.168.1.11
+  covey init field --vehicles 3 --position gps --origin 47.3977,8.5456,489.4 --companions 10.0.0.11,10.0.0.12,10.0.0.20
+  covey init sandbox --vehicles 6 --companions here --type ardrone
+
+In a terminal it asks for what no option says; elsewhere it takes the defaults. Exit status: 0 written; 2 wrong input,
+nothing written.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+from cyclopts import Parameter
+
+from groundstation.starter.files import HERE, Answers, Position, starter, type_names
+from onboard.config.fleet import ConfigError
+from onboard.exit_status import EXIT_OK
+
+_Host = Annotated[str | None, Parameter(metavar="HOST")]
+
+
+def init(
+    folder: Annotated[Path, Parameter(name="DIR")] = Path("."),
+    /,
+    *,
+    name: str | None = None,
+    vehicles: Annotated[int | None, Parameter(metavar="N")] = None,
+    position: Annotated[Position | None, Parameter(choices=get_args(Position))] = None,
+    mocap_host: _Host = None,
+    origin: Annotated[str | None, Parameter(metavar="LAT,LON,ALT")] = None,
+    companions: Annotated[str | None, Parameter(metavar="HOSTS")] = None,
+    autopilot: Annotated[str | None, Parameter(metavar="ENDPOINT")] = None,
+    spacing: Annotated[float | None, Parameter(metavar="METRES")] = None,
+    type: Annotated[str | None, Parameter(metavar="TYPE")] = None,
+    mass: Annotated[float | None, Parameter(metavar="KG")] = None,
+    force: bool = False,
+) -> int:
+    """Write DIR/fleet.toml and DIR/mission.toml, commented, and such that covey check passes them.
+
+    Args:
+        folder: folder of the files
+        name: of the fleet, a part of its names on the bus
+        vehicles: how many
+        position: the motion capture indoors; "bus" for poses of a program of yours or of the emulator; "gps" outdoors
+        mocap_host: computer on which the motion capture's program runs
+        origin: latitude, longitude and altitude of the fleet's 0, 0, 0 outdoors
+        companions: address of the first companion computer, which is counted up, or all with commas; "here" to simulate
+        autopilot: PX4 as each companion sees it
+        spacing: distance of the take-off spots
+        type: a type of the examples, or a new name
+        mass: of a new type
+        force: overwrite files that are there
+    """
+    paths = [folder / "fleet.toml", folder / "mission.toml"]
+    taken = [str(path) for path in paths if path.exists()]
+    if taken and not force:
+        raise ConfigError(f"{' and '.join(taken)} exist already. Name another folder, or overwrite with --force.")
+    given: dict[str, Any] = {
+        "name": name,
+        "vehicles": vehicles,
+        "position": position,
+        "mocap_host": mocap_host,
+        "origin": origin,
+        "companions": companions,
+        "autopilot": autopilot,
+        "spacing_m": spacing,
+        "type": type,
+        "mass_kg": mass,
+    }
+    answers = {key: value for key, value in given.items() if value is not None}
+    if sys.stdin.isatty() and sys.stdout.isatty():
+        _ask(answers)
+    made = starter(Answers(**answers))
+    folder.mkdir(parents=True, exist_ok=True)
+    for path, text in zip(paths, (made.fleet_text, made.mission_text), strict=True):
+        path.write_text(text, encoding="utf-8")
+    fleet_path, mission_path = paths
+    print(f"Written: {fleet_path} for {len(made.fleet.vehicles)} vehicles, and {mission_path}.")
+    print("Both have comments on what to measure and to look up. Next:")
+    for command, what in (
+        (f"covey check {mission_path}", "what can be flown, and how closely"),
+        (f"covey fly {mission_path} --lockstep", "the flight in simulated time: seconds"),
+        (f"covey fly {mission_path} --sitl", "the same with console, agents and emulated PX4s"),
+        (f"covey preflight --fleet {fleet_path}", "the real vehicles; first read docs/deployment.md"),
+    ):
+        print(f"  {command:<50} {what}")
+    return EXIT_OK
+
+
+def _ask(answers: dict[str, Any]) -> None:
+    """Ask for what no option has said; an empty line takes the default."""
+    defaults = {field.name: field.default for field in fields(Answers)}
+    positions = get_args(Position)
+
+    def ask(key: str, question: str, kind: type[int] | type[float] | type[str] = str) -> None:
+        while key not in answers:
+            word = input(f"{question} [{defaults[key]}]: ").strip()
+            try:
+                answers[key] = kind(word) if word else defaults[key]
+            except ValueError:
+                print(f"'{word}' is no number.")
+            if key == "position" and answers.get(key) not in positions:
+                print(f"One of {', '.join(positions)}.")
+                del answers[key]
+
+    ask("vehicles", "How many vehicles", int)
+    ask("position", f"Where do their positions come from ({', '.join(positions)})")
+    if answers["position"] == "gps":
+        ask("origin", "Latitude, longitude, altitude of the fleet's 0, 0, 0")
+    elif answers["position"] != "bus":
+        ask("mocap_host", "Address of the computer on which its program runs")
+    ask("companions", f"Address of the first companion computer, or all with commas ('{HERE}' to simulate)")
+    if answers["companions"] != HERE:
+        ask("autopilot", "PX4 as each companion sees it")
+    ask("type", f"Type of the vehicles ({', '.join(type_names())}, or a new name)")
+    if answers["type"] not in type_names():
+        ask("mass_kg", "Mass with battery in kg", float)
+    if "spacing_m" not in answers:
+        word = input("Distance of the take-off spots in metres [enough for the law]: ").strip()
+        answers["spacing_m"] = float(word) if word.replace(".", "", 1).isdigit() else None

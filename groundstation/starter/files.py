@@ -1,0 +1,305 @@
+"""A commented fleet file and a first mission, written from a few answers; both are checked before they are used."""
+
+from __future__ import annotations
+
+import ipaddress
+import itertools
+import math
+import re
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from json import dumps
+from typing import Literal, get_args
+
+from groundstation.missions.files import Mission, mission_from_mapping
+from groundstation.missions.findings import refuse_unflyable
+from groundstation.starter.layout import Plan, grid, half_width_m, ring
+from onboard.config.example_files import EXAMPLES
+from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, read_toml
+from onboard.config.mocap import SystemType
+
+Position = Literal["optitrack", "vicon", "qualisys", "vrpn", "motionanalysis", "bus", "gps"]
+HERE = "here"
+MOST = 200  # of MAVLink's 255 system ids; some are other programs'
+_FIRST_PORT, _FIRST_ONBOARD, _FIRST_DIRECT = 7460, 14540, 18570
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answers:
+    """All that a new fleet file is written from."""
+
+    name: str = "fleet"
+    vehicles: int = 3
+    position: Position = "bus"
+    mocap_host: str = "192.168.1.2"
+    origin: str = "47.397742,8.545594,489.4"  # latitude, longitude [deg], altitude [m]
+    companions: str = HERE  # first address, or all of them
+    autopilot: str = "serial:///dev/ttyAMA0:921600"  # as each companion sees its PX4
+    spacing_m: float | None = None
+    type: str = "quad"
+    mass_kg: float = 1.0
+
+    @property
+    def is_outdoors(self) -> bool:
+        """Whether the vehicles fly by satellites."""
+        return self.position == "gps"
+
+
+@dataclass(frozen=True, slots=True)
+class Starter:
+    """Texts of the new files, and what they mean."""
+
+    fleet_text: str
+    mission_text: str
+    fleet: FleetConfig
+    mission: Mission
+
+
+def starter(answers: Answers) -> Starter:
+    """Write fleet file and mission, and check both as if they were flown now.
+
+    Args:
+        answers: of the operator.
+    Returns:
+        texts and values.
+    Raises:
+        ConfigError: an answer is wrong, or the law cannot fly such a fleet.
+    """
+    if not 1 <= answers.vehicles <= MOST:
+        raise ConfigError(f"--vehicles is {answers.vehicles}; it must lie between 1 and {MOST}.")
+    if answers.spacing_m is not None and not (math.isfinite(answers.spacing_m) and 0.1 <= answers.spacing_m <= 100.0):
+        raise ConfigError(f"--spacing is {answers.spacing_m:g}; it must lie between 0.1 and 100 m.")
+    if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", answers.type):
+        raise ConfigError(f"--type is {answers.type!r}; a type has 1 to 40 of A-Z a-z 0-9 _ - as its name.")
+    spacing_m = answers.spacing_m or (4.0 if answers.is_outdoors else 1.6)
+    names = [f"mav{index}" for index in range(answers.vehicles)]
+    spots = grid(answers.vehicles, spacing_m)
+    slots = ring(answers.vehicles, (1.3 if answers.is_outdoors else 1.1) * spacing_m, spots)
+    fleet_text = _fleet_text(answers, names, spots, slots, spacing_m)
+    fleet = fleet_from_mapping(tomllib.loads(fleet_text), path="fleet.toml", text=fleet_text)
+    mission_text = _mission_text(answers, fleet, _seconds(spots, slots, answers))
+    data = tomllib.loads(mission_text)
+    mission = mission_from_mapping(data, path="mission.toml", text=mission_text, fleet=fleet)
+    refuse_unflyable(mission, is_simulated=False)
+    return Starter(fleet_text, mission_text, fleet, mission)
+
+
+def type_names() -> list[str]:
+    """Return the vehicle types of the examples; any other name is a new type with cautious values."""
+    return sorted(_example_types())
+
+
+def _example_types() -> dict[str, dict[str, object]]:
+    data = [read_toml(f"{EXAMPLES}/fleets/{name}.toml", "fleet file")[0] for name in ("sih", "paper")]
+    return {name: table for each in data for name, table in each["types"].items()}
+
+
+def _fleet_text(answers: Answers, names: Sequence[str], spots: list[Plan], slots: list[Plan], spacing_m: float) -> str:
+    half_m = half_width_m([*spots, *slots], 2.0 * spacing_m if answers.is_outdoors else 1.5)
+    low_m, high_m = (-1.0, 10.0) if answers.is_outdoors else (0.0, 3.0)
+    parts = [
+        "# Written by covey init. docs/fleet-file.md explains every key; covey check says whether it can be flown.",
+        "schema = 1",
+        "",
+        "[fleet]",
+        f"name = {dumps(answers.name)}  # a part of the names on the bus: one for each fleet of your network",
+        *_origin(answers),
+        f"safety_distance_m = {1.2 if answers.is_outdoors else 0.8:.2f}  # centres are never nearer",
+        "body_diameter_m = 0.50  # from propeller tip to propeller tip: measure yours",
+        "# the box that nobody leaves, fleet frame: x east, y north, z up. Measure your net",
+        f"geofence_m = {{ x = [{-half_m}, {half_m}], y = [{-half_m}, {half_m}], z = [{low_m}, {high_m}] }}",
+        "battery_warning_pct = 30",
+        "battery_land_pct = 20  # a vehicle below it lands by itself",
+        "",
+        "[law]",
+        'name = "covey"',
+        *_law(answers),
+        *_mocap(answers, names),
+        "",
+        "[formations.ring]  # offsets from the formation's position: east, north, up",
+        *(f"{name} = [{x}, {y}, 0.0]" for name, (x, y) in zip(names, slots, strict=True)),
+        "",
+        *_type(answers),
+        "",
+        "[defaults]",
+        f'type = "{answers.type}"',
+        *itertools.chain.from_iterable(_vehicles(answers, names, spots)),
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def _origin(answers: Answers) -> list[str]:
+    if not answers.is_outdoors:
+        return ['origin = "mocap"  # the fleet frame is the motion capture\'s']
+    try:
+        latitude, longitude, altitude = (float(part) for part in answers.origin.split(","))
+    except ValueError:
+        raise ConfigError(
+            f"--origin is '{answers.origin}'; write LATITUDE,LONGITUDE,ALTITUDE in degrees and metres, such as "
+            "47.397742,8.545594,489.4."
+        ) from None
+    return [
+        "# the point of the Earth that is 0, 0, 0 of the fleet frame: the same in every vehicle's file",
+        f"origin = {{ latitude_deg = {latitude}, longitude_deg = {longitude}, altitude_m = {altitude} }}",
+    ]
+
+
+def _law(answers: Answers) -> list[str]:
+    if not answers.is_outdoors:
+        return []
+    return [
+        "# positions of satellites are wrong by 0.2 m and 0.2 m/s for seconds: what that costs",
+        'margin = "fixed"',
+        "design_margin_m = 1.35",
+        "shortfall_gain = 0.6",
+        "v_perp_m_s = 0.5",
+        "v_perp_crowd_m_s = 0.7",
+        "range_m = 15.0",
+    ]
+
+
+def _mocap(answers: Answers, names: Sequence[str]) -> list[str]:
+    if answers.position == "bus":
+        return [
+            "",
+            "# No [mocap]: somebody publishes each vehicle's pose on the bus. In simulation covey sitl does",
+        ]
+    if answers.position not in get_args(SystemType):
+        return []
+    up = "y" if answers.position in ("optitrack", "motionanalysis") else "z"
+    return [
+        "",
+        "[mocap]  # docs/mocap.md",
+        'source = "motioncapture"',
+        f'type = "{answers.position}"',
+        f"hostname = {dumps(answers.mocap_host)}  # the computer on which its program runs",
+        f'up = "{up}"  # the axis that points up, as that program streams it: look there',
+        "yaw_deg = 0.0  # then turn about up until its x axis is the fleet's east",
+        "latency_s = 0.010  # covey mocap --check measures it",
+        f"# name the bodies there {', '.join(names[:3])}{', ...' if len(names) > 3 else ''}, nose along x, z up",
+    ]
+
+
+def _type(answers: Answers) -> list[str]:
+    known = _example_types().get(answers.type)
+    head = [f"[types.{answers.type}]"]
+    position = (
+        'mocap_required = false\npx4_position = "gps"\n'
+        "# satellites for place and speed, not for height, which wanders by a metre with them\n"
+        "px4_params = { EKF2_GPS_CTRL = 5 }"
+        if answers.is_outdoors
+        else "mocap_required = true"
+    )
+    if known is not None:
+        lines = [f"{key} = {value}" for key, value in known.items() if isinstance(value, float)]
+        sitl = known.get("sitl")
+        more = [f"{key} = {value}" for key, value in sitl.items()] if isinstance(sitl, dict) else []
+        return [*head, *lines, position, "", f"[types.{answers.type}.sitl]  # of the emulator only", *more]
+    return [
+        *head,
+        f"mass_kg = {answers.mass_kg}  # with battery",
+        "# The next five are cautious values of a quadrotor of 0.3 to 3 kg. Fly one vehicle alone with them,",
+        "# then put in what covey identify measures.",
+        "hover_thrust_frac = 0.5  # the throttle that hovers: MPC_THR_HOVER of a tuned PX4",
+        "attitude_delay_s = 0.04",
+        "attitude_wn_rad_s = 9.0  # how quickly it tilts; a lower value keeps more distance",
+        "attitude_zeta = 0.7",
+        "drag_1_s = 0.3",
+        "max_tilt_deg = 25.0",
+        f"max_speed_m_s = {1.3 if answers.is_outdoors else 1.0}",
+        position,
+    ]
+
+
+def _vehicles(answers: Answers, names: Sequence[str], spots: list[Plan]) -> list[list[str]]:
+    hosts = companion_addresses(answers.companions, len(names))
+    tables = []
+    for index, (name, host, (x, y)) in enumerate(zip(names, hosts, spots, strict=True)):
+        lines = ["", f"[vehicles.{name}]"]
+        lines.append(f"system_id = {index + 1}  # MAV_SYS_ID of its PX4")
+        lines.append(f"start_enu_m = [{x}, {y}, 0.0]")
+        if answers.companions == HERE:
+            lines.append(f'agent = "tcp/127.0.0.1:{_FIRST_PORT + index}"')
+            lines.append(f'autopilot = "udpin://127.0.0.1:{_FIRST_ONBOARD + index}"')
+            lines.append(f'direct = "udpout://127.0.0.1:{_FIRST_DIRECT + index}"')
+        else:
+            lines.append(f"agent = {dumps(f'tcp/{host}:{_FIRST_PORT}')}  # its companion computer")
+            lines.append(f"autopilot = {dumps(answers.autopilot)}  # PX4 as that computer sees it")
+            lines.append(f'# direct = "udpout://ADDRESS:{_FIRST_DIRECT}"  # PX4 past the companion')
+        if not answers.is_outdoors:
+            lines.append(f'mocap_body = "{name}"')
+        tables.append(lines)
+    return tables
+
+
+def companion_addresses(words: str, count: int) -> list[str]:
+    """Return the address of each vehicle's companion computer.
+
+    Args:
+        words: ``here``, the first IPv4 address, from which is counted up, or all addresses with commas between.
+        count: how many vehicles.
+    Returns:
+        one address each.
+    Raises:
+        ConfigError: too few or too many addresses, or no address to count from.
+    """
+    given = [word.strip() for word in words.split(",")]
+    if words == HERE:
+        return ["127.0.0.1"] * count
+    if len(given) == count:
+        return given
+    try:
+        first = ipaddress.IPv4Address(given[0])
+        if len(given) == 1:
+            return [str(first + index) for index in range(count)]
+    except ValueError:
+        pass
+    raise ConfigError(
+        f"--companions is '{words}'; give '{HERE}', the first address (192.168.1.11), from which is counted up, or "
+        f"all {count} with commas between."
+    )
+
+
+def _seconds(spots: list[Plan], slots: list[Plan], answers: Answers) -> int:
+    """Time for a change of formation, with room for detours."""
+    longest_m = max(math.dist(spot, slot) for spot, slot in zip(spots, slots, strict=True))
+    return 30 + 10 * math.ceil(0.5 * longest_m + 0.1 * answers.vehicles)
+
+
+def _mission_text(answers: Answers, fleet: FleetConfig, seconds: int) -> str:
+    height_m, near_m = (2.5, 1.2) if answers.is_outdoors else (1.0, 0.15)
+    return f"""\
+# A first mission, written by covey init: take off, form a ring, move it, land. docs/mission-file.md explains every key.
+# Simulated: covey fly mission.toml --lockstep, or with console and real processes: covey fly mission.toml --sitl
+schema = 1
+fleet = "fleet.toml"
+
+[[step]]
+do = "takeoff"
+height_m = {height_m}
+timeout_s = 60
+
+[[step]]
+do = "formation"
+name = "ring"
+position_enu_m = [0.0, 0.0, {height_m}]
+timeout_s = {seconds}
+
+[[step]]
+do = "move"  # of all vehicles: the formation's position
+position_enu_m = [0.3, 0.0, {height_m + 0.2}]
+timeout_s = 40
+
+[[step]]
+do = "land"
+timeout_s = 90
+
+[expect]  # the verdict after the flight, and the exit status
+min_separation_m = {fleet.fleet.safety_distance_m:.2f}
+arrived_within_m = {near_m}
+all_landed = true
+
+[on_failure]  # of any step
+do = "land"
+"""

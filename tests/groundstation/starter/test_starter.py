@@ -1,0 +1,113 @@
+"""First files of new users: each combination of answers passes the checks, flies, and overwrites nothing."""
+
+from __future__ import annotations
+
+import builtins
+import sys
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from groundstation import cli
+from groundstation.commands.check import examine
+from groundstation.processes.supervisor import most_agents
+from groundstation.starter.files import Answers, Position, companion_addresses, starter, type_names
+from onboard.config.fleet import ConfigError, parking_distance_m
+from sitl.lockstep.flight import Lockstep
+
+
+def test_every_combination_of_answers_passes_the_check(tmp_path: Path) -> None:
+    for position in get_args(Position):
+        for count in (1, 2, 5, 13) if position in ("bus", "gps") else (3,):
+            for kind in (*type_names(), "own"):
+                made = starter(Answers(vehicles=count, position=position, type=kind, companions="10.0.0.11"))
+                (tmp_path / "fleet.toml").write_text(made.fleet_text)
+                (tmp_path / "mission.toml").write_text(made.mission_text)
+                findings = examine(str(tmp_path / "mission.toml"))[2]  # with those of its fleet
+                left = {finding.name for finding in findings if finding.status != "ok"}
+                assert left <= {"kappas"}, (position, count, kind)  # the paper's drones are slow
+                assert all(finding.status != "refused" for finding in findings)
+
+
+def test_the_files_say_where_each_computer_is() -> None:
+    made = starter(Answers(vehicles=3, position="vicon", companions="10.0.0.9", autopilot="udpin://0.0.0.0:14540"))
+    assert [vehicle.host for vehicle in made.fleet.vehicles.values()] == ["10.0.0.9", "10.0.0.10", "10.0.0.11"]
+    assert made.fleet.mocap.type == "vicon"
+    assert companion_addresses("one.local, two.local", 2) == ["one.local", "two.local"]
+
+
+@pytest.mark.parametrize(
+    ("answers", "words"),
+    [
+        ({"vehicles": 0}, "between 1 and"),
+        ({"spacing_m": 0.9}, f"{parking_distance_m(starter(Answers()).fleet):.2f} m or more"),
+        ({"spacing_m": float("nan")}, "between 0.1 and 100"),
+        ({"companions": "one,two"}, "all 3 with commas"),
+        ({"companions": "drone-one"}, "all 3 with commas"),
+        ({"position": "gps", "origin": "47,8"}, "LATITUDE,LONGITUDE,ALTITUDE"),
+        ({"name": 'a"b'}, "fleet.name"),
+        ({"type": 'a"b'}, "--type"),
+        ({"companions": "10.0.0.1", "autopilot": 'x"'}, "autopilot"),
+        ({"mass_kg": -1.0}, "mass_kg"),
+    ],
+)
+def test_a_wrong_answer_is_refused_in_words(answers: dict[str, object], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        starter(Answers(**answers))  # type: ignore[arg-type]
+
+
+def test_init_writes_two_files_and_overwrites_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["init", "lab", "--vehicles", "4", "--position", "optitrack", "--companions", "10.0.0.11"]) == 0
+    assert "covey fly lab/mission.toml --lockstep" in capsys.readouterr().out
+    assert cli.main(["check", "lab/fleet.toml", "lab/mission.toml"]) == 0
+    text = (tmp_path / "lab/fleet.toml").read_text()
+    assert cli.main(["init", "lab", "--vehicles", "5"]) == 2
+    assert "exist already" in capsys.readouterr().err
+    assert (tmp_path / "lab/fleet.toml").read_text() == text
+    assert cli.main(["init", "lab", "--vehicles", "5", "--force"]) == 0
+    assert "[vehicles.mav4]" in (tmp_path / "lab/fleet.toml").read_text()
+
+
+def test_in_a_terminal_init_asks_for_what_no_option_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    words = ["five", "5", "radar", "qualisys", "10.1.1.1", "10.1.1.11", "", "racer", "0.4", ""]
+    asked = []
+
+    def answer(question: str) -> str:
+        asked.append(question)
+        return words[len(asked) - 1]
+
+    monkeypatch.setattr(builtins, "input", answer)
+    for stream in (sys.stdin, sys.stdout):
+        monkeypatch.setattr(stream, "isatty", lambda: True, raising=False)
+    assert cli.main(["init", str(tmp_path), "--name", "lab"]) == 0
+    assert len(asked) == len(words)
+    text = (tmp_path / "fleet.toml").read_text()
+    for part in (
+        "mav4",
+        'type = "qualisys"',
+        "10.1.1.15:7460",
+        "[types.racer]",
+        "mass_kg = 0.4",
+        "serial:///dev/ttyAMA0",
+    ):
+        assert part in text, part
+
+
+def test_the_first_mission_flies() -> None:
+    made = starter(Answers(vehicles=2, position="optitrack", companions="10.0.0.11"))
+    with Lockstep(made.fleet, seed=1) as flight:
+        assert flight.fly(made.mission).passed
+
+
+def test_the_demo_flies_no_more_than_the_machine_can(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["demo", "--headless", "--vehicles", str(most_agents() + 1)]) == 2
+    assert "--lockstep" in capsys.readouterr().err
+    assert cli.main(["demo", "--vehicles", "3", "--mission", "paper"]) == 2
+    assert list(tmp_path.iterdir()) == []
