@@ -142,6 +142,11 @@ class VehicleClock:
     _first: tuple[float, float] | None = None
     _shown_s: float = 0.0
 
+    @property
+    def is_known(self) -> bool:
+        """Whether a stamp has come."""
+        return self._first is not None
+
     def stamp(self, port_s: float, boot_s: float) -> None:
         """A stamp arrived."""
         if self._first is None or boot_s < self.boot_s - 0.5:
@@ -168,6 +173,7 @@ class Recording:
     frames: int = 0
     v1_frames: int = 0
     octets: int = 0
+    _undated: list[tuple[Packet, float]] = field(default_factory=list)  # came before the first stamp, and when
 
     def take(self, datagram: bytes, clock: VehicleClock, port_s: float) -> None:
         """File the frames of a datagram."""
@@ -187,8 +193,15 @@ class Recording:
                 clock.stamp(port_s, int.from_bytes(stamp, "little") * 1e-3)
             self.frames += 1
             self.v1_frames += is_v1
-            self.packets[message_id].append(Packet(clock.now_s(port_s), message_id, is_v1, frame))
+            packet = Packet(clock.now_s(port_s), message_id, is_v1, frame)
+            self.packets[message_id].append(packet)
+            if not clock.is_known:
+                self._undated.append((packet, port_s))
             start += length
+        if clock.is_known and self._undated:
+            for packet, came_s in self._undated:
+                packet.at_s = max(0.0, clock.boot_s - (port_s - came_s))
+            self._undated.clear()
 
     def of(self, name: str, since_s: float = 0.0, until_s: float = float("inf")) -> list[Packet]:
         """Packets of one message that came within a stretch of vehicle's time."""

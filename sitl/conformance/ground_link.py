@@ -26,7 +26,14 @@ def run(client: VehicleClient, report: FactReport) -> None:
             report.fail(FACTS, "nobody is heard there")
             return
     client.spend(4.2)
-    beats = [packet for packet in client.received.of("HEARTBEAT") if packet.system_id == wanted]
+    everybody = client.received.of("HEARTBEAT")
+    others = sorted({packet.system_id for packet in everybody if packet.component_id == 1} - {wanted})
+    if others and any(packet.system_id == wanted for packet in everybody):
+        report.skip(
+            FACTS, f"other autopilots send to this port as well (system {', '.join(map(str, others))}): stop them"
+        )
+        return
+    beats = [packet for packet in everybody if packet.system_id == wanted]
     report.add("gcs.system", "yes" if beats else "no")
     span_s = beats[-1].at_s - beats[0].at_s if len(beats) > 1 else math.nan
     report.add("gcs.heartbeat", (len(beats) - 1) / span_s)

@@ -29,7 +29,7 @@ KEPT = (
     word("offboard.hold-base-mode", "5", "base_mode in AUTO.LOITER, armed", "157"),
     word("offboard.refused", "5", "OFFBOARD in the air without fresh setpoints", "ACCEPTED, TEMPORARILY_REJECTED"),
     word("offboard.refused-mode", "5", "the mode after that", "AUTO.LOITER"),
-    word("offboard.refused-text", "5", "texts about it", "none"),
+    word("offboard.refused-text", "5", "text about it", repr("Switching to Offboard is currently not available\t")),
     word("offboard.again", "5", "OFFBOARD in the air with setpoints", "ACCEPTED, ACCEPTED"),
     word("offboard.no-position-target", "4", "no POSITION_TARGET_LOCAL_NED while attitudes are flown", "none"),
     word("quirk.odometry-velocity", "4", "ODOMETRY's velocity is north, east, down, at any heading", "NED"),
@@ -37,7 +37,7 @@ KEPT = (
     number("hover.servo", "8", "SERVO_OUTPUT_RAW in hover", 1450.0, 1515.0),
 )
 END = (
-    number("offboard.cut-disarm", "14", "on the ground, thrust cut: disarms by itself", 3.6, 5.3, "s"),
+    number("offboard.cut-disarm", "14", "on the ground, thrust cut: disarms by itself", 3.6, 7.0, "s"),
     word("offboard.forced", "5", "forced disarming in the air", "ACCEPTED"),
     word("offboard.forced-text", "5", "text", repr("Disarmed by external command\t")),
     word("offboard.forced-servo", "5", "motors at once", "900"),

@@ -207,7 +207,7 @@ class VehicleClient:
         pieces: dict[int, int] = {}
         for packet in self.received.of("STATUSTEXT", since_s):
             message = packet.message
-            if message.id and message.id in pieces:
+            if message.chunk_seq and message.id in pieces:  # PX4's first text has the id 0 and may have pieces too
                 index = pieces[message.id]
                 at_s, severity, text, count = texts[index]
                 texts[index] = (at_s, severity, text + message.text, count + 1)

@@ -24,8 +24,8 @@ FUSED = (
     word("vision.before-arming", "10", "arming in AUTO.LOITER without any source", "TEMPORARILY_REJECTED"),
     number("vision.estimate", "10", "VISION_POSITION_ESTIMATE: local position apart from it after 4 s", 0.0, 0.03, "m"),
     number("vision.jump", "10", "a jump sideways is followed within 2 s, left over", 0.0, 0.15, "m"),
-    number("vision.height-jump", "10", "a jump in height is followed within 8 s, left over", 0.0, 0.06, "m"),
-    number("vision.odometry", "10", "ODOMETRY: local position apart from it after 4 s", 0.0, 0.03, "m"),
+    number("vision.height-jump", "10", "a jump in height is followed within 8 s, left over", 0.0, 0.08, "m"),
+    number("vision.odometry", "10", "ODOMETRY: local position apart from it after 4 s", 0.0, 0.05, "m"),
     number(
         "vision.origin-height",
         "10",

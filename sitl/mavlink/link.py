@@ -65,7 +65,7 @@ class Link:
         self._params_to_send: deque[str] = deque()
         self._texts_sent = 0
         self._events_sent = self.autopilot.journal.events.count
-        self._text_id = 0
+        self._text_id = -1
         self._gcs_time_s = -math.inf
         self._has_gcs = False
         self._is_origin_sent: object = None
@@ -146,9 +146,7 @@ class Link:
 
     def _chunks(self, text: Text) -> list[bytes]:
         raw = text.text.encode("ascii", "replace")
-        if len(raw) <= _TEXT_CHUNK:
-            return [self.encoder.encode(_STATUSTEXT, text.severity, raw, 0, 0)]
-        self._text_id = self._text_id % 0xFFFF + 1
+        self._text_id = (self._text_id + 1) & 0xFFFF  # PX4 begins with 0, and counts short texts too
         pieces = [raw[start : start + _TEXT_CHUNK] for start in range(0, len(raw), _TEXT_CHUNK)]
         return [
             self.encoder.encode(_STATUSTEXT, text.severity, piece, self._text_id, index)

@@ -25,9 +25,13 @@ _CEILINGS_HZ: dict[int, float] = {message_id: (*rates, FASTEST_HZ)[2] for messag
 SILENT: frozenset[int] = frozenset(ID_BY_NAME[name] for name in _TABLE["silent"]["names"] if name in ID_BY_NAME)
 
 _HEARTBEAT = ID_BY_NAME["HEARTBEAT"]
-# After its start a PX4 says nothing for a moment, and is alive a little later.
+# After its start a PX4 says nothing for a moment, is alive a little later, and then knows its attitude.
 _FIRST_PACKET_S = 0.3
-_FIRST_HEARTBEAT_S = 1.3
+_FIRST_S: dict[int, float] = {
+    _HEARTBEAT: 1.3,
+    ID_BY_NAME["ATTITUDE"]: 1.35,
+    ID_BY_NAME["ATTITUDE_QUATERNION"]: 1.35,
+}
 _STEP_S = 0.004
 _SPREAD_STEPS = 25
 
@@ -49,7 +53,7 @@ class Schedule:
         """
         for index, (message_id, rate_hz) in enumerate(self.default_hz.items()):
             if rate_hz > 0.0:
-                earliest_s = boot_s + (_FIRST_HEARTBEAT_S if message_id == _HEARTBEAT else _FIRST_PACKET_S)
+                earliest_s = boot_s + _FIRST_S.get(message_id, _FIRST_PACKET_S)
                 spread_s = ((index * 7 + phase * 3) % _SPREAD_STEPS) * _STEP_S
                 self._interval_s[message_id] = 1.0 / rate_hz
                 heapq.heappush(self._due, (max(now_s, earliest_s) + spread_s, message_id))

@@ -24,6 +24,7 @@ from sitl.px4.parameters import Parameters
 from sitl.px4.signals import Actuation, Setpoint, SetpointKind, Situation
 
 _FORCE_MAGIC = 21196.0
+_REFUSED_AGAIN_S = 1.0
 _SAID_OF_BATTERY: dict[ChargeState, str] = {
     ChargeState.LOW: "battery low",
     ChargeState.CRITICAL: "battery critical",
@@ -53,6 +54,7 @@ class Autopilot:
     flight: Flight = field(default_factory=Flight)
     _after_disarm: Mode = Mode.LOITER
     _armed_time_s: float = 0.0
+    _refused_time_s: float = -math.inf  # when it last said that a mode is not available
     _tilted_since_s: float = math.inf
     _has_failed: bool = False
     _last: Situation | None = None
@@ -150,6 +152,10 @@ class Autopilot:
         # A landing is always begun: without a position it becomes a level descent.
         needs = ModeCondition.NOTHING if mode is Mode.LAND else MODES[mode].needs & ~ModeCondition.ARMING
         if self.is_armed and needs & ~self._available(now_s):
+            if now_s - self._refused_time_s > _REFUSED_AGAIN_S:
+                self._refused_time_s = now_s
+                name, number = modes.NAMES[mode]
+                self.journal.say(now_s, "mode refused", MODES[mode].custom_mode, number, mode=name)
             return Result.TEMPORARILY_REJECTED
         said = said or ("landing" if mode is Mode.LAND else None)
         if said is not None:

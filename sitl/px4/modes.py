@@ -97,6 +97,19 @@ MODES: dict[Mode, ModeRow] = {
     Mode.DESCEND: ModeRow(4, 6, 29, 7, ModeCondition.ARMING, is_selectable=False),
     Mode.TERMINATION: ModeRow(1, 0, 65, 0, ModeCondition.ARMING, is_selectable=False),
 }
+# What PX4 calls a mode in a text, and its number in an event.
+NAMES: dict[Mode, tuple[str, int]] = {
+    Mode.MANUAL: ("Manual", 0),
+    Mode.ALTCTL: ("Altitude", 1),
+    Mode.POSCTL: ("Position", 2),
+    Mode.MISSION: ("Mission", 3),
+    Mode.LOITER: ("Hold", 4),
+    Mode.RTL: ("Return", 5),
+    Mode.OFFBOARD: ("Offboard", 7),
+    Mode.STABILIZED: ("Stabilized", 8),
+    Mode.TAKEOFF: ("Takeoff", 10),
+    Mode.LAND: ("Land", 11),
+}
 ARMED_BIT = 128
 OFFBOARD_WITHOUT_SETPOINTS_BASE_MODE = 1
 OFFBOARD_RATES_BASE_MODE = 1

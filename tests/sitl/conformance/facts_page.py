@@ -9,7 +9,7 @@ from pathlib import Path
 
 from sitl.conformance.facts import FactReport, Verdict, matching
 from sitl.conformance.suite import FACTS, PHASES, Terms, check
-from tests.sitl.conformance.exceptions import DIFFERENCES, OTHER_VERSION
+from tests.sitl.conformance.exceptions import DIFFERENCES
 from tests.sitl.conformance.virtual import Wires
 
 PAGE = Path(__file__).parents[3] / "docs" / "px4-facts.md"
@@ -23,13 +23,6 @@ Bounds are wide enough for what a real PX4 itself scatters. In simulated time, s
 `python -m tests.sitl.conformance.facts_page`.
 
 {agree} of {all} facts agree.{differ}
-
-## Another version of the real PX4
-
-`covey sitl-check` asked a real PX4 as well, SITL with SIH, built from PX4's main of February 2025 (between v1.15 and
-v1.16). It agrees in all that was asked but this, which a program for both has to live with:
-
-{other}
 """
 
 
@@ -53,9 +46,8 @@ def page(report: FactReport) -> str:
     differ = "\n\nNot emulated, or not quite:\n\n" if DIFFERENCES or differing else ""
     named = dict.fromkeys((*DIFFERENCES, *differing))
     lines = [f"- `{name}`: {DIFFERENCES.get(name, 'unexplained')}" for name in named]
-    other = "\n".join(f"- `{name}`: {found}" for name, found in OTHER_VERSION.items())
     numbers = {"agree": agree, "all": len(report.results)}
-    out = [_HEAD.format(**numbers, differ=differ + "\n".join(lines), other=other).rstrip()]
+    out = [_HEAD.format(**numbers, differ=differ + "\n".join(lines)).rstrip()]
     done: set[str] = set()
     for phase in (*PHASES, None):
         facts = [f for f in (FACTS if phase is None else phase.facts) if f.name not in done]

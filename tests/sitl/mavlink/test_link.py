@@ -190,7 +190,7 @@ def test_texts_are_told_only_while_a_ground_stations_heartbeat_arrives() -> None
     assert len(texts) == 2  # over 50 characters: in two pieces
     assert b"".join(m.fields["text"].rstrip(b"\0") for m in texts).startswith(b"Arming denied: Resolve system health")
     assert [m.fields["chunk_seq"] for m in texts] == [0, 1]
-    assert texts[0].fields["id"] == texts[1].fields["id"] != 0
+    assert texts[0].fields["id"] == texts[1].fields["id"] == 0  # the first text of a link
 
 
 def test_the_heartbeat_is_sent_once_a_second_and_not_on_change() -> None:

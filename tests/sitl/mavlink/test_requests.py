@@ -50,7 +50,8 @@ def test_streams_start_before_the_first_heartbeat_and_home_follows_the_satellite
 
     while emu.time_s < 5.0:
         note()
-    assert 0.3 <= first["ATTITUDE"] < 0.6
+    assert 0.3 <= first["LOCAL_POSITION_NED"] < 0.6
+    assert 1.3 <= first["ATTITUDE"] < 1.6
     assert 1.3 <= first["HEARTBEAT"] < 1.6
     assert 2.3 <= first["HOME_POSITION"] < 4.5
 
