@@ -53,13 +53,13 @@ from onboard.localization.own_state import OwnState
 from onboard.neighbours.table import NeighbourTable
 from onboard.safety.failsafe_table import Situation
 from onboard.safety.limits import POSITION_LOST_S
+from onboard.safety.snapshot_check import nonsense
 from onboard.supervision.conditions import TickContext
 from onboard.supervision.failsafe_executor import FailsafeExecutor
 from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
 from onboard.supervision.preflight_reporter import PreflightReporter
 from onboard.types import TICK_S, State, Tick
 
-_LARGEST_M2, _LARGEST_M2_S2 = 1e10, 1e6
 _SHORTEST_S, _LONGEST_S = 0.005, 0.1  # time that one tick integrates over
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 _IN_AIR = (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
@@ -131,10 +131,11 @@ class AgentCore:
         return _RECEIVERS[type(event)](self, event, now_ns)
 
     def _snapshot_received(self, event: SnapshotReceived, now_ns: int) -> list[Command]:
-        if _is_plausible(event.snapshot):
+        if not nonsense(event.snapshot):
             self._snapshot = self.failsafes.reports.believe(event.snapshot, self.flight.expected)
         else:
             self._publisher.malformed_messages += 1  # a PX4 that sends nonsense counts as silent
+            self.preflight.hear(event)
         return []
 
     def _neighbour_received(self, event: NeighbourReceived, now_ns: int) -> list[Command]:
@@ -315,13 +316,3 @@ _RECEIVERS: dict[type, Callable[[AgentCore, Any, int], list[Command]]] = {
     MocapProblemChanged: AgentCore._mocap_problem,
     ShutdownRequested: AgentCore._stop_requested,
 }
-
-
-def _is_plausible(snapshot: Snapshot) -> bool:
-    """Whether attitude and motion of a snapshot can be calculated with."""
-    w, x, y, z = snapshot.quaternion_enu_flu_wxyz
-    a, b, c = snapshot.position_local_ned_m
-    d, e, f = snapshot.velocity_local_ned_m_s
-    # comparisons with what is no number are false
-    is_unit = 0.9 < w * w + x * x + y * y + z * z < 1.1
-    return is_unit and a * a + b * b + c * c < _LARGEST_M2 and d * d + e * e + f * f < _LARGEST_M2_S2

@@ -21,6 +21,7 @@ from onboard.safety.failsafe_table import Situation
 _REPEAT_S, _LOOK_S = 5.0, 1.0
 _READ_AGAIN_NS = 15_000_000_000  # somebody may have set a parameter meanwhile
 _RESTARTED_MS = 1000
+_NO_ORIGIN = "PX4 has no global origin yet, and gets no poses until it has: wait 3 s, and restart PX4 if that stays so."
 
 log = logging.getLogger("covey.agent")
 
@@ -70,6 +71,7 @@ class LinkUpkeep:
         while True:
             await self._prepare()
             await self._watch_until_restart()
+            self._link.forget_global_origin()
             log.warning("PX4 has restarted")
 
     async def _connect(self) -> None:
@@ -84,7 +86,8 @@ class LinkUpkeep:
                 await asyncio.sleep(_REPEAT_S)
 
     async def _prepare(self) -> None:
-        """Request rates, and on the ground set origin and parameters."""
+        """Request rates, and on the ground set parameters."""
+        self._link.withholds_poses = self._vehicle.mocap_required
         self._link.request_rates()
         requested_ns = time.monotonic_ns()
         while self._link.snapshot().heartbeat_ns < requested_ns:  # noqa: ASYNC110 - MAVSDK's threads set no Event
@@ -92,32 +95,30 @@ class LinkUpkeep:
         if self._link.snapshot().is_armed:  # by an earlier run of this agent, or a pilot: nothing is changed under way
             log.warning("PX4 is armed already: its origin and its parameters are left as they are")
             return
-        if self._vehicle.mocap_required:
-            self._link.set_global_origin()
         if self._applies_params:
             await self._in_thread(self._link.apply_params, self._required)
 
     async def _watch_until_restart(self) -> None:
         """Check parameters, origin and disk from time to time, until PX4's clock begins anew."""
         problems: tuple[str, ...] | None = None
-        read_ns, boot_ms = 0, self._link.snapshot().px4_boot_ms
+        read_ns, boot_ms, has_origin = 0, self._link.snapshot().px4_boot_ms, True
         while True:
             is_on_ground = self._flight.situation is Situation.GROUND
             is_due = problems or time.monotonic_ns() - read_ns > _READ_AGAIN_NS
+            if is_on_ground:
+                has_origin = self._link.settle_global_origin(sets_ours=self._vehicle.mocap_required)
             if problems is None or (is_due and is_on_ground):
                 read_ns = time.monotonic_ns()
-                problems = await self._read_params()
-            if self._flight.situation is Situation.GROUND:
-                self._link.settle_global_origin(sets_ours=self._vehicle.mocap_required)
-            await asyncio.sleep(_REPEAT_S if problems else _LOOK_S)
+                problems = await self._read_params(has_origin)
+            await asyncio.sleep(_REPEAT_S if problems and has_origin else _LOOK_S)
             self._notify(ev.DiskChecked(await self._in_thread(realtime.is_disk_full)))
             before_ms, boot_ms = boot_ms, self._link.snapshot().px4_boot_ms
             if boot_ms + _RESTARTED_MS < before_ms:
                 return
 
-    async def _read_params(self) -> tuple[str, ...]:
+    async def _read_params(self, has_origin: bool) -> tuple[str, ...]:
         actual = await self._in_thread(self._link.read_params, self._required)
-        problems = differences(self._required, actual)
+        problems = differences(self._required, actual) + (() if has_origin else (_NO_ORIGIN,))
         self._notify(ev.ParamsRead(problems))
         for sentence in problems:
             log.warning("%s", sentence)

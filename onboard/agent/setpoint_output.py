@@ -49,8 +49,10 @@ class SetpointOutput:
         must_be_level = self._failsafes.must_be_level or not control.is_finite
         setpoint = control.level() if flight.phase is not Phase.GROUND and must_be_level else control.tick.attitude
         is_fresh = self._own.age_s < _POSITION_FRESH_S and now_ns - view.snapshot.last_packet_ns < _PX4_FRESH_NS
-        if not is_fresh or not is_sendable(setpoint, self._max_tilt_deg):
+        for_px4 = self._own.to_px4(setpoint)
+        # what leaves is checked: a quaternion of zeros ends the attitude control of PX4 v1.18 until it restarts
+        if not is_fresh or not is_sendable(for_px4, self._max_tilt_deg):
             return []
         self._sent_ns = now_ns
         self.quaternion_wxyz, self.sent_thrust_frac = setpoint.quaternion_wxyz, setpoint.thrust_frac
-        return [SendAttitude(self._own.to_px4(setpoint))]
+        return [SendAttitude(for_px4)]

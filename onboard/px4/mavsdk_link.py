@@ -49,7 +49,7 @@ _HEARTBEAT, _GPS_GLOBAL_ORIGIN = 0, 49
 # Indoors any position will do: only PX4's global frame depends on it. Its altitude must be 0: PX4 takes heights of a
 # mocap for altitudes, and its local height would be wrong by the altitude of the origin.
 _ORIGIN = (47.397742, 8.545594, 0.0)
-_ORIGIN_TOLERANCE_M = 0.01
+_ORIGIN_TOLERANCE_M, _PAUSE_NS = 0.01, 1_000_000_000
 _UNKNOWN = (None,) * 21  # sent as NaN
 _json = msgspec.json.Encoder().encode  # ten times as fast as the standard library's, at 100 messages a second
 
@@ -81,6 +81,8 @@ class Px4Link:
         self._slot = Snapshot()
         self._covariance: tuple[float, list[float]] = (math.nan, [])
         self._start_ns = 0
+        self._poses_ns = 0  # last pose sent to PX4, by this program or one before it
+        self.withholds_poses = False  # while PX4 is disarmed: see settle_global_origin
         self.send_failures = 0
 
     # -- life --------------------------------------------------------------------------------------------------------
@@ -106,7 +108,8 @@ class Px4Link:
             raise LinkError(
                 f"MAVSDK cannot open {self.endpoint} ({result}). Correct 'autopilot' of this vehicle in the fleet file."
             )
-        self._mavsdk, self._start_ns = mavsdk, time.monotonic_ns()
+        self._mavsdk = mavsdk
+        self._start_ns = self._poses_ns = time.monotonic_ns()
 
     def connect(self, timeout_s: float) -> bool:
         """Wait (blocking: for an executor) until PX4 has been heard, then subscribe to all that the agent needs.
@@ -224,7 +227,13 @@ class Px4Link:
     def send_odometry(
         self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float, reset_count: int = 0
     ) -> None:
-        """ODOMETRY in the fleet's axes as NED, without velocity, which a mocap does not measure."""
+        """ODOMETRY in the fleet's axes as NED, without velocity, which a mocap does not measure.
+
+        Nothing is sent to a disarmed PX4 that has yet to take its global origin.
+        """
+        if self.withholds_poses and not self.snapshot().is_armed:
+            return
+        self._poses_ns = time.monotonic_ns()
         north, east, down = ned_from_enu(position_enu_m)
         w, x, y, z = quaternion_enu_flu_wxyz
         norm = math.hypot(w, x, y, z)  # PX4 ignores the heading of a quaternion whose norm is not 1 to five digits
@@ -264,19 +273,32 @@ class Px4Link:
             time_usec=time.monotonic_ns() // 1000,
         )
 
-    def settle_global_origin(self, *, sets_ours: bool) -> None:
+    def settle_global_origin(self, *, sets_ours: bool) -> bool:
         """Request PX4's global origin, and set ours until PX4 confirms it; call it once a second on the ground.
 
-        PX4 sends its origin by itself only when it sets it, and a datagram may be lost.
+        PX4 sends its origin by itself only when it sets it, and a datagram may be lost. An origin that comes while PX4
+        v1.18 fuses poses moves its local position by thousands of kilometres for good: it counts the move as an error
+        of the poses. So poses are withheld until PX4 has ours, and ours is set only when none came for a second.
 
         Args:
             sets_ours: the height comes from a mocap, which requires an origin at altitude 0.
+
+        Returns:
+            Whether PX4 has an origin, ours if it is to have ours.
         """
         known = self.snapshot().global_origin
+        is_settled = known is not None and (not sets_ours or abs(known[2] - _ORIGIN[2]) <= _ORIGIN_TOLERANCE_M)
+        self.withholds_poses = sets_ours and not is_settled
         if known is None:
             self._command(modes.CMD_REQUEST_MESSAGE, float(_GPS_GLOBAL_ORIGIN))
-        elif sets_ours and abs(known[2] - _ORIGIN[2]) > _ORIGIN_TOLERANCE_M:
+        if self.withholds_poses and time.monotonic_ns() - self._poses_ns > _PAUSE_NS:
             self.set_global_origin()
+        return is_settled
+
+    def forget_global_origin(self) -> None:
+        """PX4 has restarted: it has no origin any more."""
+        with self._lock:
+            self._slot = replace(self._slot, global_origin=None)
 
     def request_rates(self) -> None:
         """SET_MESSAGE_INTERVAL for the messages that the agent reads; PX4's defaults are too slow for close flight."""

@@ -23,7 +23,9 @@ _OF_OTHER_RULES = frozenset(
 
 
 def _px4(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
-    return (OK, {"age": facts.heartbeat_age_s}) if facts.has_autopilot else ("silent", {})
+    if facts.has_autopilot:
+        return OK, {"age": facts.heartbeat_age_s}
+    return ("nonsense", {"sentence": facts.px4_nonsense}) if facts.px4_nonsense else ("silent", {})
 
 
 def _link(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
@@ -90,7 +92,12 @@ AUTOPILOT_RULES = (
         "px4",
         f"PX4 was heard within {AUTOPILOT_SILENT_S:g} s, its heartbeat within {HEARTBEAT_SILENT_S:g} s.",
         "PX4 is heard at {autopilot}; its last heartbeat is {age:.1f} s old.",
-        {"silent": RuleFault("PX4 is not heard at {autopilot}.", "Start PX4, or check the cable and the port.")},
+        {
+            "silent": RuleFault("PX4 is not heard at {autopilot}.", "Start PX4, or check the cable and the port."),
+            "nonsense": RuleFault(
+                "{sentence} Nobody can fly by that.", "Check that poses reach this agent, then restart PX4."
+            ),
+        },
         _px4,
     ),
     PreflightRule(

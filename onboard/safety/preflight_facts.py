@@ -33,6 +33,7 @@ class PreflightFacts:
     is_law_warm: bool  # the control pipeline has run once
     is_airborne: bool
     battery_voltage_v: float = math.nan
+    px4_nonsense: str = ""  # what is wrong with PX4's newest numbers, as a sentence
     attitude_hz: float | None = None  # arrival rate of PX4's attitude; None in the first second
     is_armed: bool = False
     is_failsafe: bool = False

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from onboard.autopilot import Vec4
+from onboard.autopilot import Snapshot, Vec4
 from onboard.bus.authority import GROUND, WATCHER
 from onboard.bus.schema import Telemetry
 from onboard.events import (
@@ -17,6 +17,7 @@ from onboard.events import (
     NodeChanged,
     ParamsRead,
     PoseReceived,
+    SnapshotReceived,
 )
 from onboard.neighbours.duplicate_agents import DuplicateAgents
 
@@ -41,6 +42,7 @@ class PreflightInputs:
     boot_id: int  # of this agent
     sample: MocapSample | None = None
     param_problems: tuple[str, ...] | None = None  # None until PX4's parameters are read
+    dropped: Snapshot = field(default_factory=Snapshot)  # newest of PX4 that was nonsense
     loop_p99_ms: float = 0.0
     source_problem: str = ""  # of the mocap that is read here
     clock_bounds_s: dict[str, float] = field(default_factory=dict)  # node on another host -> error of its clock
@@ -78,6 +80,8 @@ class PreflightInputs:
                 (self._recorders.add if is_alive else self._recorders.discard)(node)
             case ParamsRead(problems):
                 self.param_problems = problems
+            case SnapshotReceived(snapshot):
+                self.dropped = snapshot
             case LoopTimed():
                 self.loop_p99_ms = event.p99_ms
             case MocapProblemChanged(sentence):

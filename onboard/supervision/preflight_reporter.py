@@ -21,6 +21,7 @@ from onboard.px4.sensor_status import has_rc, unhealthy
 from onboard.safety import preflight_rules
 from onboard.safety.failsafe_table import Condition
 from onboard.safety.preflight_facts import PreflightFacts
+from onboard.safety.snapshot_check import nonsense
 from onboard.supervision.attitude_comparison import AttitudeRate, TiltComparison
 from onboard.supervision.law_refusals import LawRefusals
 from onboard.supervision.preflight_inputs import PreflightInputs
@@ -126,6 +127,7 @@ class PreflightReporter:
         sample = inputs.sample
         return PreflightFacts(
             autopilot_age_s=_age_s(now_ns, snapshot.last_packet_ns),
+            px4_nonsense=nonsense(inputs.dropped) if _age_s(now_ns, inputs.dropped.last_packet_ns) < 1.0 else "",
             heartbeat_age_s=_age_s(now_ns, snapshot.heartbeat_ns),
             attitude_hz=self._attitude.rate_hz,
             is_armed=snapshot.is_armed,

@@ -26,6 +26,7 @@ class _Decoder:
 
     def __init__(self, port: int) -> None:
         self.messages: list[mavlink.MAVLink_message] = []
+        self.origin_mm: int | None = None  # altitude of the global origin that it tells
         self._to = ("127.0.0.1", port)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
@@ -48,6 +49,9 @@ class _Decoder:
             if time.monotonic() >= next_s:
                 next_s = time.monotonic() + 0.2
                 self._socket.sendto(beat.pack(out), self._to)
+                if self.origin_mm is not None:
+                    origin = out.gps_global_origin_encode(473977420, 85455940, self.origin_mm)
+                    self._socket.sendto(origin.pack(out), self._to)
             try:
                 data, _ = self._socket.recvfrom(2048)
             except TimeoutError:
@@ -99,6 +103,13 @@ def test_a_pose_goes_out_in_px4s_axes_with_its_variance_and_its_count_and_withou
     assert (sent.reset_counter, sent.estimator_type, sent.quality) == (255, mavlink.MAV_ESTIMATOR_TYPE_VISION, 100)
 
 
+def _until(holds) -> None:
+    end = time.monotonic() + 10.0
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
 def test_a_tilted_body_tilts_the_same_way_in_px4s_axes(wire) -> None:
     link, decoder = wire
     half = math.radians(10.0) / 2.0
@@ -108,10 +119,30 @@ def test_a_tilted_body_tilts_the_same_way_in_px4s_axes(wire) -> None:
     assert math.degrees(math.asin(2.0 * (w * y - z * x))) == pytest.approx(-10.0, abs=1e-3)
 
 
-def test_px4_is_given_a_global_origin(wire) -> None:
+def test_px4_gets_its_global_origin_before_the_first_pose_and_never_between_two(wire) -> None:
     link, decoder = wire
-    link.set_global_origin()
+    pose = ((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0), 0.01)
+    link.send_odometry(*pose)  # as a program that ran before this one may have done
+    decoder.wait("ODOMETRY")
+    decoder.messages.clear()
+    assert not link.settle_global_origin(sets_ours=True)
+    decoder.wait("COMMAND_LONG", lambda message: message.command == 512 and message.param1 == 49)
+    link.send_odometry(*pose)  # withheld
+    _until(
+        lambda: (
+            not link.settle_global_origin(sets_ours=True)
+            and any(message.get_type() == "SET_GPS_GLOBAL_ORIGIN" for message in list(decoder.messages))
+        )
+    )
     sent = decoder.wait("SET_GPS_GLOBAL_ORIGIN")
-    assert sent.target_system == _SYSTEM
-    assert abs(sent.latitude) <= 90e7
+    assert (sent.target_system, sent.altitude) == (_SYSTEM, 0)
     assert (sent.latitude, sent.longitude) != (0, 0)
+    assert not [message for message in decoder.messages if message.get_type() == "ODOMETRY"]
+    decoder.origin_mm = 489_400  # of satellites: not ours
+    assert not link.settle_global_origin(sets_ours=True)
+    decoder.origin_mm = 0
+    _until(lambda: link.settle_global_origin(sets_ours=True))
+    link.send_odometry(*pose)
+    decoder.wait("ODOMETRY")
+    link.forget_global_origin()
+    assert link.snapshot().global_origin is None

@@ -49,6 +49,10 @@ SPOT_OF_MAV2 = (1.5, -1.4, 0.0)
 # rule and fault -> what is wrong, and words that its sentence has
 CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("px4", "silent"): ({"autopilot_age_s": 0.5}, "udpin://127.0.0.1:14541"),
+    ("px4", "nonsense"): (
+        {"autopilot_age_s": math.inf, "px4_nonsense": "PX4 says that it is 5335 km from its origin."},
+        "5335 km",
+    ),
     ("link", "slow"): ({"attitude_hz": 9.0}, "only 9 Hz"),
     ("link", "low"): ({"attitude_hz": 30.0}, "30 Hz"),
     ("port", "open"): (

@@ -1,0 +1,41 @@
+"""What may leave for PX4. A quaternion of zeros ends the attitude control of PX4 v1.18 until it restarts."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from onboard.safety.setpoint_check import is_sendable
+from onboard.types import AttitudeSetpoint
+
+_HALF = math.radians(25.0) / 2.0
+
+
+@pytest.mark.parametrize(
+    "quaternion",
+    [
+        (0.0, 0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0, 1e-30),
+        (1e-200, 0.0, 0.0, 0.0),
+        (0.5, 0.0, 0.0, 0.0),
+        (3.0, 0.0, 0.0, 0.0),
+        (math.nan, 0.0, 0.0, 0.0),
+        (1.0, 0.0, 0.0, math.nan),
+        (math.inf, 0.0, 0.0, 0.0),
+        (math.cos(_HALF), math.sin(_HALF), 0.0, 0.0),
+    ],
+)
+def test_no_attitude_leaves_that_is_no_rotation_or_leans_too_far(quaternion: tuple[float, ...]) -> None:
+    assert not is_sendable(AttitudeSetpoint(quaternion, 0.5), 20.0)
+
+
+@pytest.mark.parametrize("thrust", [math.nan, -0.01, 1.01, math.inf])
+def test_no_thrust_leaves_that_px4_would_fall_with(thrust: float) -> None:
+    assert not is_sendable(AttitudeSetpoint((1.0, 0.0, 0.0, 0.0), thrust), 20.0)
+
+
+def test_level_at_any_heading_leaves() -> None:
+    for degrees in range(0, 360, 15):
+        half = math.radians(degrees) / 2.0
+        assert is_sendable(AttitudeSetpoint((math.cos(half), 0.0, 0.0, math.sin(half)), 0.5), 20.0)
