@@ -40,6 +40,7 @@ class DirectResult:
     is_accepted: bool
     is_disarmed: bool  # a heartbeat has shown it
     sentence: str  # without a capital letter and a full stop
+    has_answered: bool = True  # PX4 has, by word or by effect
 
 
 def mavutil_address(endpoint: str) -> str:
@@ -81,16 +82,16 @@ def send_direct(
     try:
         link = _take_link(endpoint)
     except (OSError, ValueError) as error:
-        return DirectResult(False, False, f"the direct endpoint {endpoint} cannot be opened ({error})")
+        return DirectResult(False, False, f"the direct endpoint {endpoint} cannot be opened ({error})", False)
     try:
         progress = _command(link, system_id, kind, timeout_s, watch_s)
     except OSError as error:
-        return DirectResult(False, False, f"the direct endpoint {endpoint} failed ({error})")
+        return DirectResult(False, False, f"the direct endpoint {endpoint} failed ({error})", False)
     finally:
         _idle_links[endpoint] = link
     answer = progress.answer
     if answer is None and not progress.is_shown:
-        return DirectResult(False, False, f"PX4 did not answer at {endpoint} within {timeout_s:g} s either")
+        return DirectResult(False, False, f"PX4 did not answer at {endpoint} within {timeout_s:g} s either", False)
     verb = "did not acknowledge" if answer is None else _RESULTS.get(answer, f"answered {answer} to")
     ending = ", and it is disarmed" if progress.is_disarmed else ", and it lands" if progress.is_landing else ""
     return DirectResult(progress.is_accepted, progress.is_disarmed, f"PX4 {verb} it{ending}")

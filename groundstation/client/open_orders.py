@@ -154,7 +154,8 @@ class OpenOrders:
                 return
             problem = await self._missing_effect(result, vehicle, direct)
         if direct is not None and problem:
-            await self._send_to_px4(result, self._fleet.vehicles[vehicle], direct, problem)
+            is_silent = not replied.is_set()
+            await self._send_to_px4(result, self._fleet.vehicles[vehicle], direct, problem, is_silent=is_silent)
 
     async def _missing_effect(self, result: OrderResult, vehicle: str, kind: DirectKind) -> str:
         """Watch an accepted land or kill.
@@ -180,7 +181,9 @@ class OpenOrders:
             return f"{accepted}, but could not do it"
         return ""
 
-    async def _send_to_px4(self, result: OrderResult, vehicle: Vehicle, kind: DirectKind, problem: str) -> None:
+    async def _send_to_px4(
+        self, result: OrderResult, vehicle: Vehicle, kind: DirectKind, problem: str, *, is_silent: bool
+    ) -> None:
         name = vehicle.name
         if vehicle.direct is None:
             sentence = f"{problem}, and the fleet file gives no direct endpoint. Use the RC switch."
@@ -197,4 +200,4 @@ class OpenOrders:
         phase: Phase = "done" if answer.is_disarmed else "failed"
         code = DIRECT_DISARMED if answer.is_disarmed else "direct_result"
         self._publish_event("warning" if phase == "done" else "critical", code, sentence, name)
-        result.update(name, phase, sentence)
+        result.update(name, phase, sentence, is_silent=is_silent and not answer.has_answered)

@@ -86,4 +86,4 @@ def exit_status(results: dict[str, VehicleResult]) -> int:
         return EXIT_OK
     if done:
         return EXIT_MIXED
-    return EXIT_NO_ANSWER if all(one.phase == "no answer" for one in results.values()) else EXIT_FAILED
+    return EXIT_NO_ANSWER if all(one.is_silent for one in results.values()) else EXIT_FAILED

@@ -28,6 +28,7 @@ class VehicleResult:
     order_id: str
     phase: Phase
     sentence: str  # reason, by the agent, PX4 or the ground
+    is_silent: bool = False  # neither the agent nor, on the direct path, PX4 has answered
 
     @property
     def is_final(self) -> bool:
@@ -77,20 +78,21 @@ class OrderResult:
         """Call ``listener(result)`` on every change from now on."""
         self._listeners.append(listener)
 
-    def update(self, vehicle: str, phase: Phase, sentence: str) -> None:
+    def update(self, vehicle: str, phase: Phase, sentence: str, *, is_silent: bool = False) -> None:
         """Set a vehicle's phase. An end stays, except that a late reply of the agent replaces ``no answer``.
 
         Args:
             vehicle: its name.
             phase: the new phase.
             sentence: the reason.
+            is_silent: neither the agent nor PX4 has answered.
         """
         old = self.results[vehicle]
         if old.is_final and old.phase != "no answer":
             return
         if phase == "accepted" and old.phase == "direct":
             return
-        result = VehicleResult(vehicle, old.order_id, phase, sentence)
+        result = VehicleResult(vehicle, old.order_id, phase, sentence, is_silent or phase == "no answer")
         self.results[vehicle] = result
         self._changed.set()
         for listener in self._listeners:

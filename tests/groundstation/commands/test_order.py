@@ -9,11 +9,13 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.client.client import FleetClient
+from groundstation.client.direct_mavlink import DirectResult
 from groundstation.commands import order as give
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.conftest import FakeBus
 
 FLEET = "configs/fleets/paper.toml"
+NOBODY = DirectResult(False, False, "PX4 did not answer either", has_answered=False)
 
 
 def order(monkeypatch: pytest.MonkeyPatch, *words: str, **misbehave: str) -> int:
@@ -22,7 +24,7 @@ def order(monkeypatch: pytest.MonkeyPatch, *words: str, **misbehave: str) -> int
     def client(fleet: FleetConfig, **_: Any) -> FleetClient:
         bus = FakeBus(fleet, has_truth=True)
         bus.misbehave = misbehave
-        found = FleetClient(fleet, author="script", bus=bus, send=lambda *_, **__: None)
+        found = FleetClient(fleet, author="script", bus=bus, send=lambda *_, **__: NOBODY)
         start = found.start
 
         async def started() -> None:
@@ -54,6 +56,14 @@ def test_the_exit_status_tells_what_the_vehicles_did(
     lines = capsys.readouterr()
     assert len((lines.out + lines.err).splitlines()) == 3
     assert all(name in lines.err for name in misbehave)
+
+
+def test_a_landing_that_neither_agents_nor_px4s_answer_is_answered_by_nobody(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    silent = dict.fromkeys(("mav0", "mav1", "mav2"), "silent")
+    assert order(monkeypatch, "land", "all", **silent) == 10
+    assert capsys.readouterr().err.count("PX4 did not answer either") == 3
 
 
 def test_json_is_a_list_of_vehicles(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
