@@ -199,28 +199,33 @@ def fold_batch(state: FleetState, batch: Sequence[Received], now_ns: int) -> Fle
     """
     telemetry: list[tuple[Telemetry, int]] = []
     truths: list[Truth] = []
+    nodes: list[NodeSeen] = []
     for item, received_ns in batch:
         if isinstance(item, Telemetry):
             telemetry.append((item, received_ns))
         elif isinstance(item, Truth):
             truths.append(item)
         elif isinstance(item, NodeSeen):
-            state = fold_alive(state, *item)
+            nodes.append(item)
         elif isinstance(item, Malformed):
             state = replace(state, malformed=state.malformed + 1)
         else:
             state = fold(state, item, received_ns)
+    if nodes:
+        state = fold_nodes(state, nodes)
     if telemetry:
         state = fold_telemetry(state, telemetry)
     return fold_truths(state, truths, now_ns) if truths else state
 
 
-def fold_alive(state: FleetState, node: str, is_alive: bool) -> FleetState:
-    """Fold a liveliness token that appeared or vanished."""
-    nodes = state.nodes | {node} if is_alive else state.nodes - {node}
-    state = replace(state, nodes=nodes)
-    view = state.vehicles.get(node)
-    return state if view is None else _with(state, replace(view, is_alive=is_alive))
+def fold_nodes(state: FleetState, seen: Sequence[NodeSeen]) -> FleetState:
+    """Fold names of the bus that appeared or vanished, all at once: there may be thousands."""
+    nodes, vehicles = set(state.nodes), dict(state.vehicles)
+    for node, is_alive in seen:
+        (nodes.add if is_alive else nodes.discard)(node)
+        if node in vehicles:
+            vehicles[node] = replace(vehicles[node], is_alive=is_alive)
+    return replace(state, nodes=frozenset(nodes), vehicles=MappingProxyType(vehicles))
 
 
 def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]]) -> FleetState:

@@ -252,7 +252,7 @@ def _fold(state: FleetState, some: list[RecordedMessage]) -> FleetState:
             state = fleet_state.fold(state, one.message, one.stamp_ns)
         view = state.vehicles.get(one.name)
         if view is not None and not view.is_alive:
-            state = fleet_state.fold_alive(state, one.name, True)
+            state = fleet_state.fold_nodes(state, [fleet_state.NodeSeen(one.name, True)])
     return state
 
 

@@ -9,6 +9,7 @@ import time
 from collections import deque
 
 from onboard import events as ev
+from onboard.agent.peers import CONCERNS_AGENTS
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.protocol import Bus
@@ -20,6 +21,7 @@ from onboard.mocap.factory import source_of
 from onboard.mocap.source import MocapSource
 
 _MOST_EVENTS = 2000
+_NODES_PER_TICK = 50
 
 
 class Inbox:
@@ -36,6 +38,7 @@ class Inbox:
         self.clock = ClockNode(bus)
         self.notices: deque[ev.EventIn] = deque(maxlen=_MOST_EVENTS)  # few, and the others must push none of them out
         self.events: deque[ev.EventIn] = deque(maxlen=_MOST_EVENTS)  # the newest matter
+        self._nodes: dict[str, bool] = {}  # node whose presence has changed -> whether it is there
         self._vehicle, self._boot_id, self._bus, self._mocap_config = vehicle, boot_id, bus, mocap
         self._mocap: MocapSource | None = None
         self._reported_problem = ""  # of the mocap
@@ -47,12 +50,19 @@ class Inbox:
         if self._vehicle.mocap_required and self._vehicle.body:
             self._mocap = self.source("*" if self._mocap_config.direct else self._vehicle.body)
             self._mocap.start()
-        self._bus.watch_alive(lambda node, is_alive: self.notices.append(ev.NodeChanged(node, is_alive)))
+        self._bus.watch_alive(self._node_changed)
 
     def stop(self) -> None:
         """End the mocap's source; the rest ends with the bus."""
         if self._mocap is not None:
             self._mocap.stop()
+
+    def nodes_changed(self) -> list[ev.NodeChanged]:
+        """Return the newest changes of nodes, at most as many as one tick has time for."""
+        changes: list[ev.NodeChanged] = []
+        while self._nodes and len(changes) < _NODES_PER_TICK:
+            changes.append(ev.NodeChanged(*self._nodes.popitem()))
+        return changes
 
     def neighbour_received(self, topic: Topic, name: str, message: Message | Malformed) -> None:
         """Take a state or a telemetry; under our own name it is another agent's."""
@@ -84,6 +94,10 @@ class Inbox:
         stamped = self.clock.pose(pose, received_ns)
         if stamped is not None:
             self.events.append(ev.PoseReceived(stamped, received_ns))
+
+    def _node_changed(self, node: str, is_alive: bool) -> None:
+        if node.startswith(CONCERNS_AGENTS):
+            self._nodes[node] = is_alive
 
     def _malformed_received(self) -> None:
         self.events.append(ev.MessageMalformed())

@@ -169,6 +169,8 @@ class AgentProcess:
         core, inbox, execute = self._core, self._inbox, self._executor.execute
         while inbox.notices:
             execute(core.handle(inbox.notices.popleft(), now_ns))
+        for node in inbox.nodes_changed():
+            execute(core.handle(node, now_ns))
         self._bus.deliver()
         for_px4: list[ev.Command] = []  # poses, which may wait until the setpoint is out
         while inbox.events:

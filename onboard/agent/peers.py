@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from onboard.autopilot import Vec3
-from onboard.bus.authority import GROUND, Roles
+from onboard.bus.authority import GROUND, ROLES, Roles
 from onboard.config.fleet import FleetConfig
 from onboard.events import Follow
 from onboard.neighbours.subscription import SELECT_TICKS
 from onboard.neighbours.table import NeighbourTable
+from onboard.supervision.preflight_inputs import RECORDER
+
+CONCERNS_AGENTS = (GROUND, RECORDER, *ROLES)  # first words of all names that an agent has an interest in
 
 
 class BusNodes:
@@ -15,16 +18,20 @@ class BusNodes:
 
     def __init__(self, fleet: FleetConfig, vehicle_name: str) -> None:
         self.roles = Roles()
-        self.has_ground = False
         self._has_peers = len(fleet.enabled_names) > 1 or fleet.vehicles[vehicle_name].mocap_required
-        self._names: set[str] = set()
+        self._grounds: set[str] = set()
+
+    @property
+    def has_ground(self) -> bool:
+        """Whether a ground is on the bus."""
+        return bool(self._grounds)
 
     def update(self, node: str, is_alive: bool) -> None:
         """Take a node's appearance or end."""
-        (self._names.add if is_alive else self._names.discard)(node)
-        # whoever may order counts, the operator or not; consoles that only watch have another name
-        self.has_ground = any(name.startswith(GROUND) for name in self._names)
-        self.roles.see(node, is_alive)
+        if node.startswith(GROUND):  # whoever may order, operator or not; who only watches has another name
+            (self._grounds.add if is_alive else self._grounds.discard)(node)
+        else:
+            self.roles.see(node, is_alive)
 
     def silence_s(self, last_heard_ns: int, now_ns: int) -> float:
         """Return the time [s] since anything was heard on the bus; 0 while that says nothing about it."""

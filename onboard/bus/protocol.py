@@ -33,7 +33,7 @@ class Bus(Protocol):
 
     @property
     def node(self) -> str:
-        """Return this node's name; its liveliness token is ``alive/<node>``."""
+        """Return this node's name; others see it on the bus while one node has it."""
 
     @property
     def is_simulated(self) -> bool:
@@ -146,8 +146,8 @@ class Bus(Protocol):
         """
 
     def watch_alive(self, on_alive: OnAlive) -> None:
-        """Call back for every liveliness token of the fleet that appears or vanishes.
+        """Call back for every name of a node or role that appears or vanishes.
 
         Args:
-            on_alive: called with the token and whether it is there; first for all that are there already.
+            on_alive: called with the name and whether a node has it; first for all that are there already.
         """

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import json
 import os
+import secrets
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import zenoh
 
 from onboard.bus.codec import Malformed, decode, encode
+from onboard.bus.presence import Presence
 from onboard.bus.protocol import (
     LEASE_MS,
     MAX_COLLECTED,
@@ -52,7 +54,7 @@ class BusSession:
 
     Args:
         namespace: key prefix, ``covey/<fleet name>``.
-        node: this node's name; its liveliness token is ``alive/<node>``.
+        node: this node's name; its liveliness token is ``alive/<node>/<number>``, with a random number.
         listen: endpoints to listen at, for instance ``["tcp/127.0.0.1:7460"]``; empty for the ground.
         connect: endpoints of the others; retried for ever, so that the order of starting does not matter.
     """
@@ -66,6 +68,7 @@ class BusSession:
         self._connect = [endpoint for endpoint in connect if endpoint not in self._listen]
         self._session: zenoh.Session | None = None
         self._sockets = PromptSockets()
+        self._instance = secrets.token_hex(4)
         self._publishers: dict[tuple[Topic, str], zenoh.Publisher] = {}
         self._followed: dict[tuple[Topic, str], _Collector] = {}
         self._collected: list[_Collector] = []
@@ -82,8 +85,7 @@ class BusSession:
         if self._session is None:
             self._session = self._open_session()
             self._sockets.start()
-            token = self._session.liveliness().declare_token(key(self.namespace, Topic.ALIVE, self.node))
-            self._declared.append(token)
+            self._declared.append(self._declare_token(self.node))
 
     def _open_session(self) -> zenoh.Session:
         config = zenoh.Config()
@@ -250,7 +252,7 @@ class BusSession:
     def claim(self, token: str) -> None:
         """Declare another liveliness token, for a role of this node; a second claim of it does nothing."""
         if token not in self._claims:
-            self._claims[token] = self._open.liveliness().declare_token(key(self.namespace, Topic.ALIVE, token))
+            self._claims[token] = self._declare_token(token)
 
     def release(self, token: str) -> None:
         """Take back a token of :meth:`claim`."""
@@ -259,18 +261,19 @@ class BusSession:
             claim.undeclare()
 
     def watch_alive(self, on_alive: OnAlive) -> None:
-        """Call ``on_alive(token, is_alive)`` for every token of the fleet, those already there included."""
+        """Call ``on_alive(name, is_alive)`` for every name on the bus, those already there included."""
+        presence, prefix = Presence(on_alive), key(self.namespace, Topic.ALIVE, "")
 
         def receive(sample: zenoh.Sample) -> None:
-            parts = topic_and_name(self.namespace, str(sample.key_expr))
-            if parts is not None:
-                on_alive(parts[1], sample.kind == zenoh.SampleKind.PUT)
+            presence.see(str(sample.key_expr).removeprefix(prefix), sample.kind == zenoh.SampleKind.PUT)
 
         self._declared.append(
-            self._open.liveliness().declare_subscriber(
-                key(self.namespace, Topic.ALIVE, "*"), _callback(receive), history=True
-            )
+            self._open.liveliness().declare_subscriber(f"{prefix}**", _callback(receive), history=True)
         )
+
+    def _declare_token(self, name: str) -> Any:
+        """Two nodes of one name declare different tokens; otherwise who leaves would take the other's along."""
+        return self._open.liveliness().declare_token(key(self.namespace, Topic.ALIVE, f"{name}/{self._instance}"))
 
 
 def _reason(error: zenoh.ZError) -> str:

@@ -12,7 +12,7 @@ import pytest
 from groundstation.cli import main
 from groundstation.client import preflight_page
 from groundstation.client.client import FleetClient
-from groundstation.fleet.state import FleetState, fold, fold_alive, initial
+from groundstation.fleet.state import FleetState, NodeSeen, fold, fold_nodes, initial
 from groundstation.missions.files import load_mission, mission_from_mapping
 from groundstation.missions.findings import refuse_unflyable
 from groundstation.missions.runner import MissionRun
@@ -34,7 +34,7 @@ def heard(fleet: FleetConfig, make_telemetry: Any, checks: dict[str, Any], **cha
     state = initial(fleet)
     for name, found in checks.items():
         told = make_telemetry(name, config_hash=fleet.config_hash, **changes)
-        state = fold(fold(fold_alive(state, name, True), told, 0), report(name, *found), 0)
+        state = fold(fold(fold_nodes(state, [NodeSeen(name, True)]), told, 0), report(name, *found), 0)
     return state
 
 

@@ -10,9 +10,10 @@ import pytest
 from groundstation.fleet.state import (
     DIRECT_DISARMED,
     MAX_EVENTS,
+    NodeSeen,
     fold,
-    fold_alive,
     fold_batch,
+    fold_nodes,
     fold_telemetry,
     initial,
 )
@@ -127,10 +128,10 @@ def test_unknown_vehicles_change_nothing_and_events_stay_bounded(fleet: FleetCon
 
 
 def test_a_liveliness_token_says_who_is_there(fleet: FleetConfig) -> None:
-    state = fold_alive(fold_alive(initial(fleet), "mav1", True), "sitl", True)
+    state = fold_nodes(initial(fleet), [NodeSeen("mav1", True), NodeSeen("sitl", True)])
     assert state.vehicles["mav1"].is_alive
     assert state.nodes == {"mav1", "sitl"}
-    assert not fold_alive(state, "mav1", False).vehicles["mav1"].is_alive
+    assert not fold_nodes(state, [NodeSeen("mav1", False)]).vehicles["mav1"].is_alive
 
 
 def test_the_newest_preflight_report_is_kept_and_says_go_only_while_nothing_refuses(fleet: FleetConfig) -> None:

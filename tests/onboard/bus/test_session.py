@@ -125,6 +125,24 @@ def test_leaving_shows_in_the_liveliness(agent: BusSession, ground: BusSession) 
     wait_for(lambda: "mav0" not in ground.alive)  # type: ignore[attr-defined]
 
 
+def test_a_second_node_of_a_name_does_not_take_the_first_along_when_it_leaves(
+    agent: BusSession, ground: BusSession, endpoint: str
+) -> None:
+    def joins(node: str) -> BusSession:
+        session = BusSession(namespace="covey/t", node=node, connect=[endpoint])
+        session.start()
+        return session
+
+    second, third = joins("mav0"), joins("mav9")
+    seen: list[tuple[str, bool]] = []
+    agent.watch_alive(lambda *change: seen.append(change))  # connected to all of them
+    wait_for(lambda: {("mav0", True), ("mav9", True)} <= set(seen))
+    second.stop()
+    third.stop()
+    wait_for(lambda: ("mav9", False) in seen)
+    assert ("mav0", False) not in seen
+
+
 def test_another_fleet_on_the_same_endpoint_hears_nothing(agent: BusSession, ground: BusSession, endpoint: str) -> None:
     other = BusSession(namespace="covey/other", node="ground", connect=[endpoint])
     other.start()
