@@ -9,7 +9,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
-from onboard.vectors import Vec3
+from onboard.vectors import ZERO_3, Vec3
 
 GRAVITY_M_S2 = 9.80665
 TICK_S = 0.02  # period of the control loop
@@ -37,11 +37,16 @@ class State(NamedTuple):
 
 
 class Goal(NamedTuple):
-    """Position to fly to; the input of the trajectory."""
+    """Position to fly to, or the present point of a path that is followed; the input of the trajectory."""
 
     position_enu_m: Vec3
     duration_s: float  # time for the leg; 0: as fast as the limits allow
     sequence: int  # changes when a new leg begins, so that the trajectory is planned anew
+    is_on_path: bool = False  # the rest is for a path only
+    velocity_enu_m_s: Vec3 = ZERO_3  # of the path, at a clock rate of 1
+    acceleration_enu_m_s2: Vec3 = ZERO_3
+    yaw_rad: float = 0.0
+    clock_rate_frac: float = 1.0  # of the path's clock
 
 
 class TrajectorySetpoint(NamedTuple):

@@ -20,12 +20,13 @@ from groundstation.client.open_orders import OpenOrders, SendDirect
 from groundstation.fleet.control_authority import Control
 from groundstation.fleet.state import FleetState, Received, fold_batch, initial
 from groundstation.fleet.tick_stream import BusTickStream
-from groundstation.orders.grammar import Intent, default_formation, parse
+from groundstation.orders.grammar import Intent, PathVerb, default_formation, parse
+from groundstation.orders.path_orders import path_orders
 from groundstation.orders.plan import HeldFormation, PlannedOrder, check_again, plan_order, random_id
 from groundstation.orders.result import OrderResult, VehicleResult
 from onboard.bus.authority import GROUND
 from onboard.bus.protocol import Bus
-from onboard.bus.schema import Event, FaultOrder
+from onboard.bus.schema import Event, FaultOrder, PathOrder
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
@@ -174,8 +175,23 @@ class FleetClient:
             author=self.author,
             node=self._feed.bus.node,
             now_ns=self._clock_ns(),
-            new_id=self._new_order_id,
+            new_id=self.new_order_id,
         )
+
+    def order_paths(self, kind: PathVerb, paths: Mapping[str, PathOrder]) -> OrderResult:
+        """Send each vehicle a part of its path, or the start of its flight.
+
+        Args:
+            kind: of the orders.
+            paths: for each vehicle, by :mod:`groundstation.orders.path_orders`.
+
+        Returns:
+            Its results, which fill in on the event loop.
+        """
+        refusal, node = self.control.refusal("move"), self._feed.bus.node
+        orders = path_orders(kind, paths, self.new_order_id, self.author, node, self._clock_ns())
+        refusals = {} if refusal is None else dict.fromkeys(paths, refusal)
+        return self.send(PlannedOrder(Intent(kind, tuple(paths)), {} if refusals else orders, refusals, self._held))
 
     def check_again(self, planned: PlannedOrder) -> PlannedOrder:
         """Check a planned order against the fleet as it is now, and stamp it anew: the fleet may have moved meanwhile.
@@ -283,7 +299,7 @@ class FleetClient:
             FaultRefused: the fault is impossible, or no emulator answers: a real flight has no faults to order.
         """
         order = FaultOrder(
-            order_id=self._new_order_id(),
+            order_id=self.new_order_id(),
             author=self.author,
             stamp_ns=self._clock_ns(),
             vehicle=vehicle,
@@ -340,7 +356,8 @@ class FleetClient:
         self._feed.tell_sinks(Topic.EVENT, vehicle, event)
         self._feed.put(event)
 
-    def _new_order_id(self) -> str:
+    def new_order_id(self) -> str:
+        """Return an id that no other order has."""
         return f"{self._feed.bus.node}-{next(self._order_count)}"  # no other ground has this node's name
 
     def _take_batch(self, batch: Sequence[Received]) -> None:

@@ -4,33 +4,25 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
 from groundstation.missions.landing import land_all
+from groundstation.missions.path_flight import follow_paths
 from groundstation.missions.readiness import NotReady as NotReady  # missions import it from here
 from groundstation.missions.readiness import is_ready, not_ready
-from groundstation.missions.verdict import Arrival, StepResult, smallest
+from groundstation.missions.verdict import Arrival, StepResult, arrival_of, smallest
 from groundstation.orders.grammar import DEFAULT_HEIGHT_M, Intent
-from groundstation.orders.result import VehicleResult
+from groundstation.orders.path_orders import OnLag
+from groundstation.orders.result import OrderFailed as OrderFailed
+from groundstation.orders.result import Results, VehicleResult
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.control.path import Path
 
 ARRIVED_M = 0.15
-Results = dict[str, VehicleResult]
 Vehicles = str | Sequence[str]  # "all", names or indices: "mav0,mav2", "0-1", or a list of names
-
-
-class OrderFailed(RuntimeError):
-    """At least one vehicle did not do what was ordered; ``results`` says which and why."""
-
-    def __init__(self, intent: Intent, results: Results) -> None:
-        self.results = results
-        reasons = [
-            f"{result.vehicle} {result.phase}: {result.sentence}" for result in results.values() if not result.is_done
-        ]
-        super().__init__(f"'{intent}' failed. {' '.join(reasons)}")
 
 
 class Fleet:
@@ -192,6 +184,24 @@ class Fleet:
         intent = Intent("formation", names, position_enu_m=position_enu_m, formation=name, duration_s=duration_s)
         return await self.order(intent, timeout_s)
 
+    async def follow_path(
+        self, paths: Mapping[str, Path], *, on_lag: OnLag = "land", timeout_s: float | None = None
+    ) -> Results:
+        """Have each vehicle follow its own path, all from one instant on.
+
+        Args:
+            paths: of the vehicles, see :func:`groundstation.paths.files.load_path`.
+            on_lag: what a vehicle does that falls behind for too long; the others go on.
+            timeout_s: longest flight along the paths [s]; None: their own duration, and a minute.
+
+        Returns:
+            One result per vehicle.
+
+        Raises:
+            OrderFailed: a vehicle does not take its path or does not start; then nobody does.
+        """
+        return await follow_paths(self, paths, on_lag=on_lag, timeout_s=timeout_s)
+
     async def hold(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
         """Hold the present position.
 
@@ -296,7 +306,7 @@ class Fleet:
         results = await order.wait(timeout_s)
         for name, message in order.planned.orders.items():
             if message.position_enu_m is not None:
-                self.arrivals.append(self._arrival(str(intent.verb), name, message.position_enu_m))
+                self.add_arrival(str(intent.verb), name, message.position_enu_m)
         self.steps.append(
             StepResult(
                 step=str(intent),
@@ -313,6 +323,10 @@ class Fleet:
         if not all(result.is_done for result in results.values()):
             raise OrderFailed(intent, results)
         return results
+
+    def add_arrival(self, step: str, name: str, goal: Vec3) -> None:
+        """Note how far a vehicle is from its goal now."""
+        self.arrivals.append(arrival_of(step, self.state.vehicles[name], goal, self.client.now_ns()))
 
     async def land_all(self, timeout_s: float = 40.0) -> bool:
         """Land all vehicles that are not down yet. A landing under way goes on: no new order replaces an operator's.
@@ -332,15 +346,6 @@ class Fleet:
         return (
             "" if near is None else f"; smallest distance so far {near.distance_m:.2f} m ({near.first}, {near.second})"
         )
-
-    def _arrival(self, step: str, name: str, goal: Vec3) -> Arrival:
-        view = self.state.vehicles[name]
-        now_ns = self.client.now_ns()
-        if view.truth is not None and view.has_truth(now_ns):
-            return Arrival(step, name, round(math.dist(view.truth.position_enu_m, goal), 4), True)
-        position = view.position_enu_m(now_ns)
-        distance_m = math.inf if position is None else round(math.dist(position, goal), 4)
-        return Arrival(step, name, distance_m, False)
 
 
 class MissionVehicle:

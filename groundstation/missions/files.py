@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import ast
 import os
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from pathlib import Path as FilePath
 from typing import Any, Literal, cast
 
 import msgspec
 
 from groundstation.orders.grammar import Intent, default_formation
+from groundstation.orders.path_orders import OnLag
 from groundstation.orders.plan import HeldFormation, plan_order
+from groundstation.paths.files import load_path
 from onboard.config.example_files import existing_file
 from onboard.config.fleet import ConfigError, FleetConfig, Vec3, check_schema, convert, load_fleet, read_toml
+from onboard.control.path import Path
 
 Names = str | list[str]
 
@@ -52,6 +55,14 @@ class FormationStep(_OrderStep, frozen=True, kw_only=True):
     name: str
     position_enu_m: Vec3
     duration_s: float = 0.0
+
+
+class FollowPathStep(_Step, frozen=True, kw_only=True):
+    """Each vehicle follows its own path, all from one instant on; they go to the begins of their paths first."""
+
+    paths: dict[str, str]  # vehicle -> file of its path, relative to the mission's
+    on_lag: OnLag = "land"  # what a vehicle does that falls behind for too long
+    timeout_s: float | None = None  # None: as long as the paths take, and a minute
 
 
 class HoldStep(_OrderStep, frozen=True, kw_only=True):
@@ -107,12 +118,13 @@ class OnFailure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 OrderStep = ArmStep | TakeoffStep | MoveStep | FormationStep | HoldStep | LandStep | DisarmStep
-Step = OrderStep | WaitStep | ExpectStep | FaultStep
+Step = OrderStep | FollowPathStep | WaitStep | ExpectStep | FaultStep
 STEPS: dict[str, type[Step]] = {
     "arm": ArmStep,
     "takeoff": TakeoffStep,
     "move": MoveStep,
     "formation": FormationStep,
+    "follow_path": FollowPathStep,
     "hold": HoldStep,
     "wait": WaitStep,
     "land": LandStep,
@@ -132,11 +144,16 @@ class Mission(msgspec.Struct, frozen=True):
     on_failure: OnFailure
     text: str
     is_python: bool = False
+    paths: Mapping[str, Path] = {}  # by the files that the steps name
+
+    def paths_of(self, step: FollowPathStep) -> dict[str, Path]:
+        """Return the path of each vehicle of a step."""
+        return {vehicle: self.paths[file] for vehicle, file in step.paths.items()}
 
     @property
     def name(self) -> str:
         """File name without its ending."""
-        return Path(self.path).stem
+        return FilePath(self.path).stem
 
 
 def load_mission(path: str | os.PathLike[str], fleet: FleetConfig | str | None = None) -> Mission:
@@ -198,6 +215,7 @@ def mission_from_mapping(
     steps = tuple(_step(table, f"step[{index}]", path) for index, table in enumerate(tables))
     expect = convert(data.get("expect", {}), Expect, path, "expect")
     _check_expect(expect, path, "expect")
+    files = {file for step in steps if isinstance(step, FollowPathStep) for file in step.paths.values()}
     mission = Mission(
         path=path,
         fleet=config,
@@ -205,6 +223,7 @@ def mission_from_mapping(
         expect=expect,
         on_failure=convert(data.get("on_failure", {}), OnFailure, path, "on_failure"),
         text=text,
+        paths={file: load_path(FilePath(path).parent / file) for file in sorted(files)},
     )
     _check_steps(mission)
     return mission
@@ -248,8 +267,8 @@ def _fleet_of(value: Any, override: FleetConfig | str | None, path: str) -> Flee
         return load_fleet(override)
     if not isinstance(value, str):
         raise ConfigError(f"{path}: 'fleet' must be the path of a fleet file, relative to this file; or give --fleet.")
-    beside = Path(path).parent / value
-    return load_fleet(value if Path(value).name == value and not beside.exists() else beside)
+    beside = FilePath(path).parent / value
+    return load_fleet(value if FilePath(value).name == value and not beside.exists() else beside)
 
 
 def _step(table: Any, key: str, path: str) -> Step:
@@ -261,6 +280,8 @@ def _step(table: Any, key: str, path: str) -> Step:
     step = cast(Step, convert(table, kind, path, key))
     for name in ("timeout_s", "duration_s", "after_s"):
         value = getattr(step, name, 1.0)
+        if value is None:
+            continue
         low = 0.1 if name == "timeout_s" else 0.0
         if not low <= value <= 3600.0:
             raise ConfigError(f"{path}: '{key}.{name}' is {value}; it must lie between {low:g} and 3600 s.")
@@ -288,6 +309,9 @@ def _check_steps(mission: Mission) -> None:
         if isinstance(step, FaultStep):
             _check_fault(step, fleet, f"{mission.path}: '{key}")
             is_known = False
+            continue
+        if isinstance(step, FollowPathStep):
+            _check_paths(step, fleet, flying if is_known else set(step.paths), f"{mission.path}: '{key}.paths'")
             continue
         if isinstance(step, FormationStep) and step.name not in fleet.formations:
             raise ConfigError(
@@ -323,6 +347,19 @@ def _out_of_order(step: OrderStep, vehicles: Sequence[str], flying: set[str]) ->
     return ""
 
 
+def _check_paths(step: FollowPathStep, fleet: FleetConfig, flying: set[str], where: str) -> None:
+    """Check the vehicles of paths; the findings of a mission check the paths themselves."""
+    strangers = [name for name in step.paths if name not in fleet.enabled_names]
+    if strangers or not step.paths:
+        raise ConfigError(
+            f"{where} must name vehicles of the fleet ({', '.join(fleet.enabled_names)}), each with a file; it has "
+            f"{', '.join(strangers) or 'none'}."
+        )
+    grounded = [name for name in step.paths if name not in flying]
+    if grounded:
+        raise ConfigError(f"{where}: {', '.join(grounded)} would be on the ground. Put a step 'takeoff' before it.")
+
+
 def _check_fault(step: FaultStep, fleet: FleetConfig, where: str) -> None:
     """Check a fault without an emulator; the emulator checks the rest before the mission's first step."""
     misplaced = set(step.parameters) & set(FaultStep.__struct_fields__)
@@ -337,7 +374,7 @@ def _check_fault(step: FaultStep, fleet: FleetConfig, where: str) -> None:
 def _load_python(name: str, fleet: FleetConfig | str | None) -> Mission:
     """A Python mission: ``async def mission(fleet)``; ``FLEET = "path"`` and ``EXPECT = {...}`` are literals."""
     try:
-        text = Path(name).read_text(encoding="utf-8")
+        text = FilePath(name).read_text(encoding="utf-8")
         tree = ast.parse(text, name)
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{name}: this mission cannot be read ({error}). Check the path.") from None

@@ -5,10 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from groundstation.missions.files import FormationStep, LandStep, Mission, MoveStep, OrderStep, TakeoffStep, intent_of
+from groundstation.missions.files import (
+    FollowPathStep,
+    FormationStep,
+    LandStep,
+    Mission,
+    MoveStep,
+    OrderStep,
+    TakeoffStep,
+    intent_of,
+)
 from groundstation.orders.grammar import default_formation
 from groundstation.orders.plan import HeldFormation, plan_order
+from groundstation.paths.checks import path_findings
 from onboard.config.fleet import ConfigError, FleetConfig, Vec3
+from onboard.control.path import Path, point_at
 from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
 from onboard.feasibility.bounds import ACCURACIES
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
@@ -92,6 +103,11 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
     positions: dict[str, Vec3] = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
     flying: set[str] = set()
     for index, step in enumerate(mission.steps):
+        if isinstance(step, FollowPathStep):
+            paths = mission.paths_of(step)
+            yield from path_findings(fleet, paths, f"step[{index}] ({step.do})")
+            positions.update({name: _point(path, math.inf) for name, path in paths.items()})
+            continue
         if not isinstance(step, TakeoffStep | MoveStep | FormationStep | LandStep):
             continue
         intent = intent_of(step, fleet)
@@ -120,6 +136,11 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
             'Add a last [[step]] with do = "land", or say expect.all_landed = false.',
             refuse_above=math.inf,
         )
+
+
+def _point(path: Path, time_s: float) -> Vec3:
+    x, y, z = point_at(path, time_s).position_enu_m
+    return (x, y, z)
 
 
 def _goal(step: OrderStep, position: Vec3, ordered: Vec3 | None) -> Vec3:

@@ -15,7 +15,7 @@ from groundstation.client.fault_orders import FaultRefused
 from groundstation.client.preflight_page import advice_of
 from groundstation.fleet.state import FleetState
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
-from groundstation.missions.files import ExpectStep, FaultStep, Mission, WaitStep, intent_of
+from groundstation.missions.files import ExpectStep, FaultStep, FollowPathStep, Mission, WaitStep, intent_of
 from groundstation.missions.verdict import FlightObservations, Verdict, check, is_landed, judge, smallest
 from onboard.config.fleet import ConfigError
 
@@ -188,6 +188,9 @@ class MissionRun:
                 await self._fault(step)
             elif isinstance(step, ExpectStep):
                 self._expect_now(index, step)
+            elif isinstance(step, FollowPathStep):
+                paths = self.mission.paths_of(step)
+                await self.fleet.follow_path(paths, on_lag=step.on_lag, timeout_s=step.timeout_s)
             else:
                 await self.fleet.order(intent_of(step, self.mission.fleet), step.timeout_s)
 

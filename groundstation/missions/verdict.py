@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import msgspec
 
-from groundstation.fleet.state import FleetState, Separation
+from groundstation.fleet.state import FleetState, Separation, VehicleView
 from groundstation.missions.files import Expect
 from groundstation.recording.report import PERIOD_NOMINAL_MS, FlightReport, LoopTiming
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import FleetConfig, Vec3
 from onboard.exit_status import (
     EXIT_FAILED,
     EXIT_INTERRUPTED,
@@ -37,6 +37,15 @@ class Arrival(msgspec.Struct, frozen=True):
     vehicle: str
     distance_m: float
     is_truth: bool  # by ground truth, otherwise by telemetry
+
+
+def arrival_of(step: str, view: VehicleView, goal: Vec3, now_ns: int) -> Arrival:
+    """Return the distance of a vehicle from its goal now, by ground truth where there is one."""
+    if view.truth is not None and view.has_truth(now_ns):
+        return Arrival(step, view.name, round(math.dist(view.truth.position_enu_m, goal), 4), True)
+    position = view.position_enu_m(now_ns)
+    distance_m = math.inf if position is None else round(math.dist(position, goal), 4)
+    return Arrival(step, view.name, distance_m, False)
 
 
 class StepResult(msgspec.Struct, frozen=True):

@@ -23,6 +23,7 @@ from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
 
 Verb = Literal["arm", "disarm", "takeoff", "move", "formation", "land", "hold", "kill", "locate"]
+PathVerb = Literal["load_path", "follow_path"]  # of programs and missions; nobody types a path
 VERBS: tuple[Verb, ...] = get_args(Verb)
 DEFAULT_HEIGHT_M = 1.0
 USAGE: dict[Verb, str] = {
@@ -46,13 +47,14 @@ class OrderError(ConfigError):
 class Intent:
     """One order of an operator, before it is checked. Positions are in fleet ENU."""
 
-    verb: Verb
+    verb: Verb | PathVerb
     vehicles: tuple[str, ...]
     height_m: float | None = None  # of a take-off
     position_enu_m: Vec3 | None = None  # goal of one vehicle, or the formation's position
     formation: str | None = None  # name in the fleet file
     duration_s: float = 0.0  # of the move; 0 leaves it to the vehicle's limits
     spacing_m: float | None = None  # distance of the formation's two nearest slots; None: as in the fleet file
+    goals: Mapping[str, Vec3] | None = None  # of a move with a goal for each vehicle, instead of a position
 
     def __str__(self) -> str:
         numbers = () if self.position_enu_m is None else tuple(f"{value:g}" for value in self.position_enu_m)

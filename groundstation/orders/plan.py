@@ -211,6 +211,8 @@ def _goals(
             reason = "the formation's position is not known, because no vehicle reports one. Write it: {}"
             return intent, {}, {name: reason.format(USAGE["formation"]) for name in names}
         intent = replace(intent, position_enu_m=position)
+    if intent.goals is not None:
+        return intent, {name: intent.goals[name] for name in names}, {}
     if position is None:
         return intent, {}, dict.fromkeys(names, "a move needs a position: X Y Z in metres.")
     if intent.verb == "move" and len(names) == 1:

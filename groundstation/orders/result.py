@@ -41,6 +41,20 @@ class VehicleResult:
         return self.phase == "done"
 
 
+Results = dict[str, VehicleResult]
+
+
+class OrderFailed(RuntimeError):
+    """At least one vehicle did not do what was ordered; ``results`` says which and why."""
+
+    def __init__(self, intent: Intent, results: Results) -> None:
+        self.results = results
+        reasons = [
+            f"{result.vehicle} {result.phase}: {result.sentence}" for result in results.values() if not result.is_done
+        ]
+        super().__init__(f"'{intent}' failed. {' '.join(reasons)}")
+
+
 class OrderResult:
     """Results of one order that has been sent; for the event loop's thread only.
 

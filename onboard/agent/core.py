@@ -47,6 +47,7 @@ from onboard.events import (
 from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
+from onboard.flight.path_flight import OtherClock, other_clocks
 from onboard.flight.types import FlightView, Step
 from onboard.localization.odometry_forwarding import OdometryForwarder
 from onboard.localization.own_state import OwnState
@@ -266,7 +267,20 @@ class AgentCore:
         own = self.own
         has_position = own.age_s < POSITION_LOST_S
         thrust_share = self._setpoints.sent_thrust_frac / self.control.hover_frac
-        return FlightView(now_ns, own.position_enu_m, own.velocity_enu_m_s, has_position, self._snapshot, thrust_share)
+        return FlightView(
+            now_ns,
+            own.position_enu_m,
+            own.velocity_enu_m_s,
+            has_position,
+            self._snapshot,
+            thrust_share,
+            self._other_clocks(now_ns),
+            self._context.period_s,
+        )
+
+    def _other_clocks(self, now_ns: int) -> tuple[OtherClock, ...]:
+        show_id = self.flight.path.show_id
+        return tuple(other_clocks(self.neighbours.telemetries().values(), show_id, now_ns)) if show_id else ()
 
     def _supervise(self) -> None:
         """Let the failsafes and, on the ground, the preflight check decide."""

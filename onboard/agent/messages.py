@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -13,6 +14,7 @@ from onboard.bus.schema import StateMessage, Telemetry, TickSample
 from onboard.config.fleet import Vehicle
 from onboard.events import LoopTimed
 from onboard.flight.context import FlightContext
+from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightView
 from onboard.localization.own_state import OwnState
 from onboard.localization.px4_position_check import STD_M, STD_M_S
@@ -210,4 +212,18 @@ def telemetry(
         roles=sources.roles.others,
         avoids=active_neighbour(tick, sources.neighbours),
         doubles=sources.duplicates.doubled(now_ns),
+        **_path_fields(flight.path),
     )
+
+
+def _path_fields(path: PathFlight) -> dict[str, Any]:
+    """Return the fields about the path that is followed; none without one."""
+    if not path.show_id:
+        return {}
+    return {
+        "show_id": path.show_id,
+        "path_time_s": path.time_s,
+        "path_rate_frac": path.rate,
+        "path_lag_m": path.lag_m,
+        "is_behind": path.is_behind,
+    }

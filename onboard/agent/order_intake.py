@@ -47,7 +47,7 @@ class OrderIntake:
 
     def _refusal(self, order: Order, facts: OrderFacts, *, is_stopping: bool) -> str | None:
         reason = self._roles.refusal(order) or order_checks.refusal(order, self._flight, facts)
-        if reason is None and order.kind == "move":
+        if reason is None and order.kind in ("move", "follow_path"):
             reason = self._failsafes.move_refusal()
         if reason is None and is_stopping and order.kind not in _ALLOWED_WHILE_STOPPING:
             return "This agent has been asked to stop: start it again."
@@ -56,6 +56,9 @@ class OrderIntake:
     def _begin(self, order: Order, view: FlightView) -> None:
         if order.kind in LOCATE:
             state_machine.locate(self._flight, view, order)
+            return
+        if order.kind == "load_path":
+            state_machine.load_path(self._flight, view, order)
             return
         self._failsafes.begin_order()
         state_machine.begin_order(self._flight, view, order)

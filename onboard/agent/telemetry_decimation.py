@@ -33,6 +33,8 @@ class TelemetryDecimation:
             telemetry.is_position_valid,
             telemetry.doubles,
             telemetry.config_hash,
+            telemetry.show_id,
+            telemetry.is_behind,
         )
         goal = telemetry.goal_position_enu_m
         if self._stamp_ns is None or words != self._words or not math.dist(goal, self._goal_enu_m) < _GOAL_M:

@@ -106,8 +106,10 @@ class ClockNode:
         stamp_ns = self.clocks.own_ns(order.node, order.stamp_ns, received_ns)
         if stamp_ns == order.stamp_ns:
             return order
-        deadline_ns = order.deadline_ns and order.deadline_ns - order.stamp_ns + stamp_ns
-        return replace(order, stamp_ns=stamp_ns, deadline_ns=deadline_ns)
+        offset_ns = stamp_ns - order.stamp_ns
+        deadline_ns = order.deadline_ns and order.deadline_ns + offset_ns
+        path = order.path and replace(order.path, start_ns=order.path.start_ns + offset_ns)
+        return replace(order, stamp_ns=stamp_ns, deadline_ns=deadline_ns, path=path)
 
     def beat(self) -> None:
         """Publish our clock; never blocks."""

@@ -19,7 +19,9 @@ Vec4 = tuple[float, float, float, float]
 AgentState = Literal["waiting", "ready", "armed", "taking off", "flying", "holding", "landing", "landed", "failed"]
 # "identify" is the former name of "locate": records and older grounds have it
 LOCATE = ("locate", "identify")
-OrderKind = Literal["arm", "disarm", "takeoff", "move", "land", "hold", "kill", "locate", "identify"]
+OrderKind = Literal[
+    "arm", "disarm", "takeoff", "move", "land", "hold", "kill", "locate", "identify", "load_path", "follow_path"
+]
 OrderOutcome = Literal["accepted", "done", "refused", "superseded", "failed", "timed out"]
 Severity = Literal["debug", "info", "warning", "critical"]
 
@@ -102,6 +104,11 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     avoids: str = ""  # the neighbour that the law's intervention is mostly for; "" without intervention
     doubles: tuple[str, ...] = ()  # vehicles for which this one hears two agents
     mocap_delay_s: float = 0.0  # mean time from a pose's measurement to its arrival
+    show_id: str = ""  # of the path being followed; "" without one
+    path_time_s: float = 0.0  # on the path's clock
+    path_rate_frac: float = 1.0  # of that clock
+    path_lag_m: float = 0.0  # distance from where the path is at that time
+    is_behind: bool = False  # asks all to slow the clock
 
 
 class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
@@ -173,6 +180,18 @@ class Event(Message, frozen=True, array_like=True, kw_only=True):
     order_outcome: OrderOutcome | Literal[""] = ""
 
 
+class PathOrder(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
+    """The part of an order that is about a path: its bytes in parts, or the begin of its flight."""
+
+    path_id: str  # of the whole path: see onboard/control/path.py
+    part: int = 0
+    parts: int = 1
+    data: bytes = b""  # load_path only
+    show_id: str = ""  # equal for all that follow their paths by one clock; follow_path only, as the rest
+    start_ns: int = 0  # time 0 of the path, on the sender's monotonic clock
+    on_lag: Literal["land", "hold"] = "land"  # what a vehicle does that falls behind for too long
+
+
 class Order(Message, frozen=True, array_like=True, kw_only=True):
     """Ground to one vehicle; answered at once by an :class:`OrderReply`, ended by an event."""
 
@@ -185,6 +204,7 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
     height_m: float | None = None  # takeoff only: above the fleet's origin
     duration_s: float = 0.0  # 0: as fast as the limits allow
     node: str = ""  # the sender on the bus, by which the operator is known
+    path: PathOrder | None = None  # load_path and follow_path only
 
 
 class FaultOrder(Message, frozen=True, array_like=True, kw_only=True):

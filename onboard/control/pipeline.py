@@ -27,6 +27,7 @@ from onboard.vectors import ZERO_3, Vec3, add, is_finite, length, scaled
 _INTENT_1_S = 1.0  # intended velocity per metre left to the goal
 _ACTIVE_M_S2 = 0.05  # an intervention beyond counts as the law being active
 _NOWHERE = Vec3(math.nan, math.nan, math.nan)
+_WEIGHT = Vec3(0.0, 0.0, -GRAVITY_M_S2)
 _LEVEL = Thrust(Vec3(0.0, 0.0, GRAVITY_M_S2))
 
 
@@ -56,7 +57,8 @@ class PipelineParams(NamedTuple):
     clock_stop_m: float = 1.5  # lag at which it stands still
     activity_time_s: float = 0.5
     clock_time_s: float = 0.2
-    yaw_rad: float = 0.0  # heading to hold, counterclockwise from east: the paper's psi_d
+    yaw_rad: float = 0.0  # heading to hold, counterclockwise from east, until a path turns it: the paper's psi_d
+    max_yaw_rate_rad_s: float = 1.0
 
 
 class PipelineMemory(NamedTuple):
@@ -69,6 +71,7 @@ class PipelineMemory(NamedTuple):
     sent_enu_m_s2: Vec3  # last command after every limit, without gravity
     clock_rate: float  # of the trajectory
     activity: float  # share of the recent past in which the law was active
+    yaw_rad: float  # of the last attitude setpoint
     thrust_frac: float  # of the last attitude setpoint
     cos_tilt: float  # of the last attitude setpoint
 
@@ -128,6 +131,7 @@ def initial(params: PipelineParams, position_enu_m: Vec3) -> PipelineMemory:
         ZERO_3,
         1.0,
         0.0,
+        params.yaw_rad,
         0.0,
         1.0,
     )
@@ -170,26 +174,26 @@ def step(
     thrust = _tracking(predicted, setpoint, share, phase == Phase.LIFTOFF, params)
     # line O: what drag and the observed disturbance take is added after the law, so that the law commands net motion
     compensation = _compensation(predicted.velocity_enu_m_s, observer.disturbance_enu_m_s2, params)
-    intended = intent(predicted.position_enu_m, goal, params.trajectory.max_speed_m_s)
-    baseline = interface.Baseline(thrust, compensation, intended)
+    top_m_s = params.trajectory.max_speed_m_s
+    baseline = interface.Baseline(thrust, compensation, intent(predicted.position_enu_m, goal, top_m_s))
     # the law must know, level out, and publish no state that is not known
     motion = predicted if is_usable else Motion(_NOWHERE, _NOWHERE)
     law_memory, law = oist.step(memory.law, baseline, motion, state, neighbours, obstacles, params.law, dt_s)
     net = Thrust(add(law.thrust.thrust_enu_m_s2, compensation))
     sent = allocation.limit(net, lift.hover_thrust_frac, params.allocation)
-    attitude = allocation.allocate(sent, params.yaw_rad, lift.hover_thrust_frac, params.allocation)
-    force = sent.thrust_enu_m_s2
-    is_active = 1.0 if law.intervention_m_s2 > _ACTIVE_M_S2 else 0.0
+    yaw_rad = _turned(memory.yaw_rad, goal, params, dt_s)
+    attitude = allocation.allocate(sent, yaw_rad, lift.hover_thrust_frac, params.allocation)
     memory = PipelineMemory(
         leg,
         law_memory,
         observer,
         lift,
-        Vec3(force.x, force.y, force.z - GRAVITY_M_S2),
+        add(sent.thrust_enu_m_s2, _WEIGHT),
         rate,
-        memory.activity + (1.0 - math.exp(-dt_s / params.activity_time_s)) * (is_active - memory.activity),
+        _activity(memory.activity, law.intervention_m_s2, params, dt_s),
+        yaw_rad,
         attitude.thrust_frac,
-        force.z / max(length(force), 1e-9),
+        sent.thrust_enu_m_s2.z / max(length(sent.thrust_enu_m_s2), 1e-9),
     )
     is_sound = is_usable and is_finite(thrust.thrust_enu_m_s2)
     return memory, Tick(state, setpoint, thrust, law, attitude, lift.hover_thrust_frac, is_sound)
@@ -249,8 +253,8 @@ def _at_rest(state: State, memory: PipelineMemory) -> State:
 def clock_rate(memory: PipelineMemory, position_enu_m: Vec3, goal: Goal, params: PipelineParams, dt_s: float) -> float:
     """Return the rate of the trajectory's clock: 1, or less while the law is active and the vehicle lags behind.
 
-    The lag is counted along the path to the goal only: a vehicle pushed aside or ahead waits for nothing.
-    DEVIATION D7.
+    The lag is counted along the way to the goal only: a vehicle pushed aside or ahead waits for nothing.
+    DEVIATION D7. The clock of a path is common to all that fly it, and not slowed here.
 
     Args:
         memory: of the last tick.
@@ -259,6 +263,8 @@ def clock_rate(memory: PipelineMemory, position_enu_m: Vec3, goal: Goal, params:
         params: slack, stop and time constant.
         dt_s: length of the tick.
     """
+    if goal.is_on_path:
+        return goal.clock_rate_frac
     ahead = trajectory.setpoint_position(memory.trajectory)
     to_goal_x, to_goal_y = goal.position_enu_m.x - ahead.x, goal.position_enu_m.y - ahead.y
     lag = (ahead.x - position_enu_m.x) * to_goal_x + (ahead.y - position_enu_m.y) * to_goal_y
@@ -270,16 +276,33 @@ def clock_rate(memory: PipelineMemory, position_enu_m: Vec3, goal: Goal, params:
 
 
 def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float) -> Vec3:
-    """Return the velocity that would lead straight to the goal, horizontal and at most ``max_speed_m_s``.
+    """Return the velocity that would lead straight to the goal or along the path, horizontal, at most the top speed.
 
     Args:
         position_enu_m: predicted [m], ENU.
         goal: of the order being flown.
         max_speed_m_s: of the vehicle.
     """
-    x, y = goal.position_enu_m.x - position_enu_m.x, goal.position_enu_m.y - position_enu_m.y
-    share = _INTENT_1_S * max_speed_m_s / max(_INTENT_1_S * math.sqrt(x * x + y * y), max_speed_m_s)
+    x = _INTENT_1_S * (goal.position_enu_m.x - position_enu_m.x) + goal.clock_rate_frac * goal.velocity_enu_m_s.x
+    y = _INTENT_1_S * (goal.position_enu_m.y - position_enu_m.y) + goal.clock_rate_frac * goal.velocity_enu_m_s.y
+    share = max_speed_m_s / max(math.sqrt(x * x + y * y), max_speed_m_s)
     return Vec3(share * x, share * y, 0.0)
+
+
+def _activity(activity: float, intervention_m_s2: float, params: PipelineParams, dt_s: float) -> float:
+    """Return the share of the recent past in which the law was active, after this tick."""
+    is_active = 1.0 if intervention_m_s2 > _ACTIVE_M_S2 else 0.0
+    return activity + (1.0 - math.exp(-dt_s / params.activity_time_s)) * (is_active - activity)
+
+
+def _turned(yaw_rad: float, goal: Goal, params: PipelineParams, dt_s: float) -> float:
+    """Return the heading to hold after this tick: it turns towards that of a path, the shorter way, not too fast."""
+    if not goal.is_on_path:
+        return yaw_rad
+    left_rad = goal.yaw_rad - yaw_rad
+    left_rad -= 2.0 * math.pi * math.floor(left_rad / (2.0 * math.pi) + 0.5)
+    most_rad = params.max_yaw_rate_rad_s * dt_s
+    return yaw_rad + min(max(left_rad, -most_rad), most_rad)
 
 
 def _pursuit(

@@ -8,6 +8,9 @@ peak speed 15/8 D/T, peak acceleration 10/sqrt(3) D/T^2.
 
 Time: the setpoint published at time t refers to t + lead_s, the time at which a command given now acts. A leg that is
 ordered now begins at the setpoint published now, and lead_s is taken off its duration, so that it ends on time.
+
+A goal on a path is the path's own motion at the time that the setpoint refers to: it is passed on as it is, and the leg
+that comes after it continues that motion.
 """
 
 from __future__ import annotations
@@ -84,6 +87,8 @@ def step(
     Properties: continuous in position, velocity and acceleration at a clock rate of 1; from rest the bounds hold
         exactly; rotation- and translation-equivariant; homogeneous in length and time; ends at rest on the goal.
     """
+    if goal.is_on_path:
+        return _on_path(goal)
     if goal.sequence != memory.sequence and is_finite(goal.position_enu_m) and math.isfinite(goal.duration_s):
         memory = _planned(memory, goal, params)
     rate = min(max(clock_rate, 0.0), 1.0) if math.isfinite(clock_rate) else 1.0
@@ -99,6 +104,14 @@ def step(
         rate,
         memory.sequence,
     )
+    return memory, setpoint(memory)
+
+
+def _on_path(goal: Goal) -> tuple[TrajectoryMemory, TrajectorySetpoint]:
+    """Return the path's motion as the begin of a leg of which no time has passed."""
+    p, rate = goal.position_enu_m, min(max(goal.clock_rate_frac, 0.0), 1.0)
+    v, a = goal.velocity_enu_m_s, goal.acceleration_enu_m_s2
+    memory = TrajectoryMemory(p, v, a, p, p, 1.0, 0.0, 0.0, rate, goal.sequence)
     return memory, setpoint(memory)
 
 

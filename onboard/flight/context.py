@@ -9,9 +9,11 @@ from onboard.autopilot import Vec3
 from onboard.bus.schema import AgentState, Event, Order, OrderOutcome, Severity
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.control import path
 from onboard.control.pipeline import Phase
 from onboard.events import Command, Publish
 from onboard.flight.contact import ContactSigns
+from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightView, Step
 from onboard.safety.failsafe_table import Situation
 from onboard.safety.report_confirmation import Expected
@@ -23,7 +25,7 @@ _CONTACT_LIMIT_S = 8.0
 _RISEN_M = 0.5  # of a landing: more than giving way, or the end of a climb, takes it up
 _NOT_YET_OFFBOARD = {Step.ARM_OFFBOARD, Step.TAKEOFF_OFFBOARD, Step.TAKEOVER}
 _NO_GOAL = Goal(ZERO_3, 0.0, 0)
-_IN_FREE_FLIGHT = {Step.LIFTOFF, Step.CLIMB, Step.LEG, Step.ARRIVED, Step.HOLDING}
+_IN_FREE_FLIGHT = {Step.LIFTOFF, Step.CLIMB, Step.LEG, Step.PATH, Step.ARRIVED, Step.HOLDING}
 
 
 @dataclass(slots=True)
@@ -42,6 +44,7 @@ class FlightContext:
     lowest_m: float = math.inf  # lowest height since the landing began, or since contact
     contact_z_m: float = -math.inf  # height where it came to stand
     contact: ContactSigns = field(default_factory=ContactSigns)
+    path: PathFlight = field(default_factory=PathFlight)
     step_ns: int = 0  # begin of the step
     steady_ns: int = 0  # last time at which the vehicle was not yet steady in this step
     request_ns: int = 0  # last request to PX4 in this step
@@ -91,7 +94,9 @@ class FlightContext:
 
     @property
     def goal_position_enu_m(self) -> Vec3:
-        """Point to fly to."""
+        """Point to fly to; of a path, its end."""
+        if self.step is Step.PATH and self.path.path is not None:
+            return path.point_at(self.path.path, math.inf).position_enu_m
         return self.goal.position_enu_m
 
     def is_avoiding(self, view: FlightView) -> bool:

@@ -19,6 +19,7 @@ _SLOW_SHARE = 0.25  # of the top speed on average
 _PEAK_OF_MEAN = 1.9  # speed of a quintic: its peak over its mean
 _UNDER_GROUND_M, _LOWER_BY_M = 0.10, 0.3
 _LEG_LIMIT_S, _LANDING_LIMIT_S = 30.0, 20.0
+_SLOW_PATH_S = 1.0
 _PATIENCE = 3.0  # times the duration that the way would take alone
 
 
@@ -51,6 +52,33 @@ def fly_leg(flight: FlightContext, view: FlightView) -> None:
     flight.leg_count += 1
     alone_s = _PEAK_OF_MEAN * math.dist(order.position_enu_m, view.position_enu_m) / flight.vehicle.max_speed_m_s
     _limit(flight, view, _LEG_LIMIT_S + _PATIENCE * max(duration_s, alone_s))
+
+
+def begin_path(flight: FlightContext, view: FlightView) -> None:
+    """Wait at the begin of the loaded path for the ordered instant."""
+    order = flight.order
+    assert order is not None
+    assert order.path is not None
+    flight.path.begin(order.path)
+    flight.leg_count += 1
+    flight.goal = flight.goal._replace(sequence=flight.goal.sequence + 1)
+    follow_path(flight, view)
+
+
+def follow_path(flight: FlightContext, view: FlightView) -> None:
+    """Move the path's clock on; the goal is the path's motion when a command given now acts."""
+    flight.path.advance(view.now_ns, view.period_s, view.position_enu_m, view.other_clocks)
+    flight.goal = flight.path.goal(flight.goal.sequence, flight.vehicle.lag_s)
+
+
+def slow_path(flight: FlightContext, view: FlightView) -> None:
+    """Ask all for slow flight for the next second."""
+    flight.path.slow_until_ns = view.now_ns + round(_SLOW_PATH_S * 1e9)
+
+
+def stay_at_end(flight: FlightContext, view: FlightView) -> None:
+    """Stay where the path ends."""
+    _set_goal(flight, flight.path.goal(0, 0.0).position_enu_m, 0.0)
 
 
 def slow_down(flight: FlightContext, view: FlightView) -> None:

@@ -43,7 +43,8 @@ class Row(NamedTuple):
 _START = (S.WAITING, S.READY, S.LANDED)
 _ARMED = (S.ARM_OFFBOARD, S.ARM_ARMING, S.ARMED, S.TAKEOFF_OFFBOARD, S.TAKEOFF_ARMING)
 _STARTING = tuple(step for step in _ARMED if step is not S.ARMED)
-_FREE = (S.CLIMB, S.LEG, S.ARRIVED, S.HOLDING, S.TAKEOVER)
+_FREE = (S.CLIMB, S.LEG, S.PATH, S.ARRIVED, S.HOLDING, S.TAKEOVER)
+_CAN_FOLLOW = (S.LEG, S.ARRIVED, S.HOLDING)
 _DOWN = (S.DESCENT, S.CONTACT)
 _SILENT = (S.FAILED, S.FAILED_DISARMING, S.KILLING)
 _DISARMABLE = (*_START, *_ARMED, S.DISARMING, S.DISARMED, S.FAILSAFE_DISARMING, S.CONTACT, S.PX4_LANDING)
@@ -54,6 +55,7 @@ ORDERS = (
     Row(_START, E.TAKEOFF, to=S.TAKEOFF_OFFBOARD, effect=effects.stay_on_ground, reason=""),
     Row((S.ARMED,), E.TAKEOFF, to=S.LIFTOFF, effect=effects.climb, reason=""),
     Row(_FREE, E.MOVE, to=S.LEG, effect=effects.fly_leg, reason=""),
+    Row(_CAN_FOLLOW, E.FOLLOW_PATH, to=S.PATH, effect=effects.begin_path, reason=""),
     Row(_FREE, E.HOLD, to=S.HOLDING, effect=effects.stop_here, reason="ordered"),
     # an agent that found its vehicle in the air, or lost it, flies it again from PX4's hold
     Row(_SILENT, E.HOLD, to=S.TAKEOVER, effect=effects.take_over, reason=S.TAKEOVER.text),
@@ -85,7 +87,8 @@ ORDERS = (
 
 FAILSAFES = (
     Row((S.LEG,), E.FAILSAFE_SLOW, p.not_slowed_yet, effect=effects.slow_down, reason=CAUSE),
-    Row((S.CLIMB, S.LEG, S.ARRIVED), E.FAILSAFE_HOLD, to=S.HOLDING, effect=effects.stop_here, reason=CAUSE),
+    Row((S.PATH,), E.FAILSAFE_SLOW, effect=effects.slow_path),
+    Row((S.CLIMB, S.LEG, S.PATH, S.ARRIVED), E.FAILSAFE_HOLD, to=S.HOLDING, effect=effects.stop_here, reason=CAUSE),
     Row((S.LIFTOFF, *_FREE), E.FAILSAFE_LAND, to=S.DESCENT, effect=effects.descend, reason=CAUSE),
     Row((S.ARM_ARMING, S.TAKEOFF_ARMING, S.ARMED, S.LIFTOFF, *_FREE, *_DOWN), E.FAILSAFE_PX4_LAND,
         to=S.PX4_LANDING, request=Px4Land(), reason=CAUSE),
@@ -141,6 +144,14 @@ TAKEOFF = (
 
 FLYING = (
     Row((S.LEG,), E.TICK, p.arrived, S.ARRIVED, ends=("done", sentences.at_position)),
+    Row((S.PATH,), E.TICK, p.left_behind_to_land, S.DESCENT, effect=effects.descend, reason=sentences.left_behind,
+        ends=("failed", sentences.left_behind)),
+    Row((S.PATH,), E.TICK, p.left_behind, S.HOLDING, effect=effects.stop_here, reason=sentences.left_behind,
+        ends=("failed", sentences.left_behind)),
+    Row((S.PATH,), E.TICK, p.path_ended, S.ARRIVED, effect=effects.stay_at_end, ends=("done", sentences.at_position)),
+    Row((S.PATH,), E.TICK, p.path_late, S.HOLDING, effect=effects.stop_here, reason="the path took too long",
+        ends=("timed out", f"Not at the end of its path after {p.PATH_END_TIMEOUT_S:.0f} s; holding.")),
+    Row((S.PATH,), E.TICK, effect=effects.follow_path),
     Row((S.HOLDING,), E.TICK, p.at_rest, ends=("done", sentences.holding)),
     Row((S.HOLDING,), E.TICK, p.rest_late,
         ends=("timed out", f"Not at rest after {p.HOLD_TIMEOUT_S:.0f} s; still trying to hold.")),

@@ -10,11 +10,12 @@ from onboard.autopilot import Vec3
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import LOCATE, Order, Telemetry
 from onboard.config.fleet import FleetConfig
-from onboard.flight import takeover
+from onboard.flight import path_flight, takeover
 from onboard.flight.context import FlightContext
 from onboard.flight.effects import takeoff_height_m
 from onboard.flight.state_machine import accepts
 from onboard.flight.types import FlightView, Step
+from onboard.safety.failsafe_table import Situation
 
 _LOWEST_GOAL_M = 0.2
 _LONGEST_MOVE_S = 3600.0
@@ -42,6 +43,8 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
         return "An order needs an id of its own, by which its end is reported: set order_id."
     if order.kind in LOCATE:
         return None
+    if order.kind == "load_path":
+        return path_flight.part_refusal(flight.path, order.path, flight.vehicle, facts.fleet)
     if order.kind == "hold" and flight.state == "failed":
         return takeover.refusal(facts.view, facts.not_ready_in_air(), facts.distances_m, facts.fleet)
     if not accepts(flight.step, order.kind):
@@ -50,6 +53,8 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
         return _NOT_ON_GROUND
     if order.kind in ("arm", "takeoff"):
         return _start(order, facts)
+    if order.kind == "follow_path":
+        return _follow_path(order, flight, facts)
     return _move(order, facts) if order.kind == "move" else None
 
 
@@ -67,6 +72,8 @@ def _wrong_step(order: Order, flight: FlightContext) -> str:
             return f"The vehicle cannot start now: it is {doing}."
         case "disarm":
             return _IN_AIR
+        case "follow_path" if flight.situation is Situation.FLYING:
+            return f"No path begins while it is {doing}: order hold first."
         case "land":
             return f"The vehicle is not in the air (it is {doing})."
         case _:
@@ -99,6 +106,14 @@ def _start(order: Order, facts: OrderFacts) -> str | None:
                 f"{limits.safety_distance_m:.2f} m: carry them apart."
             )
     return None
+
+
+def _follow_path(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
+    view, least_pct = facts.view, facts.fleet.fleet.battery_warning_pct
+    battery_pct = 100.0 * view.snapshot.battery_frac
+    if battery_pct < least_pct:
+        return f"The battery is at {battery_pct:.0f} %, below {least_pct:g} %: no path is begun with it."
+    return path_flight.start_refusal(flight.path, order.path, view.now_ns, view.position_enu_m)
 
 
 def _move(order: Order, facts: OrderFacts) -> str | None:

@@ -8,6 +8,7 @@ from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
 
 CONFIRM_TIMEOUT_S = 5.0
+PATH_END_TIMEOUT_S = 15.0
 LIFTOFF_TIMEOUT_S, CLIMB_TIMEOUT_S, HOLD_TIMEOUT_S, PX4_LANDING_TIMEOUT_S = 6.0, 40.0, 15.0, 60.0
 _STREAM_BEFORE_OFFBOARD_S = 0.3
 _LEAST_OFFBOARD_S = 0.1
@@ -103,6 +104,26 @@ def arrived(flight: FlightContext, view: FlightView) -> bool:
     return flight.steady_s(view) > _ARRIVED_S
 
 
+def path_ended(flight: FlightContext, view: FlightView) -> bool:
+    """Whether the path is over and the vehicle has been at its end for half a second."""
+    return flight.path.left_s <= 0.0 and arrived(flight, view)
+
+
+def path_late(flight: FlightContext, view: FlightView) -> bool:
+    """Whether the vehicle should have been at the end of its path long since."""
+    return flight.path.left_s < -PATH_END_TIMEOUT_S
+
+
+def left_behind_to_land(flight: FlightContext, view: FlightView) -> bool:
+    """Whether it is behind its path for so long that it leaves the others, by landing."""
+    return flight.path.is_lost and flight.path.on_lag == "land"
+
+
+def left_behind(flight: FlightContext, view: FlightView) -> bool:
+    """Whether it is behind its path for so long that it leaves the others."""
+    return flight.path.is_lost
+
+
 def climb_late(flight: FlightContext, view: FlightView) -> bool:
     """Whether it should have been at its height long since."""
     return flight.seconds(view) > CLIMB_TIMEOUT_S
@@ -180,6 +201,6 @@ def px4_landing_late(flight: FlightContext, view: FlightView) -> bool:
 def is_steady(flight: FlightContext, view: FlightView) -> bool:
     """Whether what the step waits for holds at this tick; the step counts for how long."""
     step = flight.step
-    if step in (Step.CLIMB, Step.LEG):
+    if step in (Step.CLIMB, Step.LEG, Step.PATH):
         return is_at(view, flight.goal_position_enu_m, flight.vehicle)
     return step is Step.HOLDING and is_at_rest(view, flight.vehicle)

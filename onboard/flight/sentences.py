@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from onboard.flight.arrival import position_text
 from onboard.flight.context import FlightContext
+from onboard.flight.path_flight import PATIENCE_S
 from onboard.flight.predicates import CONFIRM_TIMEOUT_S, PX4_LANDING_TIMEOUT_S
 from onboard.flight.types import FlightView
 
@@ -50,6 +51,12 @@ def at_height(flight: FlightContext, view: FlightView) -> str:
 def at_position(flight: FlightContext, view: FlightView) -> str:
     """Return the end of a move."""
     return f"At {position_text(view)}."
+
+
+def left_behind(flight: FlightContext, view: FlightView) -> str:
+    """Return the reason why a vehicle leaves its path."""
+    path = flight.path
+    return f"{path.lag_m:.1f} m behind its path at {path.time_s:.1f} s, after {PATIENCE_S:.0f} s in which all slowed."
 
 
 def holding(flight: FlightContext, view: FlightView) -> str:

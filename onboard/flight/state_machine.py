@@ -49,6 +49,13 @@ def locate(flight: FlightContext, view: FlightView, order: Order) -> None:
     flight.say(view, "info", "identify", sentences.LOCATED, order.order_id, "done")
 
 
+def load_path(flight: FlightContext, view: FlightView, order: Order) -> None:
+    """Take a part of a path; whatever the vehicle does goes on."""
+    assert order.path is not None
+    flight.path.load(order.path)
+    flight.say(view, "debug", "path", f"Part {order.path.part + 1} of {order.path.parts}.", order.order_id, "done")
+
+
 def begin_failsafe(
     flight: FlightContext, view: FlightView, action: Action, cause: str, outcome: OrderOutcome = "failed"
 ) -> None:
@@ -103,6 +110,8 @@ def _apply(flight: FlightContext, view: FlightView, row: Row, cause: str = "") -
         flight.say(view, severity, code, _text(text, flight, view))
     flight.reason = cause if reason == CAUSE else reason
     if row.to is not None:
+        if flight.step is Step.PATH and row.to is not Step.PATH:
+            flight.path.show_id = ""  # the others do not wait for it any more
         flight.step, flight.step_ns, flight.steady_ns, flight.request_ns = row.to, view.now_ns, view.now_ns, 0
     if row.effect is not None:
         row.effect(flight, view)

@@ -9,7 +9,9 @@ from msgspec import Struct
 from onboard.autopilot import Landed, Snapshot, Vec3
 from onboard.bus.schema import AgentState
 from onboard.control.pipeline import Phase
+from onboard.flight.path_flight import OtherClock
 from onboard.safety.failsafe_table import Situation
+from onboard.types import TICK_S
 
 _LANDED_FRESH_NS = 1_500_000_000  # PX4 reports it 5 to 10 times a second
 
@@ -33,6 +35,7 @@ class Step(Enum):
     LIFTOFF = "taking off", "lift-off", Situation.LIFTOFF, Phase.LIFTOFF, True
     CLIMB = "taking off", "climb", Situation.FLYING, Phase.FLYING, True
     LEG = "flying", "on the way", Situation.FLYING, Phase.FLYING, True
+    PATH = "flying", "on its path", Situation.FLYING, Phase.FLYING, True
     ARRIVED = "flying", "arrived", Situation.FLYING, Phase.FLYING, True
     HOLDING = "holding", "arrived", Situation.FLYING, Phase.FLYING, True
     TAKEOVER = "holding", "taking over from PX4's hold", Situation.FLYING, Phase.FLYING, True
@@ -63,6 +66,7 @@ class FlightEvent(Enum):
     ARM = "order arm"
     TAKEOFF = "order takeoff"
     MOVE = "order move"
+    FOLLOW_PATH = "order follow_path"
     HOLD = "order hold"
     LAND = "order land"
     DISARM = "order disarm"
@@ -87,6 +91,8 @@ class FlightView(Struct, frozen=True):
     has_position: bool
     snapshot: Snapshot
     thrust_share: float = 1.0  # thrust sent last over the thrust that carries the vehicle
+    other_clocks: tuple[OtherClock, ...] = ()  # of the vehicles that fly the same show
+    period_s: float = TICK_S  # since the last tick
 
     @property
     def is_on_ground(self) -> bool:

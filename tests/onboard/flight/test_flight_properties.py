@@ -10,14 +10,15 @@ from hypothesis import strategies as st
 
 from onboard import events as ev
 from onboard.autopilot import Landed, Snapshot
-from onboard.bus.schema import LOCATE, Event, Order, OrderKind
+from onboard.bus.schema import LOCATE, Event, Order, OrderKind, PathOrder
+from onboard.control.path import path_of
 from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
 from onboard.safety.failsafe_table import TABLE, Action, Condition
 from tests.onboard.agent.rig import fleet
 
-KINDS = sorted(set(get_args(OrderKind)) - set(LOCATE))
+KINDS = sorted(set(get_args(OrderKind)) - {*LOCATE, "load_path"})
 orders = st.sampled_from(KINDS)
 conditions = st.sampled_from(list(Condition))
 observations = st.tuples(
@@ -35,6 +36,7 @@ class Machine:
     def __init__(self, step: Step = Step.WAITING) -> None:
         config = fleet()
         self.flight = FlightContext(config, config.vehicles["mav0"], step=step)
+        self.flight.path.path = path_of([[1.0, *[0.0] * 32]])
         self.view = FlightView(10**9, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), True, Snapshot(landed=Landed.ON_GROUND))
         self.begun: list[str] = []
         self.ends: Counter[str] = Counter()
@@ -45,7 +47,13 @@ class Machine:
             identity = f"o{len(self.begun)}"
             self.begun.append(identity)
             order = Order(
-                order_id=identity, author="x", kind=kind, stamp_ns=0, deadline_ns=0, position_enu_m=(1.0, 0.0, 1.0)
+                order_id=identity,
+                author="x",
+                kind=kind,
+                stamp_ns=0,
+                deadline_ns=0,
+                position_enu_m=(1.0, 0.0, 1.0),
+                path=PathOrder(path_id="p", show_id="s", start_ns=self.view.now_ns),
             )
             state_machine.begin_order(self.flight, self.view, order)
             self.check()

@@ -1,0 +1,133 @@
+"""Paths flown together: loaded and checked on board, everybody at its begin, then one start for all, or for none."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from groundstation.client.client import FleetClient
+from groundstation.missions.verdict import StepResult
+from groundstation.orders.grammar import Intent
+from groundstation.orders.path_orders import OnLag, parts_of, starts_of
+from groundstation.orders.result import OrderFailed, OrderResult, Results
+from onboard.config.fleet import Vec3
+from onboard.control.path import Path, point_at
+
+AHEAD_S = 3.0  # of the start, for all replies to come before it
+_LATE_S = 60.0  # after the paths' own end: half the clock's rate for ten seconds, and some
+_SAY_S = 10.0
+_LOAD_S = 10.0
+
+
+class Fleet(Protocol):
+    """The part of a mission's fleet that paths need."""
+
+    client: FleetClient
+    steps: list[StepResult]
+    say: Callable[[str], None]
+
+    async def order(self, intent: Intent, timeout_s: float) -> Results:
+        """Give an order and wait for its end."""
+
+    def add_arrival(self, step: str, name: str, goal: Vec3) -> None:
+        """Note how far a vehicle is from its goal now."""
+
+
+async def follow_paths(fleet: Fleet, paths: Mapping[str, Path], *, on_lag: OnLag, timeout_s: float | None) -> Results:
+    """Have each vehicle follow its path, from one instant on.
+
+    Args:
+        fleet: that flies.
+        paths: of the vehicles.
+        on_lag: what a vehicle does that falls behind for too long; the others go on.
+        timeout_s: longest flight along the paths [s]; None: their own duration, and a minute.
+
+    Returns:
+        One result per vehicle; one that has left the others has failed, which ends nothing else.
+
+    Raises:
+        OrderFailed: a vehicle does not take its path, or does not start: then nobody does.
+    """
+    await _load(fleet, paths)
+    begins = {name: point_at(path, 0.0).position_enu_m for name, path in paths.items()}
+    await fleet.order(Intent("move", tuple(paths), goals=begins), _LATE_S)
+    longest_s = max(path.duration_s for path in paths.values())
+    order = await _start(fleet, paths, on_lag)
+    fleet.say(f"follow_path {','.join(paths)}: {longest_s:.0f} s, from {AHEAD_S:g} s from now on")
+    begin_ns = fleet.client.now_ns()
+    progress = asyncio.create_task(_say_progress(fleet, tuple(paths), longest_s))
+    try:
+        results = await order.wait(timeout_s or AHEAD_S + longest_s + _LATE_S)
+    finally:
+        progress.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await progress
+    duration_s = (fleet.client.now_ns() - begin_ns) * 1e-9
+    fleet.steps.append(_step_result("follow_path", duration_s, results))
+    for name, result in results.items():
+        if result.is_done:
+            fleet.add_arrival("follow_path", name, point_at(paths[name], longest_s).position_enu_m)
+        else:
+            fleet.say(f"  {name} {result.phase}: {result.sentence}")
+    fleet.say(f"  followed in {duration_s - AHEAD_S:.1f} s")
+    return results
+
+
+async def _load(fleet: Fleet, paths: Mapping[str, Path]) -> None:
+    """Bring every path to its vehicle, in parts; the last one has it checked there."""
+    parts = {name: parts_of(path) for name, path in paths.items()}
+    for k in range(max(map(len, parts.values()))):
+        orders = {name: one[k] for name, one in parts.items() if k < len(one)}
+        _require(fleet, await fleet.client.order_paths("load_path", orders).wait(_LOAD_S), "load_path")
+
+
+async def _start(fleet: Fleet, paths: Mapping[str, Path], on_lag: OnLag) -> OrderResult:
+    """Order the start; if anybody does not accept it, all are ordered to hold before it comes."""
+    client = fleet.client
+    start_ns = client.now_ns() + int(AHEAD_S * 1e9)
+    order = client.order_paths("follow_path", starts_of(paths, client.new_order_id(), start_ns, on_lag))
+
+    def has_replied(_: object) -> bool:
+        return all(result.phase != "sent" for result in order.results.values())
+
+    await client.wait_for(has_replied, AHEAD_S)
+    refused = {name: result for name, result in order.results.items() if result.phase != "accepted"}
+    if refused:
+        accepted = tuple(name for name in paths if name not in refused)
+        if accepted:
+            await client.order(Intent("hold", accepted), AHEAD_S)
+        _require(fleet, dict(order.results), "follow_path")
+    return order
+
+
+def _require(fleet: Fleet, results: Results, verb: str) -> None:
+    if all(result.is_done for result in results.values()):
+        return
+    fleet.steps.append(_step_result(verb, 0.0, results))
+    raise OrderFailed(Intent("follow_path", tuple(results)), dict(results))
+
+
+def _step_result(verb: str, duration_s: float, results: Results) -> StepResult:
+    return StepResult(
+        step=f"{verb} {','.join(results)}",
+        duration_s=round(duration_s, 2),
+        vehicles={name: result.phase for name, result in results.items()},
+        sentences={name: result.sentence for name, result in results.items()},
+    )
+
+
+async def _say_progress(fleet: Fleet, names: tuple[str, ...], longest_s: float) -> None:
+    await asyncio.sleep(AHEAD_S)
+    while True:
+        await asyncio.sleep(_SAY_S)
+        views = (fleet.client.state.vehicles[name].telemetry for name in names)
+        flying = [one for one in views if one is not None and one.show_id]
+        if flying:
+            last = max(flying, key=lambda one: one.path_lag_m)
+            mean_m = sum(one.path_lag_m for one in flying) / len(flying)
+            fleet.say(
+                f"  {min(one.path_time_s for one in flying):.0f} of {longest_s:.0f} s; behind their paths by "
+                f"{mean_m:.2f} m, {last.vehicle} by {last.path_lag_m:.2f} m"
+            )

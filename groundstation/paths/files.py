@@ -1,0 +1,154 @@
+"""Files of paths: time-stamped positions, polynomial pieces, or waypoints with speeds, as CSV.
+
+The first line names the columns, and so says which of the three it is:
+
+* ``t,x,y,z[,yaw]``: positions at times; also with a unit as in ``Time [msec],x [m]``
+* ``duration,x^0,...,yaw^7``: Crazyswarm's 33 columns, a piece of seventh order in each line
+* ``x,y,z,speed[,yaw]``: points that are flown through at these speeds, from rest to rest
+
+Lines that begin with ``#`` are comments. Lengths are metres in the fleet's frame, times seconds, yaw degrees.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from groundstation.paths.pieces import fitted
+from onboard.arrays import Array
+from onboard.config.fleet import ConfigError
+from onboard.control.path import NUMBERS, Path, path_of
+
+MOST_LINES = 400_000
+_AXES = "x", "y", "z", "yaw"
+_PIECE_COLUMNS = ("duration", *(f"{axis}^{k}" for axis in _AXES for k in range(8)))
+_NAMES = {"time": "t", "timestamp": "t", "yaw_deg": "yaw", "heading": "yaw", "v": "speed", "velocity": "speed"}
+_UNITS = {**dict.fromkeys(("", "s", "sec", "m", "m/s", "deg"), 1.0), "ms": 1e-3, "msec": 1e-3, "cm": 0.01, "mm": 1e-3}
+_COLOURS = "red", "green", "blue"
+
+
+def load_path(file: str | os.PathLike[str]) -> Path:
+    """Read the path of one vehicle.
+
+    Args:
+        file: a CSV of one of the module's three kinds.
+
+    Returns:
+        Its pieces.
+
+    Raises:
+        ConfigError: there is no such file, or it is none of the three.
+    """
+    name = os.fspath(file)
+    columns, numbers = read_columns(name)
+    try:
+        if columns == _PIECE_COLUMNS:
+            return path_of(numbers.tolist())
+        if columns[:4] == ("t", "x", "y", "z"):
+            return _timed(name, columns, numbers)
+        if columns[:4] == ("x", "y", "z", "speed"):
+            return _waypoints(name, columns, numbers)
+    except ValueError as error:
+        raise ConfigError(f"{name}: {error}") from None
+    raise ConfigError(
+        f"{name}: the columns {', '.join(columns[:6])} are no path. Name them t,x,y,z[,yaw] or x,y,z,speed[,yaw] in "
+        f"the first line, or write Crazyswarm's {NUMBERS} columns duration,x^0,...,yaw^7."
+    )
+
+
+def write_path(file: str | os.PathLike[str], path: Path, comments: Sequence[str] = ()) -> None:
+    """Write the pieces of a path, below comments of one line each.
+
+    Args:
+        file: to write.
+        path: of one vehicle.
+        comments: for people.
+    """
+    lines = [*(f"# {line}" for line in comments), ",".join(_PIECE_COLUMNS)]
+    lines += [",".join(f"{number:.9g}" for number in piece) for piece in path.pieces]
+    FilePath(file).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
+    """Read the named columns of a CSV, in seconds and metres.
+
+    Args:
+        name: of the file.
+
+    Returns:
+        Names of the columns, and numbers (lines, columns).
+
+    Raises:
+        ConfigError: there is no such file, a unit is foreign, or a line is no list of numbers.
+    """
+    try:
+        with open(name, encoding="utf-8-sig", newline="") as stream:
+            lines = [(k, line) for k, line in enumerate(stream, 1) if line.strip() and not line.startswith("#")]
+    except FileNotFoundError:
+        raise ConfigError(f"{name}: there is no such file. Give the path of an existing one.") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{name}: this file cannot be read as text ({error}).") from None
+    if not 2 <= len(lines) <= MOST_LINES:
+        raise ConfigError(f"{name}: {len(lines)} lines are no path; it has a line of names and 1 to {MOST_LINES} more.")
+    delimiter = ";" if ";" in lines[0][1] else "\t" if "\t" in lines[0][1] else ","
+    rows = list(csv.reader((line for _, line in lines), delimiter=delimiter))
+    columns, factors = zip(*(_column(name, text) for text in rows[0]), strict=True)
+    numbers = []
+    for (k, _), row in zip(lines[1:], rows[1:], strict=False):
+        try:
+            numbers.append([float(text) for text in row])
+        except ValueError:
+            raise ConfigError(f"{name}, line {k}: '{','.join(row)[:60]}' is no list of numbers.") from None
+        if len(row) != len(columns) or not all(map(math.isfinite, numbers[-1])):
+            raise ConfigError(f"{name}, line {k}: it must have {len(columns)} finite numbers, as the first line says.")
+    return columns, np.array(numbers) * np.array(factors)
+
+
+def _column(name: str, text: str) -> tuple[str, float]:
+    found = re.fullmatch(r"\s*([A-Za-z][\w^]*)\s*(?:[\[(]\s*([\w/]*)\s*[\])])?\s*", text)
+    if found is None:
+        raise ConfigError(f"{name}: the first line must name the columns, as t,x,y,z; '{text[:40]}' is no name.")
+    unit = (found[2] or "").lower()
+    if unit not in _UNITS:
+        raise ConfigError(f"{name}: '{text.strip()[:40]}' is in a unit that is not known. Give metres and seconds.")
+    column = found[1].lower()
+    return _NAMES.get(column, column), _UNITS[unit]
+
+
+def _timed(name: str, columns: Sequence[str], numbers: Array) -> Path:
+    times_s = numbers[:, 0]
+    late = np.flatnonzero(np.diff(times_s) <= 0.0)
+    if len(times_s) < 2:
+        raise ValueError("one position is no path: give at least two times.")
+    if len(late):
+        raise ValueError(f"time does not rise after {times_s[late[0]]:g} s: sort the lines, keep one for each time.")
+    return fitted(times_s - times_s[0], _values(columns, numbers[:, 1:4], numbers))
+
+
+def _waypoints(name: str, columns: Sequence[str], numbers: Array) -> Path:
+    points, speeds = numbers[:, :3], numbers[:, 3].copy()
+    ways_m = np.sqrt((np.diff(points, axis=0) ** 2).sum(-1))
+    if len(points) < 2 or (ways_m < 1e-3).any():
+        raise ValueError("waypoints must be at least two, and each away from the one before.")
+    if (speeds[1:-1] <= 0.0).any():
+        raise ValueError("each waypoint between the first and the last needs a speed above 0.")
+    speeds[[0, -1]] = 0.0
+    mean_m_s = 0.5 * (speeds[:-1] + speeds[1:])
+    if len(points) == 2:
+        mean_m_s[:] = 0.5 * max(numbers[0, 3], numbers[1, 3])
+        if mean_m_s[0] <= 0.0:
+            raise ValueError("two waypoints need a speed above 0.")
+    times_s = np.concatenate([[0.0], np.cumsum(ways_m / mean_m_s)])
+    return fitted(times_s, _values(columns, points, numbers))
+
+
+def _values(columns: Sequence[str], points: Array, numbers: Array) -> Array:
+    """Return x, y, z and yaw [rad] (T, 4)."""
+    yaw = np.radians(numbers[:, columns.index("yaw")]) if "yaw" in columns else np.zeros(len(numbers))
+    return np.column_stack([points, yaw])

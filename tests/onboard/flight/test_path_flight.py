@@ -1,0 +1,166 @@
+"""A vehicle that follows a path: what it refuses, its clock among the others, and how it leaves."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+import pytest
+
+from groundstation.orders.path_orders import parts_of
+from groundstation.paths.pieces import fitted
+from onboard import events as ev
+from onboard.bus.schema import PathOrder, Telemetry
+from onboard.control.path import Path, path_id, point_at, to_bytes
+from onboard.flight.path_flight import PATIENCE_S, OtherClock, PathFlight
+from tests.onboard.agent.rig import Rig
+
+
+def line(metres: float = 2.0, duration_s: float = 6.0, yaw_rad: float = 0.0) -> Path:
+    """From the take-off spot eastwards, and no further."""
+    times_s = np.linspace(0.0, duration_s, 13)
+    share = times_s / duration_s
+    eased = share**3 * (10 - 15 * share + 6 * share**2)
+    return fitted(times_s, np.column_stack([metres * eased, 0 * share, 1 + 0 * share, yaw_rad * eased]))
+
+
+def start(rig: Rig, path: Path, ahead_s: float = 1.0, on_lag: str = "land") -> PathOrder:
+    """The start of a path, that much later."""
+    start_ns = rig.now_ns + round(1e9 * ahead_s)
+    return PathOrder(path_id=path_id(to_bytes(path)), show_id="s", start_ns=start_ns, on_lag=on_lag)  # type: ignore[arg-type]
+
+
+def following(path: Path, on_lag: str = "land") -> Rig:
+    """A vehicle that has just begun."""
+    rig = Rig()
+    rig.fly()
+    for part in parts_of(path):
+        assert rig.order("load_path", path=part).is_accepted
+    assert rig.order("follow_path", order_id="show", path=start(rig, path, on_lag=on_lag)).is_accepted
+    return rig
+
+
+def other_clock(rig: Rig, **changes: object) -> None:
+    """What mav1 says of its clock."""
+    assert rig.telemetry is not None
+    message: Telemetry = msgspec.structs.replace(
+        rig.telemetry, vehicle="mav1", show_id="s", position_enu_m=(3.0, 3.0, 1.0), **changes
+    )
+    rig.core.handle(ev.NeighbourReceived(message, rig.now_ns), rig.now_ns)
+
+
+def test_a_path_is_followed_to_its_end_and_turns_the_vehicle() -> None:
+    path = line(yaw_rad=1.0)
+    rig = following(path)
+    rig.run(1.0 + 0.5 * path.duration_s)
+    assert rig.core.flight.path.lag_m < 0.1
+    assert rig.telemetry is not None
+    assert rig.telemetry.path_lag_m == pytest.approx(rig.core.flight.path.lag_m, abs=0.02)
+    rig.run(0.5 * path.duration_s + 1.5)
+    assert rig.outcomes()["show"] == "done"
+    assert rig.core.flight.state == "flying"
+    assert rig.position[0] == pytest.approx(2.0, abs=0.1)
+    assert rig.telemetry.show_id == ""
+    assert rig.setpoint is not None
+    assert rig.setpoint.quaternion_wxyz[3] == pytest.approx(np.sin(0.5), abs=0.03)
+
+
+def test_what_cannot_be_followed_is_refused_in_words() -> None:
+    rig = Rig(battery_frac=0.31)
+    rig.fly()
+    good = line()
+    (part,) = parts_of(good)
+    loads = [
+        (None, "one of its parts"),
+        (msgspec.structs.replace(part, part=3, parts=2), "one of its parts"),
+        (msgspec.structs.replace(part, data=part.data[:-1] + b"!"), "does not have its id|do not have its id"),
+        (parts_of(line(metres=9.0, duration_s=60.0))[0], "geofence"),
+        (parts_of(line(duration_s=2.0))[0], "max_speed_m_s"),
+    ]
+    for order, words in loads:
+        reply = rig.order("load_path", path=order)
+        assert not reply.is_accepted
+        assert any(word in reply.reason for word in words.split("|")), reply.reason
+    assert "not loaded" in rig.order("follow_path", path=start(rig, good)).reason
+    assert rig.order("load_path", path=part).is_accepted
+    starts = [
+        (start(rig, line(metres=1.5)), "not loaded"),
+        (start(rig, good, ahead_s=-1.0), "would begin in"),
+        (start(rig, good, ahead_s=90.0), "would begin in"),
+        (None, "needs the path's id"),
+    ]
+    for order, words in starts:
+        assert words in rig.order("follow_path", path=order).reason
+    rig.battery_frac = 0.295
+    rig.run(0.3)
+    assert "battery" in rig.order("follow_path", path=start(rig, good)).reason
+    rig.battery_frac = 0.31
+    rig.carry(1.0, 0.0, 1.0)
+    assert "from the begin of its path" in rig.order("follow_path", path=start(rig, good)).reason
+
+
+def test_a_path_in_parts_is_complete_with_the_last_one() -> None:
+    rig = Rig()
+    rig.fly()
+    data, own_id = to_bytes(line()), path_id(to_bytes(line()))
+    cuts = data[:132], data[132:]
+    halves = [PathOrder(path_id=own_id, part=k, parts=2, data=cut) for k, cut in enumerate(cuts)]
+    assert rig.order("load_path", path=halves[1]).is_accepted
+    assert "not loaded" in rig.order("follow_path", path=start(rig, line())).reason
+    assert rig.order("load_path", path=halves[0]).is_accepted
+    assert rig.order("follow_path", path=start(rig, line())).is_accepted
+    assert "follows a path now" in rig.order("load_path", path=halves[0]).reason
+
+
+def test_a_hold_before_the_start_ends_it_and_nobody_moves() -> None:
+    rig = following(line())
+    assert rig.order("hold").is_accepted
+    rig.run(4.0)
+    assert abs(rig.position[0]) < 0.05
+    assert rig.outcomes()["show"] == "superseded"
+
+
+def test_all_slow_down_for_the_one_who_is_behind() -> None:
+    rig = following(line())
+    rig.run(2.0)
+    time_s = rig.core.flight.path.time_s
+    for _ in range(20):
+        other_clock(rig, path_time_s=rig.core.flight.path.time_s, is_behind=True, stamp_ns=rig.now_ns)
+        rig.run(0.1)
+    path = rig.core.flight.path
+    assert path.rate == pytest.approx(0.5)
+    assert 1.0 < path.time_s - time_s < 1.6
+    rig.run(2.5)  # nothing more is heard of it
+    assert path.rate > 0.99
+
+
+def test_a_clock_that_is_ahead_waits_for_the_slowest() -> None:
+    flight, now_ns = PathFlight(path=line(duration_s=30.0)), 10**9
+    flight.begin(PathOrder(path_id="", show_id="s", start_ns=now_ns))
+    assert flight.path is not None
+    for tick in range(500):
+        here = point_at(flight.path, flight.time_s).position_enu_m
+        flight.advance(now_ns + 20_000_000 * tick, 0.02, here, [OtherClock(0.02 * tick - 1.0, False)])
+    assert flight.time_s == pytest.approx(0.02 * 500 - 1.0, abs=0.15)
+    assert flight.rate > 0.9
+
+
+@pytest.mark.parametrize(("on_lag", "state"), [("land", "landing"), ("hold", "holding")])
+def test_who_stays_behind_leaves_by_the_missions_policy(on_lag: str, state: str) -> None:
+    path = line(duration_s=8.0)
+    rig = following(path, on_lag)
+    rig.run(3.0)
+    here = rig.position.copy()
+
+    def is_held() -> None:
+        rig.position, rig.velocity = here.copy(), np.zeros(3)
+
+    rig.after_move = is_held  # by whatever stands in its way
+    for _ in range(round((PATIENCE_S + 6.0) / 0.02)):
+        rig.step()
+        if rig.core.flight.state == state:
+            break
+    assert rig.core.flight.state == state
+    assert rig.outcomes()["show"] == "failed"
+    assert "behind its path" in rig.core.flight.reason
+    assert rig.telemetry is not None
+    assert not rig.telemetry.is_behind
