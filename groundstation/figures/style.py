@@ -12,23 +12,7 @@ from matplotlib.figure import Figure
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5230", "#000000")
 SOFT = "#8a939c"
 LIMIT = "#B00020"
-RC: dict[Any, Any] = {
-    "font.size": 10.0,
-    "axes.titlesize": 11.0,
-    "axes.titleweight": "bold",
-    "axes.grid": True,
-    "grid.color": "#e3e7ea",
-    "grid.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#5a646d",
-    "axes.axisbelow": True,
-    "lines.linewidth": 1.5,
-    "legend.frameon": False,
-    "figure.facecolor": "white",
-    "savefig.dpi": 150,
-    "svg.hashsalt": "covey",
-}
+_SETTINGS = Path(__file__).with_name("covey.mplstyle")
 
 
 def colour(index: int) -> str:
@@ -38,7 +22,7 @@ def colour(index: int) -> str:
 
 def styled() -> AbstractContextManager[None]:
     """Return a context with the style's settings; outside of it matplotlib's own stay as they were."""
-    return matplotlib.rc_context(RC)
+    return matplotlib.rc_context(fname=_SETTINGS)
 
 
 def new_figure(width_in: float, height_in: float, title: str) -> Any:

@@ -1,4 +1,4 @@
-"""Faults of the emulator as a table: names, parameters, bounds and contradictions. Pure.
+"""Faults of the emulator as a table (catalogue.toml): names, parameters, bounds and contradictions.
 
 A fault is one line, for instance ``mav1 motor_weak at=20 duration=5 motor=2 effectiveness=0.6``. Its effect stands in
 `sitl/emulator/fault_effects.py`; that of a fault of poses in `pose_faults.py`, of a link in `lossy_channel.py`.
@@ -7,8 +7,11 @@ A fault is one line, for instance ``mav1 motor_weak at=20 duration=5 motor=2 eff
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.resources import files
+from typing import Any
 
 Value = float | str
 
@@ -22,10 +25,10 @@ class Parameter:
     """One parameter of a kind of fault: a number within bounds, or one of some words; no words: another vehicle."""
 
     name: str
-    default: Value | None
+    default: Value | None = None
     low: float = -math.inf
     high: float = math.inf
-    words: tuple[str, ...] | None = None
+    words: Sequence[str] | None = None
     is_whole: bool = False
 
 
@@ -39,74 +42,12 @@ class Kind:
     is_instant: bool = False  # it happens once and has no duration
 
 
-_MOTOR = Parameter("motor", None, 1, 4, is_whole=True)
-_LINK = Parameter("link", "companion", words=("companion", "ground", "both"))
-_DIRECTION = Parameter("direction", "both", words=("in", "out", "both"))
-_OTHER = Parameter("other", None, words=())
-_JUMP = tuple(
-    Parameter(name, default, -50.0, 50.0) for name, default in (("east_m", 1.0), ("north_m", 0.0), ("up_m", 0.0))
-)
-_LATE = Parameter("delay_s", 0.3, 0.004, 10.0)
+def _kind(parameters: Mapping[str, dict[str, Any]], **values: Any) -> Kind:
+    return Kind(parameters=tuple(Parameter(name, **bounds) for name, bounds in parameters.items()), **values)
 
 
-def _share(default: float) -> Parameter:
-    return Parameter("share", default, 0.001, 1.0)
-
-
-KINDS: dict[str, Kind] = {
-    "motor_weak": Kind(
-        "motor {motor} gives only {effectiveness} of its thrust",
-        "motor {motor}",
-        (_MOTOR, Parameter("effectiveness", 0.7, 0.1, 0.99)),
-    ),
-    "motor_dead": Kind("motor {motor} stops", "motor {motor}", (_MOTOR,)),
-    "battery_cell": Kind(
-        "a cell fails: the battery loses {drop_pct} % at once",
-        "battery",
-        (Parameter("drop_pct", 25.0, 1.0, 100.0),),
-        is_instant=True,
-    ),
-    "gps_loss": Kind("no satellites", "satellites"),
-    "mocap_frozen": Kind("the motion capture repeats its last pose", "motion capture"),
-    "mocap_swapped": Kind("the motion capture takes it for {other}, and {other} for it", "motion capture", (_OTHER,)),
-    "mocap_jump": Kind("the motion capture is off by {east_m}, {north_m}, {up_m} m", "motion capture", _JUMP),
-    "mocap_late": Kind("the motion capture comes {delay_s} s late", "motion capture", (_LATE,)),
-    "mocap_lost": Kind("the motion capture does not see it", "motion capture"),
-    "vision_frozen": Kind("the external position that PX4 hears stands still", "vision"),
-    "vision_swapped": Kind("PX4 hears the external position of {other}, and {other} its", "vision", (_OTHER,)),
-    "vision_jump": Kind(
-        "the external position that PX4 hears is off by {east_m}, {north_m}, {up_m} m", "vision", _JUMP
-    ),
-    "vision_late": Kind("the external position reaches PX4 {delay_s} s late", "vision", (_LATE,)),
-    "vision_lost": Kind("PX4 hears no external position", "vision"),
-    "link_loss": Kind(
-        "{share} of the {link} link's datagrams are lost ({direction})",
-        "loss of the {link} link",
-        (_share(1.0), _LINK, _DIRECTION),
-    ),
-    "link_delay": Kind(
-        "the {link} link is {delay_s} s late, and up to {jitter_s} s more ({direction})",
-        "delay of the {link} link",
-        (Parameter("delay_s", 0.1, 0.0, 10.0), Parameter("jitter_s", 0.0, 0.0, 10.0), _LINK, _DIRECTION),
-    ),
-    "link_duplicate": Kind(
-        "{share} of the {link} link's datagrams come twice ({direction})",
-        "duplication of the {link} link",
-        (_share(0.2), _LINK, _DIRECTION),
-    ),
-    "link_reorder": Kind(
-        "{share} of the {link} link's datagrams come {by_s} s too late and out of order ({direction})",
-        "order of the {link} link",
-        (_share(0.2), Parameter("by_s", 0.02, 0.001, 5.0), _LINK, _DIRECTION),
-    ),
-    "autopilot_hang": Kind("PX4 hangs: silent, its clock stands still, the motors go on", "autopilot"),
-    "autopilot_reboot": Kind("PX4 reboots: motors off, then it starts anew", "autopilot", is_instant=True),
-    "clock_drift": Kind(
-        "PX4's clock gains {ms_per_s} ms per second", "clock", (Parameter("ms_per_s", -8.0, -200.0, 200.0),)
-    ),
-    "arming_refused": Kind("PX4 refuses to arm", "arming"),
-    "setpoints_ignored": Kind("PX4 accepts setpoints and does not follow them", "setpoints"),
-}
+_TABLE = tomllib.loads(files(__package__).joinpath("catalogue.toml").read_text())
+KINDS: dict[str, Kind] = {name: _kind(**{"parameters": {}, **row}) for name, row in _TABLE.items()}
 _LONGEST_S = 1e6
 
 
@@ -206,7 +147,7 @@ def check(fault: Fault, vehicles: Sequence[str]) -> Fault:
 def _checked(fault: Fault, parameter: Parameter, value: Value, vehicles: Sequence[str]) -> Value:
     what = f"{fault.name}: {parameter.name} is {value!r}"
     if parameter.words is not None:
-        words = parameter.words or tuple(name for name in vehicles if name != fault.vehicle)
+        words = parameter.words or [name for name in vehicles if name != fault.vehicle]
         if value not in words:
             raise FaultError(f"{what}; it must be one of {', '.join(words) or 'other vehicles, and there is none'}.")
         return value
