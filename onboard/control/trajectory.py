@@ -6,6 +6,9 @@ so there is a second form: brake to rest on the shortest polynomial that keeps t
 shorter of the two that keeps the bounds is flown. From rest the bounds have the closed form used below:
 peak speed 15/8 D/T, peak acceleration 10/sqrt(3) D/T^2.
 
+A climb or a descent that the new goal turns back, or ends sooner than a smooth brake would, ends at once: the baseline
+brakes harder than the bounds of a leg, and nobody who orders a landing in the climb expects it to climb on.
+
 Time: the setpoint published at time t refers to t + lead_s, the time at which a command given now acts. A leg that is
 ordered now begins at the setpoint published now, and lead_s is taken off its duration, so that it ends on time.
 
@@ -29,6 +32,7 @@ _BRAKE_FACTORS: tuple[float, ...] = tuple(0.35 * (8.0 / 0.35) ** (k / 31.0) for 
 _DIRECT_FACTORS: tuple[float, ...] = tuple(0.5 * 8.0 ** (k / 31.0) for k in range(32))
 _SAMPLES = 40  # intervals of a quintic at whose ends the bounds are tested
 _FITS = 1.0 + 1e-9
+_LEAST_SHARE = 0.8  # of the time to full speed: no leg is shorter, so that a few millimetres are no reason to tilt
 
 
 class TrajectoryParams(NamedTuple):
@@ -84,8 +88,9 @@ def step(
             velocity scales with it and acceleration with its square. It must change smoothly.
     Returns:
         Memory, and the setpoint.
-    Properties: continuous in position, velocity and acceleration at a clock rate of 1; from rest the bounds hold
-        exactly; rotation- and translation-equivariant; homogeneous in length and time; ends at rest on the goal.
+    Properties: continuous in position, velocity and acceleration at a clock rate of 1, but for the height of a leg
+        that ends a climb or a descent; from rest the bounds hold exactly; equivariant under turning about the vertical
+        and translation; homogeneous in length and time; ends at rest on the goal.
     """
     if goal.is_on_path:
         return _on_path(goal)
@@ -155,10 +160,10 @@ def duration_s(memory: TrajectoryMemory) -> float:
 
 
 def shortest_duration_s(distance_m: float, params: TrajectoryParams) -> float:
-    """Return the duration of a leg from rest to rest over a distance at the bounds [s]."""
+    """Return the duration of a leg from rest to rest over a distance at the bounds [s]; of a tiny one it is longer."""
     by_speed = _SPEED_FACTOR * distance_m / params.max_speed_m_s
     by_acceleration = math.sqrt(_ACCELERATION_FACTOR * distance_m / params.max_acceleration_m_s2)
-    return max(by_speed, by_acceleration)
+    return max(by_speed, by_acceleration, _LEAST_SHARE * params.max_speed_m_s / params.max_acceleration_m_s2)
 
 
 # the quintic at tau = t/duration in [0, 1]; seen from the end, with r = 1 - tau, the three polynomials of displacement,
@@ -210,12 +215,15 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
     now = setpoint(memory)
     p, v, a = now.position_enu_m, now.velocity_enu_m_s, now.acceleration_enu_m_s2
     target = goal.position_enu_m
+    if _leads_past(p.z, v.z, target.z, params):
+        now_m = p.z - params.lead_s * v.z
+        p = Vec3(p.x, p.y, min(max(target.z, min(now_m, p.z)), max(now_m, p.z)))
+        v, a = Vec3(v.x, v.y, 0.0), Vec3(a.x, a.y, 0.0)
     ordered_s = max(goal.duration_s - params.lead_s, 0.0) if goal.duration_s > 0.0 else 0.0
     top, push = params.max_speed_m_s, params.max_acceleration_m_s2
     via, first_s = p, 0.0
     is_at_rest = length(v) <= 1e-9 * top and length(a) <= 1e-9 * push
-    # the floor keeps the jerk of a change of mind at low speed moderate
-    scale_s = max(length(v), 0.8 * top) / push
+    scale_s = max(length(v), _LEAST_SHARE * top) / push
     if not is_at_rest:
         first_s = _brake_duration_s(p, v, a, scale_s, params)
         via = _stop(p, v, a, first_s)
@@ -229,6 +237,12 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
         if direct_s > 0.0:
             via, first_s, second_s = target, direct_s, 0.0
     return TrajectoryMemory(p, v, a, via, target, first_s, second_s, 0.0, memory.clock_rate, goal.sequence)
+
+
+def _leads_past(height_m: float, climb_m_s: float, goal_m: float, params: TrajectoryParams) -> bool:
+    """Whether a climb or a descent would pass the goal's height even with a smooth brake."""
+    brake_m = 0.75 * climb_m_s * abs(climb_m_s) / params.max_acceleration_m_s2
+    return (goal_m - height_m - brake_m) * climb_m_s < 0.0
 
 
 def _stop(p: Vec3, v: Vec3, a: Vec3, duration: float) -> Vec3:

@@ -22,7 +22,7 @@ from onboard.vectors import ZERO_3
 
 _AVOIDS_ABOVE_M = 0.5  # some second before touching down: friction ends what was promised of going aside
 _CONTACT_LIMIT_S = 8.0
-_RISEN_M = 0.5  # of a landing: more than giving way, or the end of a climb, takes it up
+_RISEN_M = 0.5  # of a landing: more than giving way takes it up
 _NOT_YET_OFFBOARD = {Step.ARM_OFFBOARD, Step.TAKEOFF_OFFBOARD, Step.TAKEOVER}
 _NO_GOAL = Goal(ZERO_3, 0.0, 0)
 _IN_FREE_FLIGHT = {Step.LIFTOFF, Step.CLIMB, Step.LEG, Step.PATH, Step.ARRIVED, Step.HOLDING}

@@ -13,7 +13,7 @@ from onboard.types import Goal
 from onboard.vectors import Vec3 as Point
 
 DEFAULT_HEIGHT_M = 1.0
-_CLIMB_SPEED_M_S, _LEAST_CLIMB_S = 0.45, 1.5
+_CLIMB_SPEED_M_S, _LEAST_CLIMB_S = 0.40, 1.5
 _SINK_SPEED_M_S, _LEAST_DESCENT_S = 0.4, 1.0
 _SLOW_SHARE = 0.25  # of the top speed on average
 _PEAK_OF_MEAN = 1.9  # speed of a quintic: its peak over its mean
@@ -91,14 +91,16 @@ def slow_down(flight: FlightContext, view: FlightView) -> None:
 
 
 def stop_here(flight: FlightContext, view: FlightView) -> None:
-    """Stop as soon as the acceleration allows, inside the fence."""
-    _set_goal(flight, stop_point(view, flight.vehicle, flight.fleet), 0.0)
+    """Stop as soon as the acceleration allows, inside the fence, and no higher or lower than was ordered."""
+    x, y, z = stop_point(view, flight.vehicle, flight.fleet)
+    height_m = sorted((view.position_enu_m[2], flight.goal_position_enu_m[2], z))[1]
+    _set_goal(flight, (x, y, height_m), 0.0)
 
 
 def take_over(flight: FlightContext, view: FlightView) -> None:
     """Stop here; the ground is at the height of the start, since the take-off was not seen."""
     flight.ground_z_m = flight.vehicle.start_enu_m[2]
-    stop_here(flight, view)
+    _set_goal(flight, stop_point(view, flight.vehicle, flight.fleet), 0.0)
 
 
 def descend(flight: FlightContext, view: FlightView) -> None:

@@ -34,6 +34,7 @@ class Injection:
         is_silenced: whether the vehicle stops avoiding, so that its pairs are reported by themselves.
         is_cut_off: whether the ground may not hear why until it is over.
         may_leave_fence: PX4 flies it alone, or nobody does.
+        rises_m: how much higher the vehicle may get afterwards.
         is_falling: it tumbles to the ground faster than anybody can go aside; who flies above it has not been touched.
     """
 
@@ -45,6 +46,7 @@ class Injection:
     is_cut_off: bool = False
     may_leave_fence: bool = False
     is_falling: bool = False
+    rises_m: float = math.inf
 
 
 def _fault(kind: str, duration_s: float = 0.0, **parameters: float | str) -> Inject:
@@ -307,7 +309,7 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection("one wrong report of PX4", _some_wrong_report),
     Injection("wrong reports of PX4 for 5 s", _repeated(wrong_report("another mode"), 9, 0.6),
               _f(C.REPORTS_CONTRADICT_LONG)),
-    Injection("one is ordered to land", _order("land")),
-    Injection("one is ordered to hold", _order("hold")),
+    Injection("one is ordered to land", _order("land"), rises_m=0.35),
+    Injection("one is ordered to hold", _order("hold"), rises_m=0.35),
     Injection("one is ordered to disarm", _order("disarm")),
 )  # fmt: skip

@@ -100,6 +100,7 @@ class Judge:
         self.seen: dict[str, Counter[Condition]] = {name: Counter() for name in flight.config.enabled_names}
         self.smallest = {True: math.inf, False: math.inf}
         self.is_injected = self.was_flying = False
+        self.highest_m = math.inf
         self._strongest: dict[str, Action] = {}
         self._order_of: dict[str, str] = {}
         self._asked: dict[str, Action] = {}
@@ -158,6 +159,8 @@ class Judge:
             )
             if not inside and not (truth.vehicle == self.victim and self.injection.may_leave_fence):
                 self.wrong(f"{truth.vehicle} leaves the fence")
+            if truth.vehicle == self.victim and z > self.highest_m:
+                self.wrong(f"{truth.vehicle} rises by more than {self.injection.rises_m} m")
 
     def _check_action(self, name: str) -> None:
         """The table's action, and nothing else: what is done follows from what holds and from orders alone."""
@@ -210,6 +213,8 @@ class Judge:
         self.is_injected = True
         flights = [shell.core.flight.situation for shell in self.flight.agents.values()]
         self.was_flying = all(situation is Situation.FLYING for situation in flights)
+        if self.was_flying:
+            self.highest_m = self.truths[self.victim].position_enu_m[2] + self.injection.rises_m
 
 
 _NEEDS: dict[Action, tuple[str, ...]] = {
