@@ -155,5 +155,5 @@ def test_a_restart_begins_the_stream_anew_with_its_default_rates_and_clock() -> 
     emu.inject(parse("v0 autopilot_reboot"))
     again = client.step(2.0)
     stamps = [message.fields["time_boot_ms"] for message in again if message.name == "ATTITUDE"]
-    assert stamps[0] < 500
+    assert 1300 < stamps[0] < 1500  # as PX4 v1.16 sends its first ATTITUDE
     assert client.link.boot == 1
