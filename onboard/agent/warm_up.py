@@ -29,6 +29,7 @@ def warm_up(fleet: FleetConfig, name: str, law: str | None) -> bool:
     core = AgentCore(replace(fleet, vehicles={name: fleet.vehicles[name]}), name, boot_id=0, law=law)
     core.preflight.is_warm = True
     core.handle(ev.ParamsRead(()), _START_NS)
+    core.handle(ev.NodeChanged("ground-1", True), _START_NS)
     vehicle = _MadeUpVehicle(core)
     flying_ticks = count = 0
     while flying_ticks < _FLYING_TICKS and count < _MOST_TICKS:

@@ -55,11 +55,8 @@ ORDERS = (
     Row(_START, E.TAKEOFF, to=S.TAKEOFF_OFFBOARD, effect=effects.stay_on_ground, reason=""),
     Row((S.ARMED,), E.TAKEOFF, to=S.LIFTOFF, effect=effects.climb, reason=""),
     Row(_FREE, E.MOVE, to=S.LEG, effect=effects.fly_leg, reason=""),
-<<<<<<< HEAD
     Row(_CAN_FOLLOW, E.FOLLOW_PATH, to=S.PATH, effect=effects.begin_path, reason=""),
-=======
     Row((S.ARRIVED, S.HOLDING), E.HOLD, p.at_goal, S.HOLDING, reason="ordered"),
->>>>>>> 0eec02d (Let a landing or a hold end a climb at once)
     Row(_FREE, E.HOLD, to=S.HOLDING, effect=effects.stop_here, reason="ordered"),
     # an agent that found its vehicle in the air, or lost it, flies it again from PX4's hold
     Row(_SILENT, E.HOLD, to=S.TAKEOVER, effect=effects.take_over, reason=S.TAKEOVER.text),
@@ -91,13 +88,9 @@ ORDERS = (
 
 FAILSAFES = (
     Row((S.LEG,), E.FAILSAFE_SLOW, p.not_slowed_yet, effect=effects.slow_down, reason=CAUSE),
-<<<<<<< HEAD
     Row((S.PATH,), E.FAILSAFE_SLOW, effect=effects.slow_path),
-    Row((S.CLIMB, S.LEG, S.PATH, S.ARRIVED), E.FAILSAFE_HOLD, to=S.HOLDING, effect=effects.stop_here, reason=CAUSE),
-=======
     Row((S.ARRIVED,), E.FAILSAFE_HOLD, p.at_goal, S.HOLDING, reason=CAUSE),
-    Row((S.CLIMB, S.LEG, S.ARRIVED), E.FAILSAFE_HOLD, to=S.HOLDING, effect=effects.stop_here, reason=CAUSE),
->>>>>>> 0eec02d (Let a landing or a hold end a climb at once)
+    Row((S.CLIMB, S.LEG, S.PATH, S.ARRIVED), E.FAILSAFE_HOLD, to=S.HOLDING, effect=effects.stop_here, reason=CAUSE),
     Row((S.LIFTOFF, *_FREE), E.FAILSAFE_LAND, to=S.DESCENT, effect=effects.descend, reason=CAUSE),
     Row((S.ARM_ARMING, S.TAKEOFF_ARMING, S.ARMED, S.LIFTOFF, *_FREE, *_DOWN), E.FAILSAFE_PX4_LAND,
         to=S.PX4_LANDING, request=Px4Land(), reason=CAUSE),

@@ -104,7 +104,6 @@ def arrived(flight: FlightContext, view: FlightView) -> bool:
     return flight.steady_s(view) > _ARRIVED_S
 
 
-<<<<<<< HEAD
 def path_ended(flight: FlightContext, view: FlightView) -> bool:
     """Whether the path is over and the vehicle has been at its end for half a second."""
     return flight.path.left_s <= 0.0 and arrived(flight, view)
@@ -123,11 +122,11 @@ def left_behind_to_land(flight: FlightContext, view: FlightView) -> bool:
 def left_behind(flight: FlightContext, view: FlightView) -> bool:
     """Whether it is behind its path for so long that it leaves the others."""
     return flight.path.is_lost
-=======
+
+
 def at_goal(flight: FlightContext, view: FlightView) -> bool:
     """Whether it is at its goal and slow."""
     return is_at(view, flight.goal_position_enu_m, flight.vehicle)
->>>>>>> 0eec02d (Let a landing or a hold end a climb at once)
 
 
 def climb_late(flight: FlightContext, view: FlightView) -> bool:
@@ -207,11 +206,6 @@ def px4_landing_late(flight: FlightContext, view: FlightView) -> bool:
 def is_steady(flight: FlightContext, view: FlightView) -> bool:
     """Whether what the step waits for holds at this tick; the step counts for how long."""
     step = flight.step
-<<<<<<< HEAD
     if step in (Step.CLIMB, Step.LEG, Step.PATH):
-        return is_at(view, flight.goal_position_enu_m, flight.vehicle)
-=======
-    if step in (Step.CLIMB, Step.LEG):
         return at_goal(flight, view)
->>>>>>> 0eec02d (Let a landing or a hold end a climb at once)
     return step is Step.HOLDING and is_at_rest(view, flight.vehicle)
