@@ -10,6 +10,7 @@ from typing import Any
 from groundstation.client.client import FleetClient
 from groundstation.fleet.plain_text import plain_line
 from groundstation.fleet.state import FleetState, VehicleView
+from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
 from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
 
@@ -46,6 +47,18 @@ class VehiclePage:
         return self.answers and all(line.is_ok for line in self.lines)
 
 
+def _of_files(name: str, telemetry: Telemetry, fleet: FleetConfig) -> list[PageLine]:
+    own_hash = fleet.with_law(telemetry.law).config_hash
+    if telemetry.config_hash != own_hash:
+        said = f"{name} flies with another fleet file than {fleet.path} ({telemetry.config_hash}, here {own_hash})."
+        remedy = "Give the vehicle's computer this file and restart its agent, or give this command the vehicle's file."
+        return [PageLine("ground's file", False, said, remedy)]
+    if telemetry.law != fleet.law.name:
+        said = f"{name} flies the law '{telemetry.law}' instead of the file's '{fleet.law.name}'."
+        return [PageLine("ground's file", True, said, "Restart its agent without --law to fly the file's.")]
+    return []
+
+
 def page_of(view: VehicleView, fleet: FleetConfig, now_ns: int) -> VehiclePage:
     """Make the page of one vehicle.
 
@@ -61,17 +74,7 @@ def page_of(view: VehicleView, fleet: FleetConfig, now_ns: int) -> VehiclePage:
     if telemetry is None or not view.is_fresh(now_ns):
         silent = PageLine("agent", False, f"{view.name}'s agent does not answer.", "Start it: covey agent.")
         return VehiclePage(view.name, False, (silent,))
-    lines: list[PageLine] = []
-    if telemetry.config_hash != fleet.config_hash:
-        lines.append(
-            PageLine(
-                "ground's file",
-                False,
-                f"{view.name} flies with another fleet file than {fleet.path} ({telemetry.config_hash}, "
-                f"here {fleet.config_hash}).",
-                "Give the vehicle's computer this file and restart its agent, or give this command the vehicle's file.",
-            )
-        )
+    lines = _of_files(view.name, telemetry, fleet)
     if view.preflight is not None and view.has_preflight(now_ns) and view.preflight.boot_id == telemetry.boot_id:
         lines += [PageLine(*check) for check in view.preflight.checks]
     else:

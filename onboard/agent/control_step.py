@@ -6,7 +6,7 @@ import math
 
 from msgspec import Struct
 
-from onboard.avoidance.params import LAW_NAMES, obstacles
+from onboard.avoidance.params import obstacles
 from onboard.config.fleet import FleetConfig
 from onboard.control import pipeline
 from onboard.control.pipeline import Phase, PipelineMemory
@@ -39,13 +39,11 @@ class ControlStep:
     Args:
         fleet: the fleet file.
         vehicle_name: one of its vehicles.
-        law: overrides the fleet file's law.
     """
 
-    def __init__(self, fleet: FleetConfig, vehicle_name: str, law: str | None) -> None:
+    def __init__(self, fleet: FleetConfig, vehicle_name: str) -> None:
         vehicle = fleet.vehicles[vehicle_name]
-        self.params, self.obstacles = pipeline.pipeline_params(fleet, vehicle_name, law=law), obstacles(fleet)
-        self.law = LAW_NAMES[self.params.law.law]
+        self.params, self.obstacles = pipeline.pipeline_params(fleet, vehicle_name), obstacles(fleet)
         self.tick: Tick | None = None  # newest result
         self.is_finite = True  # whether the newest result can be flown
         self.hover_frac = vehicle.hover_thrust_frac  # learned in flight

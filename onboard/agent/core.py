@@ -73,27 +73,25 @@ class AgentCore:
         fleet: the fleet file.
         vehicle_name: one of its vehicles.
         boot_id: differs from one start of the process to the next.
-        law: overrides the fleet file's law.
     """
 
-    def __init__(self, fleet: FleetConfig, vehicle_name: str, *, boot_id: int, law: str | None = None) -> None:
+    def __init__(self, fleet: FleetConfig, vehicle_name: str, *, boot_id: int) -> None:
         self.fleet, self.vehicle = fleet, fleet.vehicles[vehicle_name]
         self.own = OwnState(self.vehicle, fleet.fleet.global_origin)
         self.neighbours = NeighbourTable(fleet, vehicle_name)
         self.flight = FlightContext(fleet, self.vehicle)
-        self.control = ControlStep(fleet, vehicle_name, law)
+        self.control = ControlStep(fleet, vehicle_name)
         self.failsafes = FailsafeExecutor(fleet, self.vehicle, self.own, self.neighbours, self.flight)
         self.preflight = PreflightReporter(
             fleet,
             self.vehicle,
             boot_id=boot_id,
-            law=self.control.law,
             own=self.own,
             neighbours=self.neighbours,
             flight=self.flight,
         )
         self.nodes = BusNodes(fleet, vehicle_name)
-        self.identity = AgentIdentity(self.vehicle, boot_id, fleet.config_hash, self.control.law)
+        self.identity = AgentIdentity(self.vehicle, boot_id, fleet.config_hash, fleet.law.name)
         self._orders = OrderIntake(self.flight, self.failsafes, self.nodes.roles)
         self._setpoints = SetpointOutput(self.vehicle, self.own, self.flight, self.failsafes)
         self._publisher = TelemetryPublisher(

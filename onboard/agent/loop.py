@@ -53,13 +53,12 @@ class AgentProcess:
         name: str,
         *,
         apply_params: bool,
-        law: str | None,
         is_realtime: bool = False,
         has_bus_mocap: bool = False,
     ) -> None:
         self._fleet, self._name, self._is_realtime = fleet, name, is_realtime
         vehicle = fleet.vehicles[name]
-        self._core = AgentCore(fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF, law=law)
+        self._core = AgentCore(fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF)
         # with a mocap PX4's own estimate is only checked
         position_hz = _CHECKED_POSITION_HZ if vehicle.mocap_required else 1e9 / PERIOD_NS
         self._link = Px4Link(vehicle.autopilot, vehicle.system_id, position_hz=position_hz)
@@ -89,7 +88,7 @@ class AgentProcess:
         self._ended = loop.create_future()
         for number in (signal.SIGINT, signal.SIGTERM):  # first of all: a request to stop may come early
             loop.add_signal_handler(number, self._signalled)
-        warm_up(self._fleet, self._name, self._core.identity.law)
+        warm_up(self._fleet, self._name)
         self._link.start()
         try:
             self._bus.start()
@@ -196,7 +195,6 @@ def run_agent(
     name: str,
     *,
     apply_params: bool = False,
-    law: str | None = None,
     is_realtime: bool = False,
     has_bus_mocap: bool = False,
 ) -> int:
@@ -206,16 +204,13 @@ def run_agent(
         fleet: the fleet file.
         name: of the vehicle.
         apply_params: whether PX4's required parameters are set, and not only checked.
-        law: overrides the fleet file's law.
         is_realtime: whether the control loop takes precedence over other processes.
         has_bus_mocap: whether poses come over the bus, whatever the fleet file says.
     Returns:
         the exit status.
     """
     lines = realtime.log_elsewhere(name, os.environ.get("COVEY_LOG", "INFO"))
-    agent = AgentProcess(
-        fleet, name, apply_params=apply_params, law=law, is_realtime=is_realtime, has_bus_mocap=has_bus_mocap
-    )
+    agent = AgentProcess(fleet, name, apply_params=apply_params, is_realtime=is_realtime, has_bus_mocap=has_bus_mocap)
     try:
         return asyncio.run(agent.run())
     except (LinkError, BusError) as error:

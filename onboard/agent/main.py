@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return service.main(words)
     arguments = parser().parse_args(words)
     try:
-        fleet = load_fleet(arguments.fleet)
+        fleet = load_fleet(arguments.fleet).with_law(arguments.law)
         (name,) = fleet.select(arguments.vehicle)
     except ConfigError as error:
         print(f"agent: {error}", file=sys.stderr)
@@ -53,7 +53,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         fleet,
         name,
         apply_params=arguments.apply_params,
-        law=arguments.law,
         is_realtime=arguments.realtime,
         has_bus_mocap=arguments.mocap == "bus",
     )

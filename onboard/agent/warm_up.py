@@ -21,12 +21,12 @@ _MOST_TICKS, _FLYING_TICKS = 250, 50
 _CLIMB_M_S = 0.4
 
 
-def warm_up(fleet: FleetConfig, name: str, law: str | None) -> bool:
+def warm_up(fleet: FleetConfig, name: str) -> bool:
     """Fly a core that has nobody else in its fleet; whether it got into the air.
 
     A vehicle that no preflight check would let start (outside its fence, for instance) stays on the ground here too.
     """
-    core = AgentCore(replace(fleet, vehicles={name: fleet.vehicles[name]}), name, boot_id=0, law=law)
+    core = AgentCore(replace(fleet, vehicles={name: fleet.vehicles[name]}), name, boot_id=0)
     core.preflight.is_warm = True
     core.handle(ev.ParamsRead(()), _START_NS)
     core.handle(ev.NodeChanged("ground-1", True), _START_NS)

@@ -128,6 +128,12 @@ class FleetConfig(msgspec.Struct, frozen=True):
         """Key prefix on the bus."""
         return f"covey/{self.fleet.name}"
 
+    def with_law(self, name: str | None) -> FleetConfig:
+        """Return the same fleet under another law; None leaves the file's."""
+        if name is None:
+            return self
+        return msgspec.structs.replace(self, law=msgspec.structs.replace(self.law, name=name))
+
     @property
     def config_hash(self) -> str:
         """Hash of all values: equal on all vehicles that read the same ones; differing hashes refuse take-off."""

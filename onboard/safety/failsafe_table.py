@@ -88,7 +88,7 @@ class Condition(Enum):
     NEIGHBOUR_UNCOOPERATIVE = "neighbour does not do what it says"
     NEIGHBOUR_STALE = "neighbour's messages late"
     NEIGHBOUR_BACK = "neighbour heard again"
-    CONFIG_DIFFERS = "neighbour with another fleet file"
+    CONFIG_DIFFERS = "neighbour with another fleet file or law"
     # energy and space
     BATTERY_WARNING = "battery low"
     BATTERY_LOW = "battery at the landing level"
@@ -203,8 +203,8 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
         _C.NEIGHBOUR_STALE: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # its newest message gives its position, so it is believed at once
         _C.NEIGHBOUR_BACK: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
-        # it does not take off either; in flight it is avoided by the motion that it publishes
-        _C.CONFIG_DIFFERS: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        # it does not take off either; in flight nobody knows by which rules it avoids: all of it is left to us
+        _C.CONFIG_DIFFERS: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.BATTERY_WARNING: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.BATTERY_LOW: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # it would be empty before the vehicle is down if that waited for the landing level

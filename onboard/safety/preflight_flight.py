@@ -90,12 +90,12 @@ FLIGHT_RULES = (
     ),
     PreflightRule(
         "configuration",
-        "All vehicles fly with the same fleet file.",
+        "All vehicles fly with the same fleet file and the same law.",
         "All fly with configuration {hash}.",
         {
             "differs": RuleFault(
-                "{names} flies with another fleet file ({other}, here {hash}).",
-                "Restart both agents with the same one.",
+                "{names} flies with another fleet file, or another law ({other}, here {hash}).",
+                "Restart both agents with the same file and the same --law, or without it.",
             )
         },
         _configuration,

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-import msgspec
-
 from onboard.config.fleet import FleetConfig, Vec3
 from onboard.feasibility.bounds import ACCURACIES
 from onboard.feasibility.finding import Finding
@@ -20,9 +18,8 @@ _judged: dict[str, tuple[Refusal, ...]] = {}  # hash of a fleet file -> refusals
 class LawRefusals:
     """Refusals for one vehicle; the fleet file is judged once, when they are first read."""
 
-    def __init__(self, fleet: FleetConfig, vehicle: str, law: str, neighbours: NeighbourTable) -> None:
-        flown = msgspec.structs.replace(fleet.law, name=law)  # the law that is really flown
-        self._fleet = msgspec.structs.replace(fleet, law=flown)
+    def __init__(self, fleet: FleetConfig, vehicle: str, neighbours: NeighbourTable) -> None:
+        self._fleet = fleet
         self._vehicle, self._neighbours = vehicle, neighbours
         self._of_fleet: tuple[Refusal, ...] | None = None
         self._of_spots: tuple[Refusal, ...] = ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 
 from onboard.config.fleet import FleetConfig, Vec3, Vehicle
@@ -112,7 +112,7 @@ class NeighbourMonitor:
         if others:
             self._add(active, c.CONFIG_DIFFERS, others)
         rows = table.rows(now_ns)
-        self._check_predictions(active, rows)
+        self._check_predictions(active, rows, others)
         self._check_distances(active, rows, view)
         return active
 
@@ -135,8 +135,8 @@ class NeighbourMonitor:
         names = [self.table.names[index] for index in often if index < len(self.table.names)]
         return f"{rest}, kept off by {' and '.join(names)}" if names else rest
 
-    def _check_predictions(self, active: set[Condition], rows: Iterable[NeighbourRow]) -> None:
-        """Compare how each neighbour flies with how it predicted to fly."""
+    def _check_predictions(self, active: set[Condition], rows: Iterable[NeighbourRow], others: Collection[str]) -> None:
+        """Compare how each neighbour flies with how it predicted to fly; ``others`` fly by another file or law."""
         wrong = []
         for row in rows:
             monitor = self._predictions[row.name]
@@ -148,7 +148,7 @@ class NeighbourMonitor:
                 monitor.reset()
             if monitor.is_wrong:
                 wrong.append(row.name)
-            self.table.set_distrusted(row.name, monitor.is_wrong)
+            self.table.set_distrusted(row.name, monitor.is_wrong or row.name in others)
         if wrong:
             self._add(active, Condition.NEIGHBOUR_UNCOOPERATIVE, wrong)
 

@@ -40,18 +40,17 @@ class PreflightReporter:
         vehicle: Vehicle,
         *,
         boot_id: int,
-        law: str,
         own: OwnState,
         neighbours: NeighbourTable,
         flight: FlightContext,
     ) -> None:
-        self._fleet, self._vehicle, self._law = fleet, vehicle, law
+        self._fleet, self._vehicle = fleet, vehicle
         self._own, self._neighbours, self._flight = own, neighbours, flight
         self._config_hash = fleet.config_hash
         self._fused = int(required_params(vehicle).get("EKF2_EV_CTRL", 0)) if vehicle.mocap_required else 0
         self._inputs = PreflightInputs(vehicle.name, vehicle.body, boot_id)
         self._attitude, self._tilt = AttitudeRate(), TiltComparison()
-        self._refusals = LawRefusals(fleet, vehicle.name, law, neighbours)
+        self._refusals = LawRefusals(fleet, vehicle.name, neighbours)
         self.not_ready: tuple[str, ...] = ()  # sentences that refuse take-off now
         self.is_warm = False  # set by the shell when it has run the pipeline once
         self._facts: PreflightFacts | None = None  # of this tick, not yet reported
@@ -157,7 +156,7 @@ class PreflightReporter:
             other_hashes=self._neighbours.other_hashes(self._config_hash),
             config_hash=self._config_hash,
             param_problems=inputs.param_problems,
-            law=self._law,
+            law=self._fleet.law.name,
             law_refusals=self._refusals.current,
             is_law_warm=self.is_warm,
             loop_p99_ms=inputs.loop_p99_ms,

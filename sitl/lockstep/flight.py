@@ -8,8 +8,6 @@ from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-import msgspec
-
 from groundstation.client.client import FleetClient
 from groundstation.client.direct_mavlink import DirectKind, DirectResult
 from groundstation.fleet.state import FleetState
@@ -63,11 +61,7 @@ class Lockstep:
         say: Callable[[str], None] = lambda line: None,
         is_batched: bool = True,
     ) -> None:
-        config = fleet if isinstance(fleet, FleetConfig) else load_fleet(fleet)
-        if law is not None:
-            config = msgspec.structs.replace(
-                config, law=msgspec.convert({**msgspec.to_builtins(config.law), "name": law}, type(config.law))
-            )
+        config = (fleet if isinstance(fleet, FleetConfig) else load_fleet(fleet)).with_law(law)
         self._collect_every = gc.get_threshold()
         gc.set_threshold(_COLLECT_EVERY, *self._collect_every[1:])
         self.config, self.folder = config, folder

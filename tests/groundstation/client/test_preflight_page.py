@@ -69,6 +69,11 @@ def test_silence_another_file_and_a_vehicle_in_the_air_are_no_go_in_words(
     assert preflight_page.exit_status(late) == 10
     other = fold(state, make_telemetry("mav0", sequence=2, config_hash="another"), SECOND)
     assert "another fleet file" in preflight_page.as_text(preflight_page.pages_of(other, fleet, ["mav0"], SECOND))
+    law = {"law": "paper", "config_hash": fleet.with_law("paper").config_hash}
+    under_paper = fold(state, make_telemetry("mav0", sequence=2, **law), SECOND)
+    pages = preflight_page.pages_of(under_paper, fleet, ["mav0"], SECOND)
+    assert preflight_page.exit_status(pages) == 0
+    assert "mav0 flies the law 'paper' instead of the file's 'covey'." in preflight_page.as_text(pages)
     flying = fold(initial(fleet), make_telemetry("mav0", is_airborne=True, state="flying"), 0)
     assert preflight_page.has_reported(flying, ["mav0"], SECOND)
     page = preflight_page.page_of(flying.vehicles["mav0"], fleet, SECOND)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from onboard import events as ev
 from onboard.flight.types import Step
@@ -138,6 +139,31 @@ def test_no_start_is_completed_without_anybody(step: Step) -> None:
     assert not rig.is_armed
     assert highest_m < (0.5 if step is Step.LIFTOFF else 0.01)
     assert any(event.code == "ground-lost" for event in rig.events)
+
+
+def test_a_neighbour_under_another_law_is_not_counted_on_and_passed_slowly() -> None:
+    rig = Rig()
+    rig.fly()
+    rig.order("move", position_enu_m=(-3.0, 0.0, 1.0))
+    neighbours, fleet = rig.core.neighbours, rig.core.fleet
+    assert fleet.with_law("covey").config_hash == fleet.config_hash
+    for law in ("covey", "off", "covey"):
+        for number in range(20):
+            assert rig.state is not None
+            assert rig.telemetry is not None
+            same = {"vehicle": "mav1", "boot_id": 9, "position_enu_m": (3.0, 3.0, 1.0)}
+            tells = {"config_hash": fleet.with_law(law).config_hash, "law": law, "goal_position_enu_m": (3.0, 3.0, 1.0)}
+            state = replace(rig.state, is_cooperative=True, predicted_position_enu_m=(3.0, 3.0, 1.0), **same)
+            for message in (state, replace(rig.telemetry, **same, **tells)):
+                rig.core.handle(ev.NeighbourReceived(message, rig.now_ns), rig.now_ns)
+            if number > 8:
+                (neighbour,) = neighbours.snapshot(rig.now_ns)
+                assert neighbour.is_cooperative is (law == "covey"), (law, number)
+            rig.step()
+        assert rig.core.flight.is_slow or law == "covey"
+    assert [event.sentence for event in rig.events if event.code == "config-differs"] == [
+        "Neighbour with another fleet file or law (mav1): flying slowly."
+    ]
 
 
 def test_a_low_battery_lands() -> None:

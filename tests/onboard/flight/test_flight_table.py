@@ -86,4 +86,4 @@ def test_nobody_outside_the_room_writes_a_flight_and_only_the_state_machine_writ
 
 
 def test_the_throw_away_core_gets_into_the_air() -> None:
-    assert warm_up(fleet(), "mav0", None)
+    assert warm_up(fleet(), "mav0")

@@ -103,7 +103,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("neighbours", "missing"): ({"missing_neighbours": ("mav0", "mav2")}, "mav0, mav2 are not heard"),
     ("configuration", "differs"): (
         {"other_hashes": {"mav2": "xyz"}},
-        "mav2 flies with another fleet file (xyz, here abc",
+        "mav2 flies with another fleet file, or another law (xyz, here abc",
     ),
     ("law", "refused"): ({"law_refusals": (FINDING,)}, "0.4 m apart"),
     ("law", "baseline"): ({"law_refusals": (FINDING,), "law": "paper"}, "0.4 m apart"),

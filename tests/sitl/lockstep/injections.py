@@ -12,8 +12,9 @@ import msgspec
 
 from onboard import events as ev
 from onboard.autopilot import Landed
-from onboard.bus.schema import StateMessage
+from onboard.bus.schema import Message, StateMessage, Telemetry
 from onboard.bus.topics import Topic
+from onboard.control.pipeline import pipeline_params
 from onboard.safety.failsafe_table import Condition as C
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.bus import BusSettings
@@ -232,6 +233,20 @@ def _repeated(inject: Inject, count: int, every_s: float) -> Inject:
     return repeat
 
 
+def _without_law(flight: Lockstep, name: str) -> None:
+    """Let one vehicle fly without avoidance, and tell that its fleet is another one: somebody else's, or --law off."""
+    shell = flight.agents[name]
+    other, control = shell.fleet.with_law("off"), shell.core.control
+    control.params, publish = pipeline_params(other, name), shell.node.publish
+
+    def change(topic: Topic, vehicle: str, message: Message) -> None:
+        if isinstance(message, Telemetry):
+            message = msgspec.structs.replace(message, config_hash=other.config_hash, law=other.law.name)
+        publish(topic, vehicle, message)
+
+    shell.node.publish = change  # type: ignore[method-assign]
+
+
 def _order(verb: str) -> Inject:
     """An operator orders something of one vehicle in the middle of a mission; it may be refused."""
 
@@ -309,6 +324,7 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection("one wrong report of PX4", _some_wrong_report),
     Injection("wrong reports of PX4 for 5 s", _repeated(wrong_report("another mode"), 9, 0.6),
               _f(C.REPORTS_CONTRADICT_LONG)),
+    Injection("one flies without the law and says so", _without_law, others=_f(C.CONFIG_DIFFERS), is_silenced=True),
     Injection("one is ordered to land", _order("land"), rises_m=0.35),
     Injection("one is ordered to hold", _order("hold"), rises_m=0.35),
     Injection("one is ordered to disarm", _order("disarm")),
