@@ -7,7 +7,7 @@ import contextlib
 import sys
 import time
 import tomllib
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -188,11 +188,27 @@ class MissionFlight:
                         progress=lambda: self._last_line,
                         forecaster=Forecaster(),
                     )
-                    return await console.run_to_end()
+                    status = await console.run_to_end()
+                    self._print_end(console.mission.verdict)
+                    return status
                 finally:
                     self._listen()  # the console has listened instead
             finally:
                 watch.cancel()
+
+    def _print_end(self, sentences: Sequence[str]) -> None:
+        """Print the verdict and what to type next, when the console has left the terminal."""
+        folder = self.settings.folder
+        mission = folder / f"mission{Path(self.settings.mission.path).suffix}"
+        for line in sentences or ["The console was left before the end of the mission: there is no verdict."]:
+            self._print(plain_lines(line))
+        self._print(f"Record, events, logs and verdict: {folder}")
+        for command, what in (
+            (f"covey replay {folder}", "see it again"),
+            (f"covey plot {folder}", "draw it"),
+            (f"covey check {mission} --fleet {folder}/fleet.toml", "how closely this can be flown"),
+        ):
+            self._print(f"  {command:<50} {what}")
 
     @contextlib.asynccontextmanager
     async def _open(self) -> AsyncIterator[FleetClient]:

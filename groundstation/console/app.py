@@ -131,6 +131,7 @@ class ConsoleApp(App[int]):
         self.set_interval(REFRESH_S, self.refresh_fleet)
         if not self.is_headless:
             self.shutdown.catch_signals()
+            self.orders.warm_up()
             sys.setswitchinterval(SWITCH_S)
             gc.collect()
             gc.freeze()  # a collection of all that was loaded takes as long as a key may take to come to the screen

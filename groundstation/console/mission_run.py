@@ -39,6 +39,7 @@ class MissionRun:
         self._connect_worker: Worker[object] | None = None
         self._line = ""
         self.status = 0  # the console's exit status so far
+        self.verdict: Sequence[str] = ()  # in sentences; empty before the end
 
     @property
     def has_mission(self) -> bool:
@@ -97,6 +98,7 @@ class MissionRun:
 
     def _show(self, sentences: Sequence[str]) -> None:
         is_passed, box = self.status == 0, self._panels.verdict
+        self.verdict = sentences
         self._line = box.border_title = _PASSED if is_passed else _FAILED
         box.border_subtitle = "v hides · q quits"
         box.set_class(not is_passed, "bad")

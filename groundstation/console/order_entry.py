@@ -106,7 +106,7 @@ class OrderEntry:
     def open_line(self) -> None:
         """Begin to write an order."""
         self._panels.order_line.focus()
-        self._warm_up()
+        self.warm_up()
 
     def show_usage(self, text: str) -> None:
         """Show the grammar of the order that is being written."""
@@ -114,7 +114,7 @@ class OrderEntry:
         if verb is not None:
             self._panels.results.show_sentence(USAGE[verb], FAINT)
         if text.strip():
-            self._warm_up()
+            self.warm_up()
 
     async def take_line(self, text: str) -> None:
         """Carry out a written line; the order line gets it back when it is refused."""
@@ -138,7 +138,7 @@ class OrderEntry:
         self._panels.order_line.write(f"{verb} {names} ")
         self._panels.table.keep_marks()
 
-    def _warm_up(self) -> None:
+    def warm_up(self) -> None:
         """Start the forecast's process before it is needed."""
         if self._forecaster is not None and not self._is_warm:
             self._is_warm = True  # once: a start that is cut short by the next key would leave a process behind

@@ -60,7 +60,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         self.reasons: tuple[str, ...] = ()
         self.is_computing = True
         self._note = ""  # why it was computed again
-        self._opened_ns = client.now_ns()
+        self._opened_ns = self._begun_ns = client.now_ns()
         self._paths = PathPlan(fleet)
         self._vehicles = Static(id="vehicles", markup=False)
         self._answer = Static(id="answer", markup=False)
@@ -87,6 +87,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
 
     def _begin(self, note: str = "") -> None:
         state, now_ns = self.client.state, self.client.now_ns()
+        self._begun_ns = now_ns
         self.preview = preview_order(self.client.plan(self.intent), state, now_ns)
         self.intent = self.preview.intent  # from now on with the numbers that were left open
         self.forecast, self.reasons, self.is_computing, self._note = None, self.preview.reasons, True, note
@@ -116,6 +117,8 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         checked = self.client.check_again(self.preview.planned)
         change = changed(self.preview, checked, self.client.state, self.client.now_ns())
         if change is None:
+            if self.is_computing:
+                self._show()  # counts the seconds
             return checked
         self._begin(f"{change}: computed again")
         return None
@@ -143,7 +146,10 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         if self.reasons:
             text = "\n".join(f"✖ {clean(reason, 300)}" for reason in self.reasons[:4]) + "\nNot sent. esc drops it"
         elif self.is_computing:
-            text = "… flying it ahead; esc drops it, ctrl+l lands all"
+            waited_s = (self.client.now_ns() - self._begun_ns) * 1e-9
+            text = f"… flying it ahead, {waited_s:.0f} s: enter waits for the paths; esc drops it, ctrl+l lands all."
+            if waited_s > 5.0:
+                text += " The first one on a machine takes up to a minute."
         else:
             text = "✔ enter sends it    esc drops it"
         box.update(text)

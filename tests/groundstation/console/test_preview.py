@@ -39,6 +39,20 @@ async def test_a_preview_that_is_dropped_sends_nothing(rig: Rig) -> None:
             assert rig.app.is_running, key
 
 
+async def test_a_slow_preview_counts_and_says_that_enter_waits(rig: Rig) -> None:
+    async with rig.app.run_test(size=(100, 30)) as pilot:
+        rig.hover()
+        rig.oracle.answer = None
+        await rig.preview(pilot, "move all 0 1 1")
+        rig.client.skew_ns += int(6e9)
+        rig.hover()
+        await pilot.press("enter")
+        shown = words(rig.app, "answer")
+        assert "6 s: enter waits for the paths" in shown
+        assert "first one on a machine takes up to a minute" in shown
+        assert rig.client.ordered == []
+
+
 async def test_an_order_that_would_end_badly_is_refused_in_words(rig: Rig) -> None:
     async with rig.app.run_test(size=(100, 30)) as pilot:
         rig.hover()

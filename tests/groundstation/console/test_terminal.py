@@ -104,3 +104,16 @@ def test_a_terminal_that_closes_ends_the_console(console: Terminal) -> None:
     os.close(console.slave)
     os.close(console.master)
     assert console.process.wait(timeout=60) == 130
+
+
+def test_after_a_flight_the_shell_has_the_folder_and_the_next_commands(tmp_path: Path) -> None:
+    terminal = Terminal(tmp_path, "demo", "--record", str(tmp_path / "first"))
+    try:
+        terminal.read_until(b"3 vehicles")
+        os.write(terminal.master, b"q")
+        terminal.wait()
+        after = terminal.seen.rpartition(LEAVE_SCREEN)[2].decode()
+    finally:
+        terminal.close()
+    assert "there is no verdict" in after
+    assert f"covey replay {tmp_path}/first" in after
