@@ -3,6 +3,7 @@
 Examples:
   covey identify --fleet fleet.toml --vehicle mav0 --sitl
   covey identify flights/first
+  covey identify flights/first --fleet fleet.toml --write
 
 Exit status: 0 identified; 1 the flight failed or showed too little; 2 wrong input.
 """
@@ -26,7 +27,7 @@ from groundstation.identification.flight_log import TooLittleFlown
 from groundstation.identification.identify import identify as identify_log
 from groundstation.identification.manoeuvre import BOX_M, manoeuvre, mission_text
 from groundstation.identification.record import logs_of
-from groundstation.identification.report import IdentifiedVehicle, page, rows
+from groundstation.identification.report import IdentifiedVehicle, page, rows, toml_of_types
 from groundstation.processes.free_ports import toml_text
 from groundstation.recording.reader import record_path
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
@@ -45,6 +46,7 @@ def identify(
     seed: int = 0,
     box: Annotated[float, Parameter(metavar="METRES")] = BOX_M,
     json: bool = False,
+    write: bool = False,
 ) -> int:
     """Identify a vehicle's hover throttle, lag, drag and tilt error, and propose values for its type.
 
@@ -58,11 +60,15 @@ def identify(
         seed: seed of the manoeuvre, and of the emulator
         box: half its width
         json: a list with one object for each vehicle
+        write: put the values into the fleet file of --fleet; its comments stay
     """
+    if write and (fleet is None or not Path(fleet).is_file()):
+        raise ConfigError("--write needs --fleet FILE, a fleet file of yours, to put the values into.")
+    target = Path(fleet) if write and fleet is not None else None
     if record_dir is not None:
         if sitl:
             raise ConfigError("--sitl flies; a recorded flight needs no flying. Give one of them.")
-        return identify_from_record(record_dir, fleet, vehicle, json)
+        return identify_from_record(record_dir, fleet, vehicle, json, target)
     if fleet is None or vehicle is None:
         raise ConfigError("Give --fleet FILE and --vehicle NAME to fly, or the folder of a recorded flight.")
     if seed < 0:
@@ -86,7 +92,7 @@ def identify(
     if status != EXIT_OK:
         print(f"The manoeuvre was not flown to its end; what there is lies in {folder}.", file=sys.stderr)
         return status
-    return identify_from_record(folder, None, vehicle, json)
+    return identify_from_record(folder, None, vehicle, json, target)
 
 
 def _prepare_files(
@@ -114,8 +120,14 @@ def _alone(fleet: FleetConfig, name: str) -> str:
     return toml_text(data, f"Made from {fleet.path}: only {name} takes part.")
 
 
-def identify_from_record(folder: Path, fleet_path: str | None, name: str | None, is_json: bool) -> int:
-    """Identify everybody who flew in a record, or one of them, and say it; the exit status."""
+def identify_from_record(
+    folder: Path, fleet_path: str | None, name: str | None, is_json: bool, target: Path | None = None
+) -> int:
+    """Identify everybody who flew in a record, or one of them, and say it; the exit status.
+
+    Args:
+        target: fleet file that gets the values.
+    """
     path = record_path(folder)
     fleet = load_fleet(fleet_path or path.parent / "fleet.toml")
     names = fleet.enabled_names if name is None else (name,)
@@ -139,4 +151,10 @@ def identify_from_record(folder: Path, fleet_path: str | None, name: str | None,
         print(dumps(objects, indent=2))
     elif flown:
         print(page(flown))
+    if target is not None and flown:
+        from groundstation.identification.fleet_edit import write_changes
+
+        for text in toml_of_types(flown).values():
+            write_changes(target, tomllib.loads(text))
+        print(f"Written into {target}. Look at it with covey check {target}; every computer needs this file.")
     return EXIT_OK if flown else EXIT_FAILED

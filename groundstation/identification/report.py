@@ -116,12 +116,15 @@ def page(flown: Sequence[IdentifiedVehicle]) -> str:
                 f"{interval:<18} {row['verdict']}"
             )
         lines.append("")
+    return "\n".join([*lines, "\n\n".join(toml_of_types(flown).values())])
+
+
+def toml_of_types(flown: Sequence[IdentifiedVehicle]) -> dict[str, str]:
+    """Return TOML for the fleet file, by the name of each type that has flown."""
     types: dict[str, list[IdentifiedVehicle]] = {}
     for one in flown:
         types.setdefault(one.vehicle.type, []).append(one)
-    for kind, members in types.items():
-        lines += [type_toml(kind, members), ""]
-    return "\n".join(lines).rstrip()
+    return {kind: type_toml(kind, members) for kind, members in types.items()}
 
 
 def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:

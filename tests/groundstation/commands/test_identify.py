@@ -85,6 +85,18 @@ def test_a_vehicle_that_the_fleet_file_has_wrong_is_identified_from_its_flight(
     assert isinstance(merged, Vehicle)
     assert merged.lag_s == pytest.approx(found["lag_s"]["value"], abs=0.002)
 
+    pytest.importorskip("tomlkit")
+    own = config.read_text().replace("\nmax_speed_m_s = 1.0\n", "\nmax_speed_m_s = 1.0  # safe\n")
+    config.write_text(f"# of the lab\n{own}")
+    before = config.read_text().splitlines()
+    assert cli.main(["identify", str(folder), "--fleet", str(config), "--write"]) == 0
+    assert load_fleet(config).vehicles["mav0"].lag_s == pytest.approx(merged.lag_s)
+    left = config.read_text().splitlines()
+    changed = [line for line in left if line not in before]
+    assert {line.partition(" = ")[0] for line in changed} <= {*proposed, *proposed["sitl"]}
+    assert "# of the lab" in left
+    assert "max_speed_m_s = 1.0  # safe" in left
+
 
 def _with(path: Path, kind: str, values: dict[str, float]) -> str:
     from groundstation.processes.free_ports import toml_text
@@ -143,3 +155,9 @@ def test_a_record_in_which_nobody_flew_is_status_one_in_words(
     flight.close()
     assert cli.main(["identify", str(tmp_path), "--fleet", str(FLEETS["sih"]), "--vehicle", "mav0"]) == 1
     assert "did not fly" in capsys.readouterr().err
+
+
+def test_values_are_written_only_into_a_file_of_one_s_own(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in ([], ["--fleet", "paper"]):
+        assert cli.main(["identify", "flights/first", "--write", *words]) == 2
+        assert "--write needs --fleet FILE" in capsys.readouterr().err

@@ -1,0 +1,58 @@
+"""Changes of a fleet file's text that leave its comments and its formatting as they were."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, MutableMapping
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from onboard.config.fleet import ConfigError, fleet_from_mapping
+
+
+def edited(text: str, changes: Mapping[str, Any]) -> str:
+    """Return a TOML text with some values changed or added.
+
+    Args:
+        text: of a fleet file.
+        changes: tables in tables, with only the values that change.
+
+    Returns:
+        the text; every other line is as it was.
+    """
+    document = tomlkit.parse(text)
+    _merge(document, changes)
+    changed: str = tomlkit.dumps(document)
+    return changed
+
+
+def write_changes(path: Path, changes: Mapping[str, Any]) -> None:
+    """Change values of a fleet file.
+
+    Args:
+        path: of the file.
+        changes: as in :func:`edited`.
+
+    Raises:
+        ConfigError: the file would be wrong with them, or cannot be written; it is as it was.
+    """
+    text = edited(path.read_text(encoding="utf-8"), changes)
+    fleet_from_mapping(tomllib.loads(text), path=str(path))
+    whole = path.with_name(f".{path.name}.new")
+    try:
+        whole.write_text(text, encoding="utf-8")
+        whole.replace(path)
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be written ({error.strerror}). Put in the values above by hand.") from None
+
+
+def _merge(table: MutableMapping[str, Any], changes: Mapping[str, Any]) -> None:
+    for key, value in changes.items():
+        if isinstance(value, Mapping):
+            if key not in table:
+                table[key] = tomlkit.table()
+            _merge(table[key], value)
+        else:
+            table[key] = value
