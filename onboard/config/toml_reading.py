@@ -7,6 +7,7 @@ import os
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
+from importlib.resources import files
 from typing import Any, get_args
 
 import msgspec
@@ -39,6 +40,18 @@ def read_toml(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], 
         ) from None
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{name}: not valid TOML: {error}. Correct that line.") from None
+
+
+def package_table(package: str, name: str) -> dict[str, Any]:
+    """Read a table that is part of this software.
+
+    Args:
+        package: that holds the file.
+        name: of the file.
+    Returns:
+        its data.
+    """
+    return tomllib.loads(files(package).joinpath(name).read_text(encoding="utf-8"))
 
 
 def check_schema(data: Mapping[str, Any], path: str) -> None:

@@ -6,7 +6,7 @@ from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, in_order
 from onboard.safety.limits import AUTOPILOT_SILENT_S
 from onboard.safety.preflight_facts import HEARTBEAT_SILENT_S, PreflightFacts
-from onboard.safety.preflight_rule import FINE, NO_PX4, OK, SKIP, Judgement, PreflightRule, RuleFault
+from onboard.safety.preflight_rule import FINE, NO_PX4, OK, SKIP, Judgement, rules
 
 _EVERY_NETWORK = ("", "0.0.0.0", "::", "[::]")
 LEAST_ATTITUDE_HZ, USUAL_ATTITUDE_HZ = 20.0, 35.0
@@ -87,123 +87,19 @@ def _parameters(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> 
     return ("differ" if facts.param_problems else OK), words
 
 
-AUTOPILOT_RULES = (
-    PreflightRule(
-        "px4",
-        f"PX4 was heard within {AUTOPILOT_SILENT_S:g} s, its heartbeat within {HEARTBEAT_SILENT_S:g} s.",
-        "PX4 is heard at {autopilot}; its last heartbeat is {age:.1f} s old.",
-        {
-            "silent": RuleFault("PX4 is not heard at {autopilot}.", "Start PX4, or check the cable and the port."),
-            "nonsense": RuleFault(
-                "{sentence} Nobody can fly by that.", "Check that poses reach this agent, then restart PX4."
-            ),
-        },
-        _px4,
-    ),
-    PreflightRule(
-        "link",
-        f"PX4's attitude arrives at {LEAST_ATTITUDE_HZ:g} Hz or more; below {USUAL_ATTITUDE_HZ:g} Hz there is advice.",
-        "PX4's attitude arrives at {rate:.0f} Hz.",
-        {
-            "slow": RuleFault(
-                "PX4's attitude arrives at only {rate:.0f} Hz; flight requires 50 Hz.",
-                "Use a faster link (921600 baud, or Ethernet). See docs/deployment.md for the cable, the port and "
-                "PX4's MAV_ parameters.",
-            ),
-            "low": RuleFault(
-                "PX4's attitude arrives at {rate:.0f} Hz instead of the requested 50 Hz.",
-                "It can fly so; look for a slow link or a busy computer.",
-                is_advice=True,
-            ),
-        },
-        _link,
-    ),
-    PreflightRule(
-        "port",
-        "The agent's MAVLink port is open to one network only, best to none: MAVLink has no check of the source.",
-        "PX4 is heard by {autopilot} only.",
-        {
-            "open": RuleFault(
-                "{autopilot} listens on every network of this computer: whoever reaches it can play this PX4.",
-                "Use a serial cable or udpin://127.0.0.1:PORT in 'autopilot'; over Ethernet the address of that one "
-                "interface. See docs/who-can-fly.md.",
-                is_advice=True,
-            )
-        },
-        _port,
-    ),
-    PreflightRule(
-        "alone",
-        "No other agent runs for this vehicle.",
-        "Only this agent runs for {name}.",
-        {
-            "duplicate": RuleFault(
-                "Another agent runs for {name} as well.", "Stop one of the two agents; neither flies while both run."
-            )
-        },
-        _alone,
-    ),
-    PreflightRule(
-        "health",
-        "PX4 is in no failsafe, and the sensors that this flight requires are healthy.",
-        "PX4 reports healthy sensors.",
-        {
-            "failsafe": RuleFault(
-                "PX4 is in a failsafe.", "Read PX4's own message, remove the cause, and restart PX4."
-            ),
-            "unhealthy": RuleFault(
-                "PX4 reports unhealthy sensors: {sensors}.",
-                "Calibrate or repair them, and restart PX4 on level ground.",
-            ),
-            "not required": RuleFault(
-                "PX4 reports unhealthy sensors: {sensors}.",
-                "This flight does not require them; nothing to do.",
-                is_advice=True,
-            ),
-        },
-        _health,
-    ),
-    PreflightRule(
-        "disarmed",
-        "PX4 is on the ground and disarmed, so that nobody else has begun a flight.",
-        "PX4 is disarmed.",
-        {
-            "airborne": RuleFault(
-                "PX4 reports that the vehicle is in the air.", "Land it with the transmitter, or order land."
-            ),
-            "armed": RuleFault(
-                "PX4 is armed already, but not by this agent.", "Disarm it: order disarm, or use the transmitter."
-            ),
-        },
-        _disarmed,
-    ),
-    PreflightRule(
-        "failsafe",
-        "No condition holds for which the failsafe table refuses take-off, apart from those that other rules show: a "
-        "mocap that repeats itself, jumps or is late, a full disk, a clock that jumped, a restarted PX4, a battery "
-        "falling fast.",
-        "No failsafe refuses take-off.",
-        {
-            "holds": RuleFault(
-                "{conditions}.",
-                "Remove the cause; docs/failsafe.md explains each condition. After a pose that jumped in flight: check "
-                "the body's markers, then restart this agent.",
-            ),
-        },
-        _failsafe,
-    ),
-    PreflightRule(
-        "parameters",
-        "PX4's parameters are as this fleet requires: failsafes, mocap fusion, and the fleet file's px4_params.",
-        "PX4's parameters are as this fleet requires.",
-        {
-            "unread": RuleFault("PX4's parameters are not read yet.", "Wait a moment."),
-            "differ": RuleFault(
-                "{problems}",
-                "Set them with 'covey px4 params --fleet {fleet} --vehicles {name} --apply', "
-                "or start the agent with --apply-params.",
-            ),
-        },
-        _parameters,
-    ),
+AUTOPILOT_RULES = rules(
+    {
+        "px4": _px4,
+        "link": _link,
+        "port": _port,
+        "alone": _alone,
+        "health": _health,
+        "disarmed": _disarmed,
+        "failsafe": _failsafe,
+        "parameters": _parameters,
+    },
+    AUTOPILOT_SILENT_S=AUTOPILOT_SILENT_S,
+    HEARTBEAT_SILENT_S=HEARTBEAT_SILENT_S,
+    LEAST_ATTITUDE_HZ=LEAST_ATTITUDE_HZ,
+    USUAL_ATTITUDE_HZ=USUAL_ATTITUDE_HZ,
 )

@@ -6,7 +6,7 @@ import math
 
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.safety.preflight_facts import PreflightFacts
-from onboard.safety.preflight_rule import FINE, NO_PX4, OK, Judgement, PreflightRule, RuleFault
+from onboard.safety.preflight_rule import FINE, NO_PX4, OK, Judgement, rules
 
 HOVER_SHARE, HOVER_ADVICE_SHARE = 0.25, 0.10
 LOWEST_VOLTAGE_V = 2.5
@@ -75,128 +75,18 @@ def _kill_switch(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) ->
     return ("unknown" if facts.has_rc is None else "unheard"), {}
 
 
-FLIGHT_RULES = (
-    PreflightRule(
-        "neighbours",
-        "Every vehicle with enabled = true is heard on the bus.",
-        "All {count} others are heard.",
-        {
-            "missing": RuleFault(
-                "{names} {are} not heard on the bus.",
-                "Start the {agents}, or set enabled = false in the fleet file of all vehicles.",
-            )
-        },
-        _neighbours,
-    ),
-    PreflightRule(
-        "configuration",
-        "All vehicles fly with the same fleet file and the same law.",
-        "All fly with configuration {hash}.",
-        {
-            "differs": RuleFault(
-                "{names} flies with another fleet file, or another law ({other}, here {hash}).",
-                "Restart both agents with the same file and the same --law, or without it.",
-            )
-        },
-        _configuration,
-    ),
-    PreflightRule(
-        "law",
-        "The law can keep the safety distance with this fleet file, at the spots where vehicles stand and in their "
-        "slots: docs/check.md lists these findings. For the laws paper and off they are advice only.",
-        "Law '{law}' can be flown with this fleet at these spots.",
-        {
-            "refused": RuleFault("{finding}", "{change}"),
-            "baseline": RuleFault("{finding}", "{change} Law '{law}' is flown for comparison only.", is_advice=True),
-        },
-        _law,
-    ),
-    PreflightRule(
-        "hover thrust",
-        f"The hover throttle learned in flight is within {100 * HOVER_SHARE:g} % of the fleet file's; beyond "
-        f"{100 * HOVER_ADVICE_SHARE:g} % there is advice.",
-        "It hovers at {learned:.2f} of its throttle.",
-        {
-            "far": RuleFault(
-                "It hovered at {learned:.2f} of its throttle, the fleet file says {file:.2f}.",
-                "Look for a wrong propeller, load or battery. If all fit, set hover_thrust_frac (covey identify).",
-            ),
-            "off": RuleFault(
-                "It hovered at {learned:.2f} of its throttle, the fleet file says {file:.2f}.",
-                "Set hover_thrust_frac (covey identify).",
-                is_advice=True,
-            ),
-        },
-        _hover,
-    ),
-    PreflightRule(
-        "battery",
-        "PX4 reports a plausible battery level, above battery_warning_pct of the fleet file.",
-        "Battery at {level:.0f} %, {volts:.1f} V.",
-        {
-            "unknown": RuleFault(
-                "PX4 reports no battery level.", "Wait a second. If it stays, set up PX4's battery (BAT1_...)."
-            ),
-            "implausible": RuleFault(
-                "PX4 reports a battery of {level:.0f} % and {volts:.1f} V, which cannot be.",
-                "Check the power module and PX4's battery calibration (BAT1_...).",
-            ),
-            "low": RuleFault(
-                "Battery at {level:.0f} %, take-off requires {required:.0f} %.", "Charge or change the battery."
-            ),
-        },
-        _battery,
-    ),
-    PreflightRule(
-        "loop",
-        f"The control pipeline has run once; periods above {LATE_LOOP_MS:g} ms give advice.",
-        "The control loop keeps its time (99 % of periods within {p99:.1f} ms).",
-        {
-            "warming": RuleFault("The control pipeline is still warming up.", "Wait a moment."),
-            "late": RuleFault(
-                "1 % of the control loop's periods are longer than {p99:.0f} ms instead of 20 ms.",
-                "Give this computer less to do, or more cores.",
-                is_advice=True,
-            ),
-        },
-        _loop,
-    ),
-    PreflightRule(
-        "record",
-        "The flight is recorded. Only advice, since a record is no matter of safety.",
-        "A recorder is on the bus.",
-        {
-            "none": RuleFault(
-                "Nobody records this flight.",
-                "Fly it with covey fly, which records, so that you can see afterwards what happened.",
-                is_advice=True,
-            )
-        },
-        _record,
-    ),
-    PreflightRule(
-        "kill switch",
-        "Somebody holds the radio control and its kill switch, the one way to stop a vehicle without any computer. "
-        "Always advice, since no computer can check it.",
-        "",
-        {
-            "heard": RuleFault(
-                "PX4 hears a radio control.",
-                "Have its kill switch in somebody's hand, and try it today.",
-                is_advice=True,
-            ),
-            "unheard": RuleFault(
-                "PX4 hears no radio control: only the computers can stop this vehicle.",
-                "Switch the transmitter on and try its kill switch. Without one, keep a net between the vehicles and "
-                "people.",
-                is_advice=True,
-            ),
-            "unknown": RuleFault(
-                "It is not known whether PX4 hears a radio control.",
-                "Have its kill switch in somebody's hand, and try it today.",
-                is_advice=True,
-            ),
-        },
-        _kill_switch,
-    ),
+FLIGHT_RULES = rules(
+    {
+        "neighbours": _neighbours,
+        "configuration": _configuration,
+        "law": _law,
+        "hover thrust": _hover,
+        "battery": _battery,
+        "loop": _loop,
+        "record": _record,
+        "kill switch": _kill_switch,
+    },
+    HOVER_ADVICE_SHARE=HOVER_ADVICE_SHARE,
+    HOVER_SHARE=HOVER_SHARE,
+    LATE_LOOP_MS=LATE_LOOP_MS,
 )

@@ -16,9 +16,8 @@ from onboard.safety.preflight_rule import (
     OK,
     SKIP,
     Judgement,
-    PreflightRule,
-    RuleFault,
     coordinates,
+    rules,
 )
 
 WIDE_CLOCK_S = 0.02
@@ -119,128 +118,21 @@ def _fence(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
     return ("outside" if is_outside else OK), {"position": coordinates(facts.position_enu_m)}
 
 
-POSITION_RULES = (
-    PreflightRule(
-        "position",
-        f"The position is younger than {POSITION_STALE_S:g} s.",
-        "At {position}, {age:.0f} ms old.",
-        {
-            "untracked": RuleFault(
-                "There is no fresh position from mocap body '{body}'.",
-                "Check that the body is tracked, that it is published under this name (covey mocap), and that this "
-                "computer receives it.",
-            ),
-            "source": RuleFault(
-                "There is no fresh position from mocap body '{body}': {problem}",
-                "Correct [mocap] in the fleet file or the mocap itself, and test it with 'covey mocap --check'.",
-            ),
-            "silent": RuleFault(
-                "PX4 sends no fresh local position.",
-                "Wait until PX4's estimator has a position (satellites, vision), and check its rate on this link.",
-            ),
-        },
-        _position,
-    ),
-    PreflightRule(
-        "clock",
-        f"Mocap samples are at most {OLDEST_SAMPLE_S:g} s old on arrival and not from the future: sender and receiver "
-        "share one clock, or the offset is measured. The clocks of other computers are measured; an error above "
-        f"{1e3 * WIDE_CLOCK_S:g} ms gives advice.",
-        "The mocap's stamps and this computer's clock agree.",
-        {
-            "mocap": RuleFault(
-                "Mocap samples arrive with stamps {gap}.",
-                "The sender has another clock: run 'covey mocap' on the computer that reads the mocap, so that the "
-                "offset is measured, or restart the sender.",
-            ),
-            "unmeasured": RuleFault(
-                "The clock of {others} is not measured yet.",
-                "Wait a second. If it stays, that computer does not receive this agent's messages: check its network.",
-            ),
-            "wide": RuleFault(
-                "The clock of {other} is known to {bound:.0f} ms only; its messages count as older by that.",
-                "Look for a slow or busy network between the two computers.",
-                is_advice=True,
-            ),
-        },
-        _clock,
-    ),
-    PreflightRule(
-        "agreement",
-        f"Mocap and PX4 agree: tilt within {TILT_MISS_DEG:g} degrees, now and when last tilted by hand; heading within "
-        f"{HEADING_MISS_DEG:g} degrees and position within {FAR_FROM_PX4_M:g} m, if PX4 fuses them.",
-        "Mocap and PX4 agree: heading within {turn:.0f} and tilt within {tilt:.0f} degrees.",
-        {
-            "tilt": RuleFault(
-                "Mocap and PX4 disagree by {tilt:.0f} degrees about which way is up.",
-                "Align the body's axes in the mocap software with the vehicle standing level: x forward, z up, and the "
-                "mocap's z axis up.",
-            ),
-            "handled": RuleFault(
-                "When the vehicle was last tilted by hand, mocap and PX4 measured tilts in different directions.",
-                "Body '{body}' is on another vehicle, or its axes are turned: correct it, then tilt the vehicle again.",
-            ),
-            "heading": RuleFault(
-                "Mocap and PX4 disagree by {heading:.0f} degrees about the heading, although PX4 receives the mocap's.",
-                "Align the body's x axis with the vehicle's nose, check the mocap's frame, and that PX4 fuses the "
-                "heading (EKF2_EV_CTRL).",
-            ),
-            "missing": RuleFault(
-                "PX4 sends no local position.", "Wait until PX4 has fused the mocap; check EKF2_EV_CTRL."
-            ),
-            "apart": RuleFault(
-                "PX4's position is {px4}, {distance:.2f} m from where the mocap measures the vehicle.",
-                "Wait a few seconds. If it stays, PX4 does not fuse the mocap: check EKF2_EV_CTRL, EKF2_HGT_REF and "
-                "EKF2_GPS_CTRL, and restart PX4.",
-            ),
-            "compass": RuleFault(
-                "The mocap's heading is {heading:.0f} degrees from PX4's compass.",
-                "The agent takes the heading from the mocap; make sure that the body's x axis is the vehicle's nose.",
-                is_advice=True,
-            ),
-        },
-        _agreement,
-    ),
-    PreflightRule(
-        "at rest",
-        f"The vehicle stands still: it is slower than {MOVING_M_S:g} m/s.",
-        "It stands still.",
-        {
-            "moving": RuleFault(
-                "It moves with {speed:.1f} m/s.",
-                "Put it down. If it stands still, the mocap measures wrongly: look for reflections.",
-            )
-        },
-        _at_rest,
-    ),
-    PreflightRule(
-        "spot",
-        f"With a mocap the vehicle stands within {OFF_SPOT_M:g} m of its start_enu_m, unless this agent has flown it. "
-        "This rule finds turned or mirrored frames and swapped bodies.",
-        "It stands {off:.2f} m from its take-off spot.",
-        {
-            "swapped": RuleFault(
-                "The mocap measures it at {position}, on the take-off spot of {other}.",
-                "Check which body is on which vehicle and the axes of the mocap, or carry it to its own spot {spot}.",
-            ),
-            "away": RuleFault(
-                "The mocap measures it at {position}, {off:.2f} m from its take-off spot {spot}.",
-                "If it stands there, correct start_enu_m or carry it to its spot. If not, the mocap's frame is turned "
-                "or mirrored: correct its axes.",
-            ),
-        },
-        _spot,
-    ),
-    PreflightRule(
-        "fence",
-        "Position and take-off spot lie inside the geofence.",
-        "It stands inside the geofence.",
-        {
-            "spot": RuleFault(
-                "The take-off spot {spot} lies outside the geofence.", "Correct start_enu_m or geofence_m."
-            ),
-            "outside": RuleFault("The position {position} lies outside the geofence.", "Carry the vehicle inside."),
-        },
-        _fence,
-    ),
+POSITION_RULES = rules(
+    {
+        "position": _position,
+        "clock": _clock,
+        "agreement": _agreement,
+        "at rest": _at_rest,
+        "spot": _spot,
+        "fence": _fence,
+    },
+    FAR_FROM_PX4_M=FAR_FROM_PX4_M,
+    HEADING_MISS_DEG=HEADING_MISS_DEG,
+    MOVING_M_S=MOVING_M_S,
+    OFF_SPOT_M=OFF_SPOT_M,
+    OLDEST_SAMPLE_S=OLDEST_SAMPLE_S,
+    POSITION_STALE_S=POSITION_STALE_S,
+    TILT_MISS_DEG=TILT_MISS_DEG,
+    WIDE_CLOCK_S=WIDE_CLOCK_S,
 )

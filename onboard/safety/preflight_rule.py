@@ -6,10 +6,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from onboard.config.fleet import FleetConfig, Vec3, Vehicle
+from onboard.config.toml_reading import package_table
 from onboard.safety.preflight_facts import PreflightFacts
 
 OK, SKIP = "ok", "skip"
 Judgement = tuple[str, Mapping[str, object]]  # OK, SKIP or the key of a fault; and the numbers for its sentence
+Judge = Callable[[PreflightFacts, FleetConfig, Vehicle], Judgement]
+_WORDS = package_table("onboard.safety", "preflight.toml")
 FINE: Judgement = (OK, {})
 NO_PX4: Judgement = (SKIP, {"reason": "while PX4 is silent"})
 NO_POSITION: Judgement = (SKIP, {"reason": "without a fresh position"})
@@ -43,7 +46,7 @@ class PreflightRule:
     demand: str  # what must be true, for docs/preflight.md
     passes: str  # sentence when it is true, as a template
     faults: Mapping[str, RuleFault]
-    judge: Callable[[PreflightFacts, FleetConfig, Vehicle], Judgement]
+    judge: Judge
 
     def check(self, facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> PreflightCheck:
         """Judge the facts and put the result into words.
@@ -74,3 +77,21 @@ def coordinates(position: Vec3) -> str:
         for instance "(1.00, 2.00, 0.00) m".
     """
     return "(" + ", ".join(f"{value:.2f}" for value in position) + ") m"
+
+
+def rules(judges: Mapping[str, Judge], **constants: float) -> tuple[PreflightRule, ...]:
+    """Make rules with their words of preflight.toml.
+
+    Args:
+        judges: by the rule's name, in the order of the page.
+        constants: bounds that the demands name.
+    Returns:
+        the rules.
+    """
+    made = []
+    for name, judge in judges.items():
+        row = _WORDS[name]
+        faults = {key: RuleFault(says, remedy) for key, (says, remedy) in row.get("refuses", {}).items()}
+        faults |= {key: RuleFault(says, remedy, True) for key, (says, remedy) in row.get("advises", {}).items()}
+        made.append(PreflightRule(name, row["demand"].format(**constants), row["passes"], faults, judge))
+    return tuple(made)

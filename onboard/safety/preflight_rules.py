@@ -1,8 +1,8 @@
 """Go or no-go: everything that must be true before take-off. Pure.
 
 A rule judges the facts: they are fine, cannot be judged yet, or show one of the rule's faults. A fault refuses
-take-off, unless it is advice. Sentences and remedies stand beside the judgement, so that docs/preflight.md is printed
-from them and an order is refused in the words of the preflight page.
+take-off, unless it is advice. Sentences and remedies stand in preflight.toml, so that docs/preflight.md is printed from
+them and an order is refused in the words of the preflight page.
 """
 
 from __future__ import annotations
