@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from groundstation.fleet.state import FleetState
-from onboard.bus.authority import EMERGENCY, MAX_TERM, Role, Token, parse_token
+from onboard.bus.authority import EMERGENCY, Role, Token, next_term, parse_token
 
 SETTLE_S = 0.5  # until every vehicle has sent the operator's name
 SILENCE_S = 10.0  # without an answer, after which control may be taken by force
@@ -153,7 +153,7 @@ class Control:
                 "answer."
             )
         self._drop("asks")
-        self._claim(min(holder.term + 1, MAX_TERM))
+        self._claim(next_term(holder.term))
         self._say("warning", f"Control was taken from {holder.author}, who did not answer for {waited_s:.0f} s.")
         return f"You take control from {holder.author}."
 

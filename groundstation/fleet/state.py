@@ -29,6 +29,8 @@ TELEMETRY_STALE_NS = int(TOPICS[Topic.TELEMETRY].stale_after_s * 1e9)
 PREFLIGHT_STALE_NS = int(TOPICS[Topic.PREFLIGHT].stale_after_s * 1e9)
 TRUTH_STALE_NS = int(TOPICS[Topic.TRUTH].stale_after_s * 1e9)
 _NEVER = -(1 << 62)
+# So far back a message may have been overtaken. One message with a false, high number excludes no more than these.
+_REORDERED_TICKS, _REORDERED_REPORTS = 50, 2
 
 
 class NodeSeen(NamedTuple):
@@ -155,8 +157,8 @@ def initial(fleet: FleetConfig) -> FleetState:
 def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
     """Fold one message into the state.
 
-    Unknown vehicles and repeated or old samples change nothing. A sample is old when its sequence number is not above
-    the last one of the same boot; a new boot id starts over.
+    Unknown vehicles and repeated or overtaken samples change nothing: their number is the last one's, or a little below
+    it, of the same boot. A new boot id starts over.
 
     Args:
         state: before the message.
@@ -245,8 +247,7 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
         view = vehicles.get(message.vehicle)
         if view is None:
             continue
-        last = view.telemetry
-        if last is not None and last.boot_id == message.boot_id and message.sequence <= last.sequence:
+        if _is_repeated(view.telemetry, message, _REORDERED_TICKS):
             continue
         if view.name in updated:
             state = _compared(replace(state, vehicles=MappingProxyType(dict(vehicles))), updated, now_ns)
@@ -283,8 +284,7 @@ def _fold_preflight(state: FleetState, message: PreflightReport, now_ns: int) ->
     view = state.vehicles.get(message.vehicle)
     if view is None:
         return state
-    last = view.preflight
-    if last is not None and last.boot_id == message.boot_id and message.sequence <= last.sequence:
+    if _is_repeated(view.preflight, message, _REORDERED_REPORTS):
         return state
     return _with(state, replace(view, preflight=message, preflight_received_ns=now_ns))
 
@@ -335,6 +335,15 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
 
 def _separation(one: str, two: str, distance_m: float, stamp_ns: int, *, is_truth: bool) -> Separation:
     return Separation(min(one, two), max(one, two), distance_m, stamp_ns, is_truth)
+
+
+def _is_repeated(
+    last: Telemetry | PreflightReport | None, message: Telemetry | PreflightReport, most_reordered: int
+) -> bool:
+    """Whether a message is the last one again, or was overtaken by it; farther back, the last one was false."""
+    if last is None or last.boot_id != message.boot_id:
+        return False
+    return 0 <= last.sequence - message.sequence < most_reordered
 
 
 def _with(state: FleetState, view: VehicleView) -> FleetState:

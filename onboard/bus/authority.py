@@ -18,7 +18,7 @@ Role = Literal["operator", "asks", "keeps"]
 ROLES: tuple[Role, ...] = get_args(Role)
 EMERGENCY: tuple[OrderKind, ...] = ("land", "hold", "kill")  # orders that anybody may send
 GROUND, WATCHER = "ground", "watcher"  # first words of the nodes that may order, and of those that only watch
-MAX_TERM = 10**6
+LAST_TERM = 999  # then it begins anew with 1
 _MAX_TOKENS = 64
 
 
@@ -39,15 +39,31 @@ class Token:
         """Author and node; the node distinguishes two grounds of one user."""
         return f"{self.author} ({self.node})"
 
+    def follows(self, other: Token) -> bool:
+        """Whether this is the claim of who takes control from the other by force: the next term.
+
+        Args:
+            other: token of the other ground.
+        Returns:
+            True for the next term, and for no other, since a false one could never be followed.
+        """
+        return self.term == next_term(other.term)
+
     def beats(self, other: Token) -> bool:
-        """Whether this token wins where two grounds claimed to operate at once: the later term, then the lower node.
+        """Whether this token wins where two grounds operate at once: the later term, then the lower node.
 
         Args:
             other: token of the other ground.
         Returns:
             True if this token wins.
         """
-        return (-self.term, self.node) < (-other.term, other.node)
+        ahead = (self.term - other.term) % LAST_TERM
+        return self.node < other.node if ahead == 0 else ahead <= LAST_TERM // 2
+
+
+def next_term(term: int) -> int:
+    """Return the term of who takes control by force from the holder of ``term``."""
+    return term % LAST_TERM + 1
 
 
 def parse_token(name: str) -> Token | None:
@@ -60,16 +76,15 @@ def parse_token(name: str) -> Token | None:
     """
     role, *rest = name.split(".")
     known = next((known for known in ROLES if known == role), None)
-    if known is None or len(rest) != 3 or not re.fullmatch(r"\d{1,7}", rest[0]) or not rest[1]:
+    if known is None or len(rest) != 3 or not re.fullmatch(r"[1-9]\d{0,2}", rest[0]) or not rest[1]:
         return None
-    return Token(known, min(int(rest[0]), MAX_TERM), rest[1], rest[2])
+    return Token(known, int(rest[0]), rest[1], rest[2])
 
 
 class Roles:
     """The role tokens that one agent sees, and the operator that follows from them.
 
-    The operator stays the operator while its token lives, whoever claims later, unless the later claim has a later
-    term.
+    The operator stays the operator while its token lives, whoever claims later, unless that claim has the next term.
     """
 
     def __init__(self) -> None:
@@ -88,13 +103,16 @@ class Roles:
             return
         if not is_alive:
             self._tokens.pop(name, None)
-        elif len(self._tokens) < _MAX_TOKENS:
+        else:
             self._tokens[name] = token
-        claims = [token for token in self._tokens.values() if token.role == "operator"]
-        latest = max((token.term for token in claims), default=0)
-        if self.holder not in claims or self.holder is None or self.holder.term < latest:
-            rivals = sorted(claims, key=lambda token: (-token.term, token.node))
-            self.holder = rivals[0] if rivals else None
+            if len(self._tokens) > _MAX_TOKENS:  # false names must not exclude who comes after them
+                self._tokens.pop(next(one for one, token in self._tokens.items() if token != self.holder))
+        claims = sorted((one for one in self._tokens.values() if one.role == "operator"), key=lambda one: one.node)
+        if self.holder not in claims:
+            self.holder = min(claims, key=lambda one: one.term, default=None)
+        for one in claims:
+            if self.holder is not None and one.follows(self.holder):
+                self.holder = one
 
     @property
     def operator(self) -> str:

@@ -8,6 +8,9 @@ them narrow. A bound widens as it ages, because clocks drift apart. Nothing is a
 wall clock that jumps changes nothing.
 
 Nodes that share a clock (one kernel, one boot, one time namespace) know that from each other's host id.
+
+A message that contradicts what is known of its sender may be false. What is known stays, and is used, while messages
+agree with it; when none has for a while, and several in a row agree on something else, that is believed instead.
 """
 
 from __future__ import annotations
@@ -22,6 +25,8 @@ _UNKNOWN_DELAY_NS = 20_000_000  # assumed while nothing is measured
 _SAME_CLOCK_NS = 500_000_000
 _FORGET_NS = 60_000_000_000
 _MAX_NODES = 64
+_SILENT_NS = 1_800_000_000  # without a message that agrees: three are missing
+_CONFIRMATIONS = 3  # messages in a row that agree on something new
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +93,9 @@ class Clocks:
 
     node: str  # our own name on the bus
     host: int  # our own host id
-    restarts: int = 0  # measurements begun anew after a contradiction
+    restarts: int = 0  # nodes of which something else was believed, after a contradiction
     _peers: dict[str, Peer] = field(default_factory=dict)
+    _doubtful: dict[str, tuple[Peer, int]] = field(default_factory=dict)  # what contradicts, and how many agree on it
     _sequence: int = 0
 
     def message(self, now_ns: int) -> ClockMessage:
@@ -115,13 +121,36 @@ class Clocks:
             message: as received; our own is ignored.
             received_ns: its arrival, by our clock.
         """
-        if message.node == self.node or (message.node not in self._peers and not self._has_room(received_ns)):
+        node = message.node
+        if node == self.node or (node not in self._peers and not self._has_room(received_ns)):
             return
+        if message.host == self.host and not 0 <= received_ns - message.sent_ns < _SAME_CLOCK_NS:
+            return  # not by our clock
+        peer = self._peers.get(node)
+        merged = self._merged(peer, message, received_ns)
+        if merged is not None:
+            self._peers[node] = merged
+            self._doubtful.pop(node, None)
+            return
+        doubtful, count = self._doubtful.get(node, (None, 0))
+        further = self._merged(doubtful, message, received_ns)
+        if further is None:
+            further, count = self._merged(None, message, received_ns), 0
+        if further is None:
+            return  # contradicts itself
+        self._doubtful[node] = further, count + 1
+        if count + 1 >= _CONFIRMATIONS and (peer is None or received_ns - peer.received_ns > _SILENT_NS):
+            self.restarts += 1
+            self._peers[node] = further
+            del self._doubtful[node]
+
+    def _merged(self, peer: Peer | None, message: ClockMessage, received_ns: int) -> Peer | None:
+        """Return what is known with one more message of the node; None if that contradicts what was known."""
         low_ns = message.sent_ns - received_ns
-        new = Peer(message.host, message.sent_ns, received_ns, low_ns, received_ns)
-        peer = self._peers.get(message.node)
-        if peer is None or peer.host != message.host or message.host == self.host:
-            peer = new  # another boot is another clock, and of our own there is nothing to measure
+        if peer is not None and peer.host != message.host:
+            return None  # another boot is another clock
+        if peer is None or message.host == self.host:
+            peer = Peer(message.host, message.sent_ns, received_ns, low_ns, received_ns)
         else:
             peer = peer.raised_low(low_ns, received_ns)
         if message.sent_ns > peer.sent_ns:
@@ -129,10 +158,7 @@ class Clocks:
         for heard in message.heard:
             if heard.node == self.node and heard.host == self.host and heard.sent_ns <= received_ns:
                 peer = peer.lowered_high(heard.received_ns - heard.sent_ns, heard.sent_ns)
-        if peer.is_contradictory(received_ns):
-            self.restarts += 1
-            peer = new
-        self._peers[message.node] = peer
+        return None if peer.is_contradictory(received_ns) else peer
 
     def _has_room(self, now_ns: int) -> bool:
         """Whether one more node can be remembered; one that was silent for a minute makes room."""

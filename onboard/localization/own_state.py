@@ -48,7 +48,7 @@ class OwnState:
     _params: KalmanParams = field(init=False)
     _memory: kalman.KalmanMemory | None = None
     _queue: list[tuple[vectors.Vec3, int, float]] = field(default_factory=list)
-    _newest: tuple[int, int, int] = (0, -1, 0)  # boot id, sequence, stamp
+    _newest_ns: int = 0  # stamp of the newest usable sample
     _rejected_enu_m: Vec3 | None = None  # by the estimator
     _has_heading: bool = False
     _local_ns: int = 0
@@ -70,21 +70,19 @@ class OwnState:
         """Queue a mocap sample for the next update; False if it cannot be used or is not believed."""
         if not pose.is_tracked:
             return False
-        boot_id, sequence, stamp_ns = self._newest
-        # stamps of all sources are on one clock: a stamp that is not newer is out of order, or from before a restart
-        is_newer = pose.stamp_ns > stamp_ns and (pose.boot_id != boot_id or pose.sequence > sequence)
         norm = math.hypot(*pose.quaternion_enu_flu_wxyz)
         is_usable = (
             is_finite(pose.position_enu_m, pose.quaternion_enu_flu_wxyz)
             and max(map(abs, pose.position_enu_m)) < _MAX_POSITION_M
             and 0.9 < norm < 1.1
-            and is_newer
-            and pose.stamp_ns <= received_ns + _FUTURE_NS
+            # Stamps of all sources are on one clock: one that is not newer is out of order, or from before a restart.
+            # Nothing else decides, since a false sequence number could exclude all samples after it.
+            and self._newest_ns < pose.stamp_ns <= received_ns + _FUTURE_NS
         )
         if not is_usable:
             self.ignored_samples += 1
             return False
-        self._newest = (pose.boot_id, pose.sequence, pose.stamp_ns)
+        self._newest_ns = pose.stamp_ns
         verdict = self.validator.judge(
             pose.position_enu_m,
             pose.quaternion_enu_flu_wxyz,

@@ -42,7 +42,7 @@ class NeighbourArrays:
     numbers: Array  # (K, WIDTH), see COLUMNS
     stamp_ns: IntArray  # (K,) of the numbers, on our clock
     heard_ns: IntArray  # (K,) stamp of the newest valid message, on our clock; 0 never
-    newest: IntArray  # (2, K) boot id and sequence of the newest message
+    newest_ns: IntArray  # (K,) stamp of the newest message, valid or not, on our clock; -1 never
     flags: BoolArray  # (4, K): is anything known, airborne, counts as cooperative, announces that it cooperates
     is_lost: BoolArray  # (K,) the newest message says that it knows no position
     is_followed: BoolArray  # (K,) its state is received at full rate
@@ -61,7 +61,7 @@ def empty(count: int, silent_after_s: float) -> NeighbourArrays:
         numbers=np.zeros((count, WIDTH)),
         stamp_ns=np.zeros(count, dtype=np.int64),
         heard_ns=np.zeros(count, dtype=np.int64),
-        newest=np.array([[0], [-1]], dtype=np.int64).repeat(count, axis=1),
+        newest_ns=np.full(count, -1, dtype=np.int64),
         flags=np.zeros((4, count), dtype=bool),
         is_lost=np.zeros(count, dtype=bool),
         is_followed=np.ones(count, dtype=bool),
@@ -106,8 +106,6 @@ def is_usable(message: StateMessage, numbers: tuple[float, ...]) -> bool:
         and min(numbers) > -_LARGEST
         and max(numbers) < _LARGEST
         and 0 <= message.stamp_ns < _LARGEST_INT
-        and 0 <= message.boot_id < _LARGEST_INT
-        and 0 <= message.sequence < _LARGEST_INT
     )
 
 

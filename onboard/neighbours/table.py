@@ -126,14 +126,13 @@ class NeighbourTable:
             self._telemetry[message.vehicle] = message
             return True
         arrays = self.arrays
-        boot_id, sequence = arrays.newest[:, index].tolist()
         numbers, stamp_ns = numbers_of(message), min(message.stamp_ns, received_ns)  # nothing comes from the future
-        # out of order, or from before a restart
-        is_old = message.sequence <= sequence if boot_id == message.boot_id else stamp_ns < arrays.heard_ns[index]
+        # repeated, out of order, or from before a restart; a false sequence number could exclude all that comes after
+        is_old = stamp_ns <= arrays.newest_ns[index]
         if is_old or not is_usable(message, numbers):
             self.ignored_messages += 1
             return False
-        arrays.newest[:, index] = message.boot_id, message.sequence
+        arrays.newest_ns[index] = stamp_ns
         arrays.is_lost[index] = not message.is_valid
         if not message.is_valid:
             return True  # it knows no position: its last valid state ages, and it is avoided like a silent vehicle

@@ -33,31 +33,31 @@ _SHARED = tuple(field.name for field in fields(NeighbourArrays))
 class Round:
     """State messages that arrive together, one of each vehicle at most, as arrays (N, ...) over the whole fleet.
 
-    numbers (N, 25): all vectors and scalars of the messages. whole (3, N): stamp, boot id, sequence. flags (6, N): is
+    numbers (N, 25): all vectors and scalars of the messages. stamp_ns (N,). flags (6, N): is
     there a message, is it finite, is_valid, is_airborne, is_cooperative, is it one of the slow ones that all hear.
     """
 
     numbers: Array
-    whole: IntArray
+    stamp_ns: IntArray
     flags: BoolArray
 
     @classmethod
     def of(cls, messages: Sequence[StateMessage], indices: Mapping[str, int]) -> Round:
         """Of messages of vehicles that stand in ``indices``."""
         count = len(indices)
-        numbers, whole = np.zeros((count, WIDTH)), np.zeros((3, count), dtype=np.int64)
+        numbers, stamp_ns = np.zeros((count, WIDTH)), np.zeros(count, dtype=np.int64)
         flags = np.zeros((6, count), dtype=bool)
         at = [indices[m.vehicle] for m in messages]
         rows = [numbers_of(m) for m in messages]
         numbers[at] = rows
-        whole[:, at] = np.array([(m.stamp_ns, m.boot_id, m.sequence) for m in messages], dtype=np.int64).T
+        stamp_ns[at] = [m.stamp_ns for m in messages]
         flags[:, at] = np.array(
             [
                 (True, is_usable(m, row), m.is_valid, m.is_airborne, m.is_cooperative, subscription.is_slow(m.sequence))
                 for m, row in zip(messages, rows, strict=True)
             ]
         ).T
-        return cls(numbers, whole, flags)
+        return cls(numbers, stamp_ns, flags)
 
 
 class Tables:
@@ -84,14 +84,10 @@ class Tables:
             is_listening: which of the tables hear at all, (N,).
         """
         others = self._others
-        stamp_ns, boot_id, sequence = arrived.whole
         is_here, is_usable, is_valid, is_airborne, is_cooperative, is_slow = arrived.flags
         is_heard = is_here[others] & (self.arrays.is_followed | is_slow[others]) & is_listening[:, None]
-        newest_boot, newest = self.arrays.newest[:, 0], self.arrays.newest[:, 1]
-        stamps = np.minimum(stamp_ns, received_ns)[others]
-        is_same_life = newest_boot == boot_id[others]
-        is_old = np.where(is_same_life, sequence[others] <= newest, stamps < self.arrays.heard_ns)
-        is_news = is_heard & is_usable[others] & ~is_old
+        stamps = np.minimum(arrived.stamp_ns, received_ns)[others]
+        is_news = is_heard & is_usable[others] & (stamps > self.arrays.newest_ns)
         for row in np.flatnonzero(is_heard.any(axis=1)).tolist():
             table = self.tables[row]
             table.last_heard_ns = max(table.last_heard_ns, received_ns)
@@ -101,7 +97,7 @@ class Tables:
                 table.ignored_messages += count
         rows, columns = is_news.nonzero()
         senders = others[rows, columns]
-        self.arrays.newest[rows, 0, columns], self.arrays.newest[rows, 1, columns] = boot_id[senders], sequence[senders]
+        self.arrays.newest_ns[rows, columns] = stamps[rows, columns]
         self.arrays.is_lost[rows, columns] = ~is_valid[senders]
         if not is_valid.all():
             placed = is_valid[senders]

@@ -13,7 +13,7 @@ import pytest
 from groundstation.client.client import FleetClient
 from groundstation.fleet.control_authority import SILENCE_S
 from groundstation.missions.api import Fleet, NotReady
-from onboard.bus.authority import Roles, Token, parse_token
+from onboard.bus.authority import Roles, Token, next_term, parse_token
 from onboard.bus.schema import Order, OrderReply, Telemetry
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
@@ -46,6 +46,25 @@ def test_who_operates_goes_on_until_it_leaves_or_somebody_claims_a_later_term() 
     roles.see("operator.1.ground-1.alice", False)
     roles.see("operator.1.ground-5.bob", False)
     assert roles.operator == ""
+
+
+def test_false_claims_neither_take_control_nor_keep_it_for_ever() -> None:
+    roles = Roles()
+    roles.see("operator.1.ground-1.alice", True)
+    for name in ("operator.999999.x.y", "operator.999.x.y", "operator.3.x.y", "operator.1.a.y", "operator.0.a.y"):
+        roles.see(name, True)
+    for number in range(100):  # they fill the memory
+        roles.see(f"asks.1.x{number}.y", True)
+    assert roles.holder == Token("operator", 1, "ground-1", "alice")
+    roles.see("operator.2.ground-2.bob", True)  # after a request that alice has left unanswered
+    assert roles.holder == Token("operator", 2, "ground-2", "bob")
+
+    roles = Roles()
+    roles.see("operator.999.x.y", True)  # it was free
+    assert roles.holder is not None
+    roles.see(f"operator.{next_term(roles.holder.term)}.ground-2.bob", True)
+    assert roles.holder == Token("operator", 1, "ground-2", "bob")
+    assert roles.holder.beats(Token("operator", 999, "x", "y"))
 
 
 @pytest.mark.parametrize("kind", ["arm", "takeoff", "move", "disarm", "locate"])

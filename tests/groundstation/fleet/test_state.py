@@ -55,6 +55,12 @@ def test_old_and_repeated_samples_change_nothing_but_a_new_boot_starts_over(
     assert again.vehicles["mav0"].telemetry.mode == "REBORN"
 
 
+def test_one_false_number_excludes_no_telemetry_after_it(fleet: FleetConfig, make_telemetry: Any) -> None:
+    state = fold(initial(fleet), make_telemetry("mav0", sequence=2**60, mode="FALSE"), 0)
+    state = fold(state, make_telemetry("mav0", sequence=8, mode="TRUE"), 1)
+    assert state.vehicles["mav0"].telemetry.mode == "TRUE"
+
+
 def test_the_closest_pair_is_found_from_fresh_and_valid_positions_only(fleet: FleetConfig, make_telemetry: Any) -> None:
     state = initial(fleet)
     for name, x, valid in (("mav0", 0.0, True), ("mav1", 2.0, True), ("mav2", 0.1, False)):

@@ -147,15 +147,44 @@ def _exchange(a: Clocks, b: Clocks, a_ns: int, b_minus_a_ns: int) -> None:
     a.hear(b.message(a_ns + b_minus_a_ns + 2 * _MS), a_ns + 3 * _MS)
 
 
+def _beat(a: Clocks, b: Clocks, from_ns: int, b_minus_a_ns: int, count: int) -> int:
+    """That many exchanges, two a second; the time after them."""
+    for number in range(count):
+        _exchange(a, b, from_ns + number * _S // 2, b_minus_a_ns)
+    return from_ns + count * _S // 2
+
+
 def test_a_host_that_has_rebooted_is_measured_anew_and_its_old_offset_forgotten() -> None:
     a, b = Clocks("a", _A), Clocks("b", _B)
-    _exchange(a, b, 10 * _S, 500 * _S)
-    assert a.offset_s("b", 10 * _S)[0] == pytest.approx(500.0, abs=0.002)
-    reborn = Clocks("b", _B + 1)
-    a.hear(reborn.message(3 * _S), 20 * _S)
-    assert not a.is_measured("b")
-    _exchange(a, reborn, 21 * _S, -17 * _S)
-    assert a.offset_s("b", 21 * _S)[0] == pytest.approx(-17.0, abs=0.002)
+    now_ns = _beat(a, b, 10 * _S, 500 * _S, 4)
+    assert a.offset_s("b", now_ns)[0] == pytest.approx(500.0, abs=0.005)
+    now_ns = _beat(a, Clocks("b", _B + 1), now_ns, -7 * _S, 5)
+    assert a.restarts == 1
+    assert a.offset_s("b", now_ns)[0] == pytest.approx(-7.0, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    "lie",
+    [
+        {"host": 77},
+        {"host": _A},  # our own
+        {"host": _A, "sent_ns": 12 * _S},
+        {"sent_ns": 10**18},
+        {"sent_ns": -(10**18)},
+        {"heard": (HeardClock("a", _A, 5, -(10**18)),)},
+        {"host": 77, "heard": (HeardClock("a", _A, 12 * _S - 5 * _MS, 700 * _S),)},
+    ],
+)
+def test_a_false_message_in_the_name_of_a_node_that_lives_changes_nothing(lie: dict) -> None:
+    a, b = Clocks("a", _A), Clocks("b", _B)
+    now_ns = _beat(a, b, 10 * _S, 500 * _S, 4)
+    for _ in range(20):  # ten seconds long, as often as the true ones
+        fields = {"node": "b", "host": _B, "sequence": 9, "sent_ns": now_ns + 500 * _S, **lie}
+        a.hear(ClockMessage(**fields), now_ns)
+        assert a.is_measured("b")
+        assert a.own_ns("b", 500 * _S + now_ns - 20 * _MS, now_ns) == pytest.approx(now_ns - 20 * _MS, abs=5 * _MS)
+        now_ns = _beat(a, b, now_ns, 500 * _S, 1)
+    assert a.restarts == 0
 
 
 def test_arrivals_of_our_messages_before_a_reboot_bound_nothing() -> None:
@@ -169,10 +198,9 @@ def test_arrivals_of_our_messages_before_a_reboot_bound_nothing() -> None:
 def test_a_clock_that_stood_still_is_noticed_and_measured_anew() -> None:
     a, b = Clocks("a", _A), Clocks("b", _B)
     _exchange(a, b, 10 * _S, 500 * _S)
-    _exchange(a, b, 40 * _S, 490 * _S)  # the other host was suspended for ten seconds
-    _exchange(a, b, 41 * _S, 490 * _S)
+    now_ns = _beat(a, b, 40 * _S, 490 * _S, 6)  # the other host was suspended for ten seconds
     assert a.restarts >= 1
-    assert a.offset_s("b", 41 * _S)[0] == pytest.approx(490.0, abs=0.002)
+    assert a.offset_s("b", now_ns)[0] == pytest.approx(490.0, abs=0.005)
 
 
 def test_lies_are_survived() -> None:

@@ -89,8 +89,9 @@ def test_a_neighbour_without_a_position_is_avoided_where_it_was() -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"sequence": 10},
-        {"sequence": 9},
+        {},
+        {"sequence": 2**60},
+        {"stamp_ns": 4 * S, "sequence": 11},
         {"sequence": 11, "position_enu_m": (math.nan, 0.0, 0.0)},
         {"sequence": 11, "commanded_acceleration_enu_m_s2": (0.0, math.inf, 0.0)},
         {"sequence": 11, "crowd_count": math.nan},
@@ -99,7 +100,7 @@ def test_a_neighbour_without_a_position_is_avoided_where_it_was() -> None:
 def test_replayed_and_non_finite_messages_change_nothing_and_are_counted(changes: dict[str, object]) -> None:
     table = _table()
     table.hear(_state(), 5 * S)
-    assert not table.hear(_state(position_enu_m=(9.0, 9.0, 9.0)) if not changes else _state(**changes), 5 * S)
+    assert not table.hear(_state(**{"position_enu_m": (9.0, 9.0, 9.0), **changes}), 5 * S)
     assert [one.position_enu_m for one in table.snapshot(5 * S)] == [(2.0, 0.0, 1.0)]
     assert table.ignored_messages == 1
 
@@ -107,7 +108,15 @@ def test_replayed_and_non_finite_messages_change_nothing_and_are_counted(changes
 def test_a_restarted_neighbour_is_heard_again_although_its_count_begins_anew() -> None:
     table = _table()
     table.hear(_state(), 5 * S)
-    assert table.hear(_state(boot_id=2, sequence=1, position_enu_m=(3.0, 0.0, 0.0)), 6 * S)
+    assert table.hear(_state(boot_id=2, sequence=1, stamp_ns=6 * S, position_enu_m=(3.0, 0.0, 0.0)), 6 * S)
+
+
+@pytest.mark.parametrize("lie", [{"sequence": 2**60}, {"boot_id": 2**60}, {"stamp_ns": 2**61}, {"is_valid": False}])
+def test_a_neighbour_is_heard_again_right_after_one_false_message_in_its_name(lie: dict[str, Any]) -> None:
+    table = _table()
+    table.hear(_state(), 5 * S)
+    table.hear(_state(**{"stamp_ns": 5 * S + 1, "sequence": 11, **lie}), 5 * S + 1)
+    assert table.hear(_state(stamp_ns=5 * S + 2, sequence=11, position_enu_m=(2.1, 0.0, 1.0)), 5 * S + 2)
 
 
 def test_a_message_from_before_a_restart_changes_nothing() -> None:

@@ -12,7 +12,7 @@ import msgspec
 
 from onboard import events as ev
 from onboard.autopilot import Landed
-from onboard.bus.schema import Message, StateMessage, Telemetry
+from onboard.bus.schema import Message, MocapPose, StateMessage, Telemetry
 from onboard.bus.topics import Topic
 from onboard.control.pipeline import pipeline_params
 from onboard.safety.failsafe_table import Condition as C
@@ -143,8 +143,11 @@ def _tick_fails(count: int) -> Inject:
     return inject
 
 
+_FAR_AHEAD = 2**60
+
+
 def _nonsense(flight: Lockstep, name: str) -> None:
-    """Send bad states under the name of another: not finite, from the future, huge, repeated, from nobody."""
+    """Send bad states and poses in the name of others: not finite, huge, repeated, numbered far ahead, of nobody."""
     other = next(one for one in flight.config.enabled_names if one != name)
     liar = flight.bus.node("liar")
     liar.start()
@@ -154,12 +157,21 @@ def _nonsense(flight: Lockstep, name: str) -> None:
         if isinstance(message, StateMessage) and message.sequence > 0:
             heard[:] = [message]
 
+    def number_ahead(_topic: Topic, _name: str, message: object) -> None:
+        if isinstance(message, MocapPose) and message.sequence < _FAR_AHEAD:
+            lie = msgspec.structs.replace(message, sequence=_FAR_AHEAD, stamp_ns=message.stamp_ns + 1)
+            liar.publish(Topic.MOCAP, message.body, lie)
+
     liar.subscribe(Topic.STATE, other, listen)
+    for vehicle in flight.config.enabled_names:
+        liar.subscribe(Topic.MOCAP, flight.config.vehicles[vehicle].body or vehicle, number_ahead)
     lies: tuple[dict[str, object], ...] = (
         {"position_enu_m": (math.nan, 0.0, 0.0)},
         {"velocity_enu_m_s": (math.inf, 0.0, 0.0)},
         {"sequence": -5, "position_enu_m": (1e300, 1e300, 1e300)},
         {"sequence": 0},
+        {"sequence": _FAR_AHEAD},
+        {"boot_id": _FAR_AHEAD, "sequence": _FAR_AHEAD},
         {"vehicle": "nobody", "position_enu_m": (0.0, 0.0, 1.0)},
         {"predicted_position_enu_m": (1e30, 0.0, 0.0)},
     )

@@ -1,0 +1,38 @@
+"""Somebody publishes on the bus in the name of others: single messages end no flight and stop nobody's messages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from onboard.bus.schema import Message, MocapPose, StateMessage, Telemetry
+from onboard.bus.topics import Topic
+from onboard.config.fleet import FleetConfig
+
+_FAR_AHEAD = 2**60
+_KINDS = {
+    Topic.STATE: StateMessage, Topic.MOCAP: MocapPose, Topic.TELEMETRY: Telemetry, Topic.SLOW_TELEMETRY: Telemetry,
+}  # fmt: skip
+
+
+def test_messages_numbered_far_ahead_stop_neither_poses_nor_states_nor_telemetry(lockstep, paper: FleetConfig) -> None:
+    flight = lockstep(paper, seed=3)
+    liar = flight.bus.node("liar")
+    liar.start()
+    heard: dict[tuple[Topic, str], Message] = {}
+
+    def listen(topic: Topic, name: str, message: Any) -> None:
+        heard[topic, name] = message
+
+    for topic in _KINDS:
+        liar.subscribe(topic, "*", listen)
+    flight.takeoff(1.0)
+    assert {topic for topic, _ in heard} == set(_KINDS)
+    for (topic, name), message in heard.items():
+        liar.publish(topic, name, msgspec.structs.replace(message, sequence=_FAR_AHEAD, stamp_ns=message.stamp_ns + 1))
+    flight.run(2.0)
+    for name, agent in flight.agents.items():
+        assert agent.core.flight.state == "flying", name
+        assert not agent.core.failsafes.conditions, name
+        assert flight.state.vehicles[name].telemetry.sequence < _FAR_AHEAD, name
