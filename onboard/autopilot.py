@@ -30,6 +30,8 @@ class LinkError(RuntimeError):
     """The link cannot be opened: a sentence that says what failed, where, and what to do."""
 
 
+Version = tuple[int, int]  # of PX4, as it reports it: major and minor number
+MEASURED_VERSIONS: tuple[Version, Version] = ((1, 16), (1, 18))  # oldest and newest that Covey was measured with
 BATTERY_KNOWN_NS = 5_000_000_000  # PX4 sends it twice a second
 
 
@@ -45,6 +47,7 @@ class Snapshot(Struct, frozen=True):
     local_position_ns: int = 0
     position_accuracy_m: float = 0.0  # PX4's standard deviation of its horizontal position; 0 before its message
     global_origin: Vec3 | None = None  # of PX4's local frame: latitude [deg], longitude [deg], altitude [m]
+    px4_version: Version | None = None
     px4_boot_ms: int = 0  # PX4's clock, which shows whether it stands still
     heartbeat_ns: int = 0
     is_armed: bool = False

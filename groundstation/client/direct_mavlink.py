@@ -18,6 +18,7 @@ from typing import Any, Literal
 DirectKind = Literal["land", "kill"]
 _GCS_SYSTEM, _GCS_COMPONENT, _AUTOPILOT = 255, 190, 1
 _NAV_LAND, _ARM_DISARM, _FORCE = 21, 400, 21196.0
+_REQUEST_MESSAGE, _AUTOPILOT_VERSION = 512, 148.0
 _PREFLIGHT_STORAGE = 245
 _ARMED_FLAG = 128
 _MODE_LAND = 4 << 16 | 6 << 24  # PX4's AUTO.LAND in HEARTBEAT.custom_mode
@@ -202,6 +203,25 @@ class DirectParams:
             is_armed = _shows_armed(message, self.system_id)
             if is_armed is not None:
                 return is_armed
+        return None
+
+    def version(self, timeout_s: float) -> tuple[int, int] | None:
+        """Ask for PX4's version.
+
+        Args:
+            timeout_s: longest wait [s].
+
+        Returns:
+            Major and minor number; None when PX4 does not answer.
+        """
+        self._link.mav.command_long_send(
+            self.system_id, _AUTOPILOT, _REQUEST_MESSAGE, 0, _AUTOPILOT_VERSION, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        )
+        end_s = time.monotonic() + timeout_s
+        while time.monotonic() < end_s:
+            message = self._link.recv_match(type="AUTOPILOT_VERSION", blocking=True, timeout=0.05)
+            if message is not None and _is_of_autopilot(message, self.system_id):
+                return message.flight_sw_version >> 24 & 0xFF, message.flight_sw_version >> 16 & 0xFF
         return None
 
     def read_params(self, names: Mapping[str, float | int]) -> dict[str, float | int | None]:

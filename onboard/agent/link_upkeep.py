@@ -96,6 +96,7 @@ class LinkUpkeep:
             log.warning("PX4 is armed already: its origin and its parameters are left as they are")
             return
         if self._applies_params:
+            self._required = required_params(self._vehicle, self._link.snapshot().px4_version)
             await self._in_thread(self._link.apply_params, self._required)
 
     async def _watch_until_restart(self) -> None:
@@ -117,6 +118,7 @@ class LinkUpkeep:
                 return
 
     async def _read_params(self, has_origin: bool) -> tuple[str, ...]:
+        self._required = required_params(self._vehicle, self._link.snapshot().px4_version)
         actual = await self._in_thread(self._link.read_params, self._required)
         problems = differences(self._required, actual) + (() if has_origin else (_NO_ORIGIN,))
         self._notify(ev.ParamsRead(problems))

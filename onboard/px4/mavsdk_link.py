@@ -45,7 +45,7 @@ _RATES_HZ = {31: 50.0, 245: 10.0, 147: 2.0, 230: 1.0}
 _UNUSED = (24, 30, 33, 36, 74, 83, 85, 87, 105, 132, 141, 331)
 _STOP_US = -1.0
 _TUNE = "MFT180O4L8CEGO5CP4O4CEGO5C"  # up a chord, twice; at most 29 characters
-_HEARTBEAT, _GPS_GLOBAL_ORIGIN = 0, 49
+_HEARTBEAT, _GPS_GLOBAL_ORIGIN, _AUTOPILOT_VERSION = 0, 49, 148
 # Indoors any position will do: only PX4's global frame depends on it. Its altitude must be 0: PX4 takes heights of a
 # mocap for altitudes, and its local height would be wrong by the altitude of the origin.
 _ORIGIN = (47.397742, 8.545594, 0.0)
@@ -301,10 +301,11 @@ class Px4Link:
             self._slot = replace(self._slot, global_origin=None)
 
     def request_rates(self) -> None:
-        """SET_MESSAGE_INTERVAL for the messages that the agent reads; PX4's defaults are too slow for close flight."""
+        """Request PX4's version, and rates of what the agent reads: PX4's defaults are too slow for close flight."""
         interval_by_id_us = {number: 1e6 / rate_hz for number, rate_hz in self._rates_hz.items()}
         for number, interval_us in (interval_by_id_us | dict.fromkeys(_UNUSED, _STOP_US)).items():
             self._command(modes.CMD_SET_MESSAGE_INTERVAL, float(number), interval_us)
+        self._command(modes.CMD_REQUEST_MESSAGE, float(_AUTOPILOT_VERSION))
 
     # -- parameters: blocking, for an executor -----------------------------------------------------------------------
 

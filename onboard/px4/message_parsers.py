@@ -73,6 +73,11 @@ def _sys_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
     }
 
 
+def _version(fields: dict[str, Any], _: int) -> dict[str, Any]:
+    number = int(fields["flight_sw_version"])
+    return {"px4_version": (number >> 24 & 0xFF, number >> 16 & 0xFF) if number else None}
+
+
 PARSERS: dict[str, Callable[[dict[str, Any], int], dict[str, Any]]] = {
     "HEARTBEAT": _heartbeat,
     "ATTITUDE_QUATERNION": _attitude,
@@ -80,6 +85,7 @@ PARSERS: dict[str, Callable[[dict[str, Any], int], dict[str, Any]]] = {
     "ESTIMATOR_STATUS": _estimator_status,
     "EXTENDED_SYS_STATE": _extended_state,
     "GPS_GLOBAL_ORIGIN": _global_origin,
+    "AUTOPILOT_VERSION": _version,
     "BATTERY_STATUS": _battery,
     "STATUSTEXT": _status_text,
     "SYS_STATUS": _sys_status,

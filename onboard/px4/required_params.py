@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from onboard.autopilot import Version
 from onboard.config.fleet import Vehicle
 
 Value = float | int
@@ -23,6 +24,14 @@ class RequiredParam:
     # another value costs quality, not safety: it refuses nothing, and only covey px4 params --apply sets it
     is_advice: bool = False
     tolerance: float = 0.0  # a value within it is as good
+    since: Version = (0, 0)  # PX4 knows it from this version on,
+    before: Version = (99, 0)  # and only before this one
+
+    def is_for(self, version: Version | None) -> bool:
+        """Whether PX4 of this version knows it; of an unknown version, whether all do."""
+        if version is None:
+            return self.since == (0, 0) and self.before == (99, 0)
+        return self.since <= version < self.before
 
     def is_met(self, value: Value | None) -> bool:
         """Whether PX4's value is good enough; None is not."""
@@ -37,6 +46,20 @@ _FAILSAFE = (
     RequiredParam("COM_LOW_BAT_ACT", 2, "at its critical battery level PX4 lands (2) and does not climb to return"),
     RequiredParam("NAV_RCL_ACT", 3, "without radio control PX4 lands (3) and does not climb to return"),
     RequiredParam("NAV_DLL_ACT", 0, "without a ground link PX4 does nothing (0): the agent decides"),
+    RequiredParam(
+        "MAN_OVERRIDE_SPD",
+        -1.0,
+        "a bumped stick takes no vehicle out of OFFBOARD (-1); the pilot takes it with the mode switch",
+        since=(1, 18),
+    ),
+    # 0 or 1: never in OFFBOARD (2), whatever PX4's own modes do
+    RequiredParam(
+        "COM_RC_OVERRIDE",
+        0,
+        "a bumped stick takes no vehicle out of OFFBOARD (0 or 1); the pilot takes it with the mode switch",
+        tolerance=1.0,
+        before=(1, 18),
+    ),
 )
 _MOCAP = (
     RequiredParam("EKF2_EV_CTRL", 15, "PX4 fuses position, height, velocity and heading of the mocap (bits 1 2 4 8)"),
@@ -63,10 +86,16 @@ _MOCAP_ADVICE = (
     RequiredParam("EKF2_DELAY_MAX", 100.0, "PX4's filter lags no further than it must [ms]", True, True, 80.0),
 )
 BUILT_IN = (*_FAILSAFE, *_MOCAP, *_MOCAP_ADVICE)  # of a vehicle with a mocap; docs/deployment.md lists them
+_TOLERANCES = {param.name: param.tolerance for param in BUILT_IN}
 
 
-def all_params(vehicle: Vehicle) -> tuple[RequiredParam, ...]:
-    """Return all values that this vehicle's PX4 should have; the fleet file's ``px4_params`` replace built-in ones."""
+def all_params(vehicle: Vehicle, version: Version | None = None) -> tuple[RequiredParam, ...]:
+    """Return all values that this vehicle's PX4 should have; the fleet file's ``px4_params`` replace built-in ones.
+
+    Args:
+        vehicle: of the fleet file.
+        version: of its PX4; None when it is not known.
+    """
     hover = min(max(vehicle.hover_thrust_frac, 0.1), 0.8)
     built_in = (
         *(BUILT_IN if vehicle.mocap_required else _FAILSAFE),
@@ -74,12 +103,12 @@ def all_params(vehicle: Vehicle) -> tuple[RequiredParam, ...]:
     )
     own = vehicle.px4_params
     of_file = tuple(RequiredParam(name, value, "the fleet file's px4_params require it") for name, value in own.items())
-    return (*(param for param in built_in if param.name not in own), *of_file)
+    return (*(param for param in built_in if param.name not in own and param.is_for(version)), *of_file)
 
 
-def required_params(vehicle: Vehicle) -> dict[str, Value]:
+def required_params(vehicle: Vehicle, version: Version | None = None) -> dict[str, Value]:
     """Return the parameters without which take-off is refused: the built-in ones and the fleet file's own."""
-    return {param.name: param.value for param in all_params(vehicle) if not param.is_advice}
+    return {param.name: param.value for param in all_params(vehicle, version) if not param.is_advice}
 
 
 def differences(required: Mapping[str, Value], actual: Mapping[str, Value | None]) -> tuple[str, ...]:
@@ -89,6 +118,6 @@ def differences(required: Mapping[str, Value], actual: Mapping[str, Value | None
         value = actual.get(name)
         if value is None:
             sentences.append(f"PX4 did not send its parameter {name}: check the link and PX4's version.")
-        elif not RequiredParam(name, value_required, "").is_met(value):
+        elif not RequiredParam(name, value_required, "", tolerance=_TOLERANCES.get(name, 0.0)).is_met(value):
             sentences.append(f"PX4 parameter {name} is {value:g}, this fleet requires {value_required:g}.")
     return tuple(sentences)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from onboard.autopilot import MEASURED_VERSIONS, Version
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, in_order
 from onboard.safety.limits import AUTOPILOT_SILENT_S
@@ -26,6 +27,21 @@ def _px4(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgeme
     if facts.has_autopilot:
         return OK, {"age": facts.heartbeat_age_s}
     return ("nonsense", {"sentence": facts.px4_nonsense}) if facts.px4_nonsense else ("silent", {})
+
+
+def _version(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
+    if not facts.has_autopilot:
+        return NO_PX4
+    if facts.px4_version is None:
+        return "unknown", {}
+    oldest, newest = MEASURED_VERSIONS
+    is_measured = oldest <= facts.px4_version <= newest
+    words = {"version": _dotted(facts.px4_version), "oldest": _dotted(oldest), "newest": _dotted(newest)}
+    return (OK if is_measured else "unmeasured"), words
+
+
+def _dotted(version: Version) -> str:
+    return ".".join(map(str, version))
 
 
 def _link(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
@@ -90,6 +106,7 @@ def _parameters(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> 
 AUTOPILOT_RULES = rules(
     {
         "px4": _px4,
+        "version": _version,
         "link": _link,
         "port": _port,
         "alone": _alone,

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from onboard.autopilot import Version
 from onboard.config.fleet import Vec3
 from onboard.safety.failsafe_table import Condition
 from onboard.safety.limits import AUTOPILOT_SILENT_S, POSITION_STALE_S
@@ -33,6 +34,7 @@ class PreflightFacts:
     is_law_warm: bool  # the control pipeline has run once
     is_airborne: bool
     battery_voltage_v: float = math.nan
+    px4_version: Version | None = None
     px4_nonsense: str = ""  # what is wrong with PX4's newest numbers, as a sentence
     attitude_hz: float | None = None  # arrival rate of PX4's attitude; None in the first second
     is_armed: bool = False

@@ -126,6 +126,7 @@ class PreflightReporter:
         sample = inputs.sample
         return PreflightFacts(
             autopilot_age_s=_age_s(now_ns, snapshot.last_packet_ns),
+            px4_version=snapshot.px4_version,
             px4_nonsense=nonsense(inputs.dropped) if _age_s(now_ns, inputs.dropped.last_packet_ns) < 1.0 else "",
             heartbeat_age_s=_age_s(now_ns, snapshot.heartbeat_ns),
             attitude_hz=self._attitude.rate_hz,

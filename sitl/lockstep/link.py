@@ -172,6 +172,7 @@ class LinkBank:
         return {
             "global_origin": origin,
             "position_accuracy_m": POSITION_ACCURACY_M,
+            "px4_version": (1, 16),
             "is_armed": autopilot.is_armed,
             "mode": modes.mode_name(MODES[autopilot.mode].custom_mode),
             "is_failsafe": int(autopilot.system_status(self.emulator.clock_s(index))) == modes.STATUS_CRITICAL,

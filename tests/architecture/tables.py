@@ -73,7 +73,10 @@ def parameters() -> str:
     for param in required_params.BUILT_IN:
         without = "allowed" if param.is_advice else "**refused**"
         restart = " Restart PX4 after it." if param.needs_restart else ""
-        lines.append(f"| `{param.name}` | {param.value:g} | {without} | {param.reason}.{restart} |")
+        versions = (
+            " PX4 v1.18 and newer." if param.since > (1, 17) else " Before PX4 v1.18." if param.before < (9, 0) else ""
+        )
+        lines.append(f"| `{param.name}` | {param.value:g} | {without} | {param.reason}.{versions}{restart} |")
     lines.append(
         "| `MPC_THR_HOVER` | `hover_thrust_frac` | allowed | PX4's own hold and land begin with this throttle. |"
     )

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from groundstation.client.direct_mavlink import DirectParams
-from onboard.autopilot import LinkError
+from onboard.autopilot import LinkError, Version
 from onboard.config.fleet import Vehicle
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.px4.mavsdk_link import Px4Link
 from onboard.px4.required_params import RequiredParam, all_params
 
-_ANSWER_S = 4.0
+_ANSWER_S, _VERSION_S = 4.0, 1.0
 _STORE_S, _SECOND_WRITE_S = 5.0, 0.5
 _ACCEPTED = 0
 _WIDTH = 118
@@ -30,6 +30,7 @@ class ParamsLink(Protocol):
 
     def stop(self) -> None: ...
     def is_armed(self, timeout_s: float) -> bool | None: ...
+    def version(self, timeout_s: float) -> Version | None: ...
     def read_params(self, names: Mapping[str, float | int]) -> dict[str, float | int | None]: ...
     def apply_params(self, values: Mapping[str, float | int]) -> None: ...
     def request_storage(self, timeout_s: float) -> int | None: ...
@@ -52,6 +53,13 @@ class _LinkParams(Px4Link):
                 return self.snapshot().is_armed
             time.sleep(0.02)
         return None
+
+    def version(self, timeout_s: float) -> Version | None:
+        """Return major and minor number of PX4's version; None when it does not say it in time."""
+        end_s = time.monotonic() + timeout_s
+        while self.snapshot().px4_version is None and time.monotonic() < end_s:
+            time.sleep(0.02)
+        return self.snapshot().px4_version
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +141,7 @@ def read_or_set(vehicle: Vehicle, *, applies: bool) -> VehicleParams:
 
 
 def _by(link: ParamsLink, vehicle: Vehicle, endpoint: str, is_armed: bool, applies: bool) -> VehicleParams:
-    wanted = all_params(vehicle)
+    wanted = all_params(vehicle, link.version(_VERSION_S))
     values = link.read_params({demand.name: demand.value for demand in wanted})
     wrong = {demand.name: demand.value for demand in wanted if not demand.is_met(values[demand.name])}
     rows = tuple(ParameterState(demand, values[demand.name]) for demand in wanted)

@@ -201,3 +201,17 @@ def test_a_fleet_files_own_parameters_replace_the_built_in_ones(fleet: FleetConf
     assert "EKF2_EVP_NOISE" in {demand.name for demand in all_params(vehicle)}
     assert differences({"COM_OF_LOSS_T": 0.3}, {"COM_OF_LOSS_T": 0.30000001}) == ()
     assert "did not send" in differences({"COM_OF_LOSS_T": 0.3}, {})[0]
+
+
+def test_a_stick_that_is_bumped_takes_no_vehicle_out_of_offboard_on_any_version() -> None:
+    vehicle = load_fleet("configs/fleets/paper.toml").vehicles["mav0"]
+    old, new = required_params(vehicle, (1, 16)), required_params(vehicle, (1, 18))
+    assert old == required_params(vehicle, (1, 17))
+    assert new == required_params(vehicle, (1, 19))
+    assert (old["COM_RC_OVERRIDE"], new["MAN_OVERRIDE_SPD"]) == (0, -1.0)
+    assert not {"COM_RC_OVERRIDE", "MAN_OVERRIDE_SPD"} & set(required_params(vehicle))  # of a version that is not known
+    assert "MAN_OVERRIDE_SPD" not in old
+    assert "COM_RC_OVERRIDE" not in new
+    assert differences(old, {**old, "COM_RC_OVERRIDE": 1}) == ()
+    assert "COM_RC_OVERRIDE is 3" in differences(old, {**old, "COM_RC_OVERRIDE": 3})[0]
+    assert "MAN_OVERRIDE_SPD is 1" in differences(new, {**new, "MAN_OVERRIDE_SPD": 1.0})[0]

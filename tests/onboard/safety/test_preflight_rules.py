@@ -24,6 +24,7 @@ OUTSIDE = msgspec.structs.replace(VEHICLE, start_enu_m=(9.0, 0.0, 0.0))
 FINE = PreflightFacts(
     autopilot_age_s=0.01,
     heartbeat_age_s=0.4,
+    px4_version=(1, 17),
     attitude_hz=50.0,
     has_rc=True,
     sample_delay_s=0.02,
@@ -53,6 +54,8 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"autopilot_age_s": math.inf, "px4_nonsense": "PX4 says that it is 5335 km from its origin."},
         "5335 km",
     ),
+    ("version", "unknown"): ({"px4_version": None}, "does not say its version"),
+    ("version", "unmeasured"): ({"px4_version": (1, 19)}, "v1.19 was never measured"),
     ("link", "slow"): ({"attitude_hz": 9.0}, "only 9 Hz"),
     ("link", "low"): ({"attitude_hz": 30.0}, "30 Hz"),
     ("port", "open"): (
