@@ -15,6 +15,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from functools import cache
+from keyword import iskeyword
 from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -41,7 +42,7 @@ class Command(NamedTuple):
     @property
     def function(self) -> str:
         """Name of the function or App in the module."""
-        return self.name.replace("-", "_")
+        return self.name.replace("-", "_") + ("_" if iskeyword(self.name) else "")
 
 
 _GROUPS = ("Fly and operate", "Before a flight", "After a flight", "Simulation", "On a drone, in a lab", "Help")
@@ -53,6 +54,7 @@ COMMANDS = (
     Command("web", _FLY, "the console in a browser of this machine"),
     Command("order", _FLY, "one order to a flying fleet, from a shell or a script"),
     Command("init", _BEFORE, "a commented fleet file and a first mission, from a few questions"),
+    Command("import", _BEFORE, "a show of Skybrush, or CSVs, made into a mission"),
     Command("check", _BEFORE, "whether fleet or mission files are right and can be flown"),
     Command("preflight", _BEFORE, "go or no-go of every vehicle, check by check"),
     Command("px4", _BEFORE, "PX4's parameters: what this fleet needs and why, read and set"),

@@ -61,6 +61,7 @@ class FollowPathStep(_Step, frozen=True, kw_only=True):
     """Each vehicle follows its own path, all from one instant on; they go to the begins of their paths first."""
 
     paths: dict[str, str]  # vehicle -> file of its path, relative to the mission's
+    lights: dict[str, str] = {}  # vehicle -> file of its colours, shown and recorded
     on_lag: OnLag = "land"  # what a vehicle does that falls behind for too long
     timeout_s: float | None = None  # None: as long as the paths take, and a minute
 

@@ -114,13 +114,13 @@ def _fleet_text(answers: Answers, names: Sequence[str], spots: list[Plan], slots
         "",
         "[law]",
         'name = "covey"',
-        *_law(answers),
+        *law_lines(answers),
         *_mocap(answers, names),
         "",
         "[formations.ring]  # offsets from the formation's position: east, north, up",
         *(f"{name} = [{x}, {y}, 0.0]" for name, (x, y) in zip(names, slots, strict=True)),
         "",
-        *_type(answers),
+        *type_lines(answers),
         "",
         "[defaults]",
         f'type = "{answers.type}"',
@@ -145,7 +145,8 @@ def _origin(answers: Answers) -> list[str]:
     ]
 
 
-def _law(answers: Answers) -> list[str]:
+def law_lines(answers: Answers) -> list[str]:
+    """Return what ``[law]`` needs beside its name."""
     if not answers.is_outdoors:
         return []
     return [
@@ -181,7 +182,8 @@ def _mocap(answers: Answers, names: Sequence[str]) -> list[str]:
     ]
 
 
-def _type(answers: Answers) -> list[str]:
+def type_lines(answers: Answers) -> list[str]:
+    """Return the table of the answers' type, with that of the emulator."""
     known = _example_types().get(answers.type)
     head = [f"[types.{answers.type}]"]
     position = (

@@ -1,0 +1,1 @@
+"""Shows of other programs: read, made flyable, and written as a fleet file, a mission and paths."""

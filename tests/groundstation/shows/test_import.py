@@ -1,0 +1,177 @@
+"""Shows of other programs: what is read, mended and written, and what is refused in words."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from groundstation.cli import main
+from groundstation.missions.files import FollowPathStep, Mission, load_mission
+from groundstation.missions.findings import mission_findings
+from groundstation.shows.csv_folder import read_folder
+from groundstation.shows.light_program import colours
+from groundstation.shows.output import write_show
+from groundstation.shows.show import bezier_piece
+from groundstation.shows.skyc import read_skyc
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.control.path import path_of, point_at
+from tests.groundstation.shows.made_shows import crossing, csvs, line_of, up_and_down, write_skyc
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def imported(show: Path, out: Path, fleet: FleetConfig | None = None, promise_m: float | None = None) -> Mission:
+    """The mission that import has written."""
+    read = read_folder(show) if show.is_dir() else read_skyc(show)
+    write_show(read, out, show.name, fleet, promise_m)
+    mission = load_mission(out / "mission.toml")
+    assert not [finding.sentence for finding in mission_findings(mission) if finding.status == "refused"]
+    return mission
+
+
+def test_a_show_becomes_a_mission_with_homes_and_paths(tmp_path: Path) -> None:
+    show = write_skyc(tmp_path / "line.skyc", line_of(3), 12.0)
+    assert main(["import", str(show), "--out", str(tmp_path / "out")]) == 0
+    mission = load_mission(tmp_path / "out" / "mission.toml")
+    assert [mission.fleet.vehicles[name].start_enu_m[0] for name in mission.fleet.enabled_names] == [0.0, 1.6, 3.2]
+    assert mission.fleet.fleet.safety_distance_m == 0.8
+    (follow,) = (step for step in mission.steps if isinstance(step, FollowPathStep))
+    path = mission.paths_of(follow)["mav1"]
+    assert point_at(path, 0.0).position_enu_m == pytest.approx((1.6, 0.0, 1.0), abs=0.06)
+    assert point_at(path, path.duration_s).position_enu_m == pytest.approx((1.6, 1.0, 1.0), abs=0.06)
+    assert max(point_at(path, 0.1 * k).position_enu_m.z for k in range(100)) == pytest.approx(1.6, abs=0.02)
+    assert main(["import", str(show), "--out", str(tmp_path / "out")]) == 2  # nothing is overwritten
+
+
+def test_bezier_curves_pass_where_their_control_points_say() -> None:
+    points = [[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 2.0, 1.5], [3.0, 2.0, 2.0]]
+    for count, middle in ((2, (1.5, 1.0, 1.5)), (3, (1.25, 0.5, 1.25)), (4, (1.125, 1.0, 1.3125))):
+        chosen = [points[0], points[3]] if count == 2 else [*points[: count - 1], points[3]]
+        path = path_of([bezier_piece(4.0, chosen)])
+        assert point_at(path, 2.0).position_enu_m == pytest.approx(middle, abs=1e-6)
+
+
+def test_a_show_that_is_too_fast_is_slowed_and_says_so(tmp_path: Path) -> None:
+    show = write_skyc(tmp_path / "fast.skyc", line_of(2, metres=6.0), 12.0)
+    mission = imported(show, tmp_path / "out")
+    text = (tmp_path / "out" / "paths" / "mav0.csv").read_text(encoding="utf-8")
+    assert "slowed to" in text
+    assert "slowed to" in (tmp_path / "out" / "mission.toml").read_text(encoding="utf-8")
+    assert max(path.duration_s for path in mission.paths.values()) > 10.0
+    with pytest.raises(ConfigError, match="times as long"):
+        imported(write_skyc(tmp_path / "mad.skyc", line_of(2, metres=60.0), 12.0), tmp_path / "mad")
+
+
+def test_starts_are_spread_where_paths_would_meet(tmp_path: Path) -> None:
+    mission = imported(write_skyc(tmp_path / "cross.skyc", crossing(), 16.0), tmp_path / "out")
+    texts = [(tmp_path / "out" / "paths" / f"{name}.csv").read_text(encoding="utf-8") for name in ("mav0", "mav1")]
+    assert sum("begins" in text and "later" in text for text in texts) == 1
+    assert len({round(path.duration_s, 1) for path in mission.paths.values()}) == 2
+
+
+def test_what_comes_too_near_is_refused_with_the_pairs(tmp_path: Path) -> None:
+    near = write_skyc(tmp_path / "near.skyc", line_of(3, apart_m=0.7), 12.0)
+    with pytest.raises(ConfigError, match=r"mav0 and mav1 0\.70 m; mav1 and mav2 0\.70 m stand nearer"):
+        imported(near, tmp_path / "near")
+    over = {
+        "low": up_and_down(lambda _: 0.0, lambda _: 0.0, 12.0, 1.5),
+        "high": up_and_down(lambda t: 2.0 if t < 3 else max(2.0 - (t - 3) / 2, 0.0), lambda _: 0.0, 12.0, 4.0),
+    }
+    with pytest.raises(ConfigError, match=r"mav0 and mav1 .* above the other"):
+        imported(write_skyc(tmp_path / "over.skyc", over, 12.0), tmp_path / "over")
+    with pytest.raises(ConfigError, match=r"nearer than 1\.7"):
+        imported(write_skyc(tmp_path / "line.skyc", line_of(2), 12.0), tmp_path / "line", promise_m=1.5)
+
+
+def test_folders_of_csvs_are_shows_too(tmp_path: Path) -> None:
+    folder = csvs(tmp_path / "csvs", list(line_of(3).values()), 12.0)
+    mission = imported(folder, tmp_path / "out")
+    assert list(mission.fleet.vehicles) == ["mav0", "mav1", "mav2"]
+    lights = (tmp_path / "out" / "lights" / "mav0.csv").read_text(encoding="utf-8").splitlines()
+    assert lights[0] == "t,red,green,blue"
+    assert lights[1].endswith(",255,0,0")
+    assert lights[-1].endswith(",0,0,255")
+
+
+def test_types_and_endpoints_come_from_the_fleet_that_is_named(tmp_path: Path) -> None:
+    own = load_fleet(ROOT / "configs" / "fleets" / "paper.toml")
+    show = write_skyc(tmp_path / "line.skyc", line_of(2, metres=0.5), 12.0)
+    mission = imported(show, tmp_path / "out", own)
+    assert mission.fleet.enabled_names == ("mav0", "mav1")
+    assert mission.fleet.vehicles["mav1"].agent == own.vehicles["mav1"].agent
+    assert mission.fleet.vehicles["mav1"].type == own.vehicles["mav1"].type
+    assert mission.fleet.vehicles["mav1"].start_enu_m[0] == 1.6
+    with pytest.raises(ConfigError, match="4 drones"):
+        imported(write_skyc(tmp_path / "four.skyc", line_of(4), 12.0), tmp_path / "four", own)
+
+
+def _with_show(tmp_path: Path, data: object) -> Path:
+    path = tmp_path / "broken.skyc"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("show.json", data if isinstance(data, str) else json.dumps(data))
+    return path
+
+
+def _one(trajectory: object, **settings: object) -> dict[str, object]:
+    return {"version": 1, "swarm": {"drones": [{"settings": {"trajectory": trajectory, **settings}}]}}
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        ({"version": 2}, "version 2"),
+        ({"version": 1}, "swarm.drones"),
+        ({"version": 1, "swarm": {"drones": []}}, "swarm.drones"),
+        ("{", "no JSON"),
+        ("[" * 100_000, "no JSON"),
+        (_one({"$ref": "none.json"}), "no member 'none.json'"),
+        (_one({"$ref": "show.json"}), "without end|no member|no JSON|version"),
+        (_one({"version": 3, "points": []}), "version 3"),
+        (_one({"version": 1, "points": [[0, [0, 0, 1], []]]}), "fewer than two points"),
+        (_one({"version": 1, "points": [[0, [0, 0, 1], []], [0, [1, 0, 1], []]]}), "time does not rise"),
+        (_one({"version": 1, "points": [[0, [0, 0, 1], []], [1, [1, "a", 1], []]]}), "finite number"),
+        (_one({"version": 1, "points": [[0, [0, 0], []], [1, [1, 0, 1], []]]}), r"\[x, y, z\]"),
+        (_one({"version": 1, "points": [[0, [0, 0, 1500], []], [9, [9000, 0, 1500], []]]}), "not metres"),
+        (_one({"version": 1, "points": [[0, [0, 0, -2], []], [9, [1, 0, -2], []]]}), "z points down"),
+        (_one({"version": 1, "points": [[0, [0, 0, 2], []], [1e9, [1, 0, 2], []]]}), "no path"),
+    ],
+)
+def test_a_broken_show_is_refused_in_words(tmp_path: Path, data: object, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        read_skyc(_with_show(tmp_path, data))
+
+
+def test_what_is_no_zip_or_too_large_or_truncated_is_refused(tmp_path: Path) -> None:
+    whole = write_skyc(tmp_path / "line.skyc", line_of(3), 12.0).read_bytes()
+    (tmp_path / "cut.skyc").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "text.skyc").write_text("no zip", encoding="utf-8")
+    with (
+        zipfile.ZipFile(tmp_path / "bomb.skyc", "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("show.json", "w") as s,
+    ):
+        for _ in range(300):
+            s.write(bytes(1 << 20))
+    for name, words in (
+        ("cut", "truncated"),
+        ("text", "no .skyc"),
+        ("bomb", "unpacks to more"),
+        ("none", "no such show"),
+    ):
+        with pytest.raises(ConfigError, match=words):
+            read_skyc(tmp_path / f"{name}.skyc")
+    assert main(["import", str(tmp_path / "show.vviz")]) == 2
+
+
+def test_light_programs_become_colours_at_times() -> None:
+    # white for 1 s, fade to red in 2 s, twice black for 0.5 s
+    program = bytes([7, 50, 8, 255, 0, 0, 100, 12, 2, 6, 25, 13, 0])
+    lights = colours(program)
+    assert (1.0, 255, 255, 255) in lights
+    assert (3.0, 255, 0, 0) in lights
+    assert lights[-1] == (4.0, 0, 0, 0)
+    for broken in (bytes([4, 1]), bytes([99]), bytes([13]), bytes([12, 0, 1, 13])):
+        with pytest.raises(ValueError, match=r"it |its |loop"):
+            colours(broken)
