@@ -31,7 +31,6 @@ from groundstation.console.screens.vehicle import VehicleScreen
 from groundstation.console.shutdown import Shutdown
 from groundstation.console.terminal_filters import TerminalFilters
 from groundstation.console.theme import FAINT, PHASE_SIGNS, SEVERITY_SIGNS
-from groundstation.console.widgets.bars import KEYS, VIEW_KEYS
 from groundstation.console.widgets.event_log import LogEntry
 from groundstation.console.widgets.lines import Lines
 from groundstation.console.widgets.order_line import OrderLine
@@ -197,13 +196,11 @@ class ConsoleApp(App[int]):
         if self.has_bell and self.alarms.has_new:
             self.bell()
         self.orders.update()
-        kill, can_order = self.orders.armed_kill, self.orders.can_order
-        panels.status.show(self.alarms, now_ns, kill, KEYS if can_order else VIEW_KEYS)
         front = self.screen_stack[-1] if self.screen_stack else None
         if isinstance(front, LiveScreen):
-            front.show_fleet(state, now_ns, kill, can_order=can_order)
-        elif isinstance(front, Dialog):
-            front.show_alarms(self.alarms, now_ns, kill, can_order=can_order)
+            front.show_fleet(state, now_ns)
+        for bar in (panels.status, *([front.status] if isinstance(front, LiveScreen | Dialog) else [])):
+            bar.show(self.alarms, now_ns, self.orders.armed_kill, can_order=self.orders.can_order)
         self.shutdown.update()
 
     def _flight_clock(self, now_ns: int) -> str:

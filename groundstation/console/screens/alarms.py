@@ -41,9 +41,8 @@ class AlarmsScreen(LiveScreen):
         """Keys go to the list."""
         self._list.focus()
 
-    def show_fleet(self, state: FleetState, now_ns: int, kill: str | None = None, *, can_order: bool = True) -> None:
+    def show_fleet(self, state: FleetState, now_ns: int) -> None:
         """Draw the alarms as they are now."""
-        super().show_fleet(state, now_ns, kill, can_order=can_order)
         self._list.show(now_ns)
 
     def action_acknowledge(self) -> None:

@@ -9,7 +9,7 @@ from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
 
 from groundstation.alarms.alarms import Alarms
-from groundstation.console.widgets.bars import KEYS, URGENT_KEYS, VIEW_KEYS, StatusBar
+from groundstation.console.widgets.bars import URGENT_KEYS, StatusBar
 from groundstation.fleet.state import FleetState
 
 Answer = TypeVar("Answer")
@@ -23,15 +23,11 @@ class Dialog(ModalScreen[Answer]):
 
     def __init__(self) -> None:
         super().__init__()
-        self._status_bar = StatusBar("status")
+        self.status = StatusBar("status", URGENT_KEYS)
 
     def compose(self) -> ComposeResult:
         """The last line; the box comes before it."""
-        yield self._status_bar
-
-    def show_alarms(self, alarms: Alarms, now_ns: int, kill: str | None, *, can_order: bool) -> None:
-        """Show the worst of them, or the vehicle ``kill`` that the next press of the kill key means."""
-        self._status_bar.show(alarms, now_ns, kill, URGENT_KEYS if can_order else VIEW_KEYS)
+        yield self.status
 
 
 class LiveScreen(Screen[None]):
@@ -40,7 +36,7 @@ class LiveScreen(Screen[None]):
     def __init__(self, alarms: Alarms) -> None:
         super().__init__()
         self.alarms = alarms
-        self._status_bar = StatusBar("status")
+        self.status = StatusBar("status")
 
     def body(self) -> Widget:
         """Return the widget above the last line."""
@@ -49,8 +45,8 @@ class LiveScreen(Screen[None]):
     def compose(self) -> ComposeResult:
         """The body, and below it the same last line as everywhere."""
         yield self.body()
-        yield self._status_bar
+        yield self.status
 
-    def show_fleet(self, state: FleetState, now_ns: int, kill: str | None = None, *, can_order: bool = True) -> None:
-        """Draw the fleet as it is now; ``kill``: the vehicle that the next press of the kill key means."""
-        self._status_bar.show(self.alarms, now_ns, kill, KEYS if can_order else VIEW_KEYS)
+    def show_fleet(self, state: FleetState, now_ns: int) -> None:
+        """Draw the fleet as it is now."""
+        raise NotImplementedError

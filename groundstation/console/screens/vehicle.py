@@ -53,9 +53,8 @@ class VehicleScreen(LiveScreen):
         """Stop the vehicle's stream of ticks."""
         self._stream.follow(None)
 
-    def show_fleet(self, state: FleetState, now_ns: int, kill: str | None = None, *, can_order: bool = True) -> None:
+    def show_fleet(self, state: FleetState, now_ns: int) -> None:
         """Draw the vehicle as it is now."""
-        super().show_fleet(state, now_ns, kill, can_order=can_order)
         name = self._table.selected
         self._stream.follow(name)
         self._page.show(name, state, now_ns)

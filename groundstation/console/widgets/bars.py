@@ -61,8 +61,12 @@ class TitleBar(Bar):
 class StatusBar(Bar):
     """The worst alarm, on every screen; the keys where there is room."""
 
-    def show(self, alarms: Alarms, now_ns: int, kill: str | None, named: tuple[str, str, str] = KEYS) -> None:
-        """Update the line; an armed kill key comes before everything."""
+    def __init__(self, name: str, keys: tuple[str, str, str] = KEYS) -> None:
+        super().__init__(name)
+        self._keys = keys
+
+    def show(self, alarms: Alarms, now_ns: int, kill: str | None, *, can_order: bool) -> None:
+        """Update the line; ``kill``, the vehicle that the next press of the kill key means, comes before everything."""
         width = self.size.width
         if kill is not None:
             text = f" KILL {kill}? The same key again within 1 s stops its motors: it falls."
@@ -75,7 +79,7 @@ class StatusBar(Bar):
         more = f" (+{len(lines) - 1}: A)" if len(lines) > 1 else ""
         text = f" {sign} {clean(worst.text(now_ns)) if worst else 'all well'}"
         has_two = self.size.height > 1  # a narrow terminal: the keys below the alarm
-        all_keys, some_keys, least_keys = named
+        all_keys, some_keys, least_keys = self._keys if can_order else VIEW_KEYS
         keys = all_keys if cell_len(text) + cell_len(more) + len(all_keys) + 2 <= width else some_keys
         if width < len(some_keys) + 2 or (width < NARROW and not has_two):
             keys = least_keys

@@ -6,12 +6,12 @@ import itertools
 
 import numpy as np
 from textual.strip import Strip
-from textual.widget import Widget
 
 from groundstation.console import theme
 from groundstation.console.canvas import Canvas
 from groundstation.console.plan_drawing import Window
 from groundstation.console.theme import FAINT
+from groundstation.console.widgets.lines import Lines
 from groundstation.orders.forecast import Forecast
 from groundstation.orders.preview import OrderPreview
 from onboard.config.fleet import FleetConfig
@@ -19,7 +19,7 @@ from onboard.config.fleet import FleetConfig
 _MARGIN_M = 0.7  # around the outermost points
 
 
-class PathPlan(Widget):
+class PathPlan(Lines):
     """The predicted paths from above: a number at the start of each, a cross at its goal."""
 
     def __init__(self, fleet: FleetConfig) -> None:
@@ -27,29 +27,18 @@ class PathPlan(Widget):
         self.fleet = fleet
         self._preview: OrderPreview | None = None
         self._forecast: Forecast | None = None
-        self._lines: list[Strip] = []
 
     def show(self, preview: OrderPreview | None, forecast: Forecast | None) -> None:
         """Draw these."""
-        self._preview, self._forecast, self._lines = preview, forecast, []
-        self.refresh()
+        self._preview, self._forecast = preview, forecast
+        self.redraw()
 
-    def on_resize(self) -> None:
-        """Draw for another size."""
-        self._lines = []
-
-    def render_line(self, y: int) -> Strip:
-        """Return one line of the picture."""
-        if not self._lines:
-            self._lines = self._draw(self.size.width, self.size.height).strips()
-        line = self._lines[y] if y < len(self._lines) else Strip.blank(self.size.width)
-        return line.apply_style(self.rich_style)
-
-    def _draw(self, width: int, height: int) -> Canvas:
+    def draw(self, width: int, height: int) -> list[Strip]:
+        """Return the picture."""
         canvas = Canvas(width, height)
         preview = self._preview
         if preview is None or not preview.legs:
-            return canvas
+            return canvas.strips()
         paths = {name: np.array([leg.start_enu_m, leg.goal_enu_m])[:, :2] for name, leg in preview.legs.items()}
         if self._forecast is not None and self._forecast.paths_enu_m:
             paths = {name: np.array(points)[:, :2] for name, points in self._forecast.paths_enu_m.items()}
@@ -72,4 +61,4 @@ class PathPlan(Widget):
             if leg.is_ordered:
                 canvas.text(*window.cell(*leg.goal_enu_m[:2]), "✛", colour, bold=True)
             canvas.text(*window.cell(*leg.start_enu_m[:2]), str(indices.get(name, "?")), colour, bold=True)
-        return canvas
+        return canvas.strips()
