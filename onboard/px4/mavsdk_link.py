@@ -8,6 +8,7 @@ only blocking calls and belong on an executor of their own (:meth:`Px4Link.apply
 
 from __future__ import annotations
 
+import contextlib
 import math
 import queue
 import threading
@@ -83,7 +84,6 @@ class Px4Link:
         self._start_ns = 0
         self._poses_ns = 0  # last pose sent to PX4, by this program or one before it
         self.withholds_poses = False  # while PX4 is disarmed: see settle_global_origin
-        self.send_failures = 0
 
     # -- life --------------------------------------------------------------------------------------------------------
 
@@ -390,7 +390,5 @@ class Px4Link:
         message = MavlinkMessage(
             name, self.system_id, _COMPONENT_ID, self.system_id, _AUTOPILOT_COMPONENT_ID, _json(fields).decode()
         )
-        try:
+        with contextlib.suppress(MavlinkDirectError):  # a PX4 that hears nothing is seen by its own silence
             direct.send_message(message)
-        except MavlinkDirectError:
-            self.send_failures += 1

@@ -14,6 +14,7 @@ from onboard.control.trajectory import TrajectoryMemory, TrajectoryParams
 from onboard.types import Goal
 from onboard.vectors import ZERO_3, Vec3, add, scaled
 from tests.oracles import quintic
+from tests.oracles.rotation import rotate
 
 PARAMS = TrajectoryParams(max_speed_m_s=1.0, max_acceleration_m_s2=1.5)
 DT = 0.02
@@ -186,13 +187,13 @@ def test_turning_and_moving_the_world_turns_and_moves_the_trajectory() -> None:
     plain, turned = trajectory.initial(ZERO_3), trajectory.initial(shift)
     for number, (target, seconds) in enumerate(legs):
         plain, a = fly(plain, goal(target, number), seconds)
-        turned, b = fly(turned, goal(add(frames.rotate(q, target), shift), number), seconds)
+        turned, b = fly(turned, goal(add(rotate(q, target), shift), number), seconds)
         for i in range(0, len(a.position_enu_m), 10):
             np.testing.assert_allclose(
-                b.position_enu_m[i], add(frames.rotate(q, a.position_enu_m[i].tolist()), shift), atol=1e-9
+                b.position_enu_m[i], add(rotate(q, a.position_enu_m[i].tolist()), shift), atol=1e-9
             )
             np.testing.assert_allclose(
-                b.acceleration_enu_m_s2[i], frames.rotate(q, a.acceleration_enu_m_s2[i].tolist()), atol=1e-8
+                b.acceleration_enu_m_s2[i], rotate(q, a.acceleration_enu_m_s2[i].tolist()), atol=1e-8
             )
 
 

@@ -11,6 +11,7 @@ from onboard import frames
 from onboard.estimation import disturbance_observer
 from onboard.estimation.disturbance_observer import ObserverParams
 from onboard.vectors import ZERO_3, Vec3
+from tests.oracles.rotation import rotate
 
 DT = 0.02
 
@@ -81,8 +82,8 @@ def test_turning_the_world_turns_the_disturbance() -> None:
     plain = turned = disturbance_observer.initial(ZERO_3)
     for v, u in 0.1 * rng.normal(size=(40, 2, 3)):
         plain, _ = disturbance_observer.step(plain, Vec3(*v.tolist()), Vec3(*u.tolist()), params, DT, False)
-        turned, _ = disturbance_observer.step(turned, frames.rotate(q, v), frames.rotate(q, u), params, DT, False)
-    np.testing.assert_allclose(turned.disturbance_enu_m_s2, frames.rotate(q, plain.disturbance_enu_m_s2), atol=1e-9)
+        turned, _ = disturbance_observer.step(turned, rotate(q, v), rotate(q, u), params, DT, False)
+    np.testing.assert_allclose(turned.disturbance_enu_m_s2, rotate(q, plain.disturbance_enu_m_s2), atol=1e-9)
 
 
 def test_a_dead_time_between_two_ticks_delays_by_just_that() -> None:

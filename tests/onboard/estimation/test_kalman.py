@@ -15,6 +15,7 @@ from onboard.estimation.kalman import Covariance, KalmanMemory, KalmanParams
 from onboard.types import GRAVITY_M_S2
 from onboard.vectors import ZERO_3, Vec3, add, scaled
 from tests.oracles.matrix_kalman import MatrixKalman
+from tests.oracles.rotation import rotate
 
 DT = 0.02
 G = GRAVITY_M_S2
@@ -279,10 +280,10 @@ def test_turning_and_moving_the_world_turns_the_estimate() -> None:
     for _ in range(60):
         driven, sample = vec(rng.normal(size=3)), vec(0.02 * rng.normal(size=3))
         plain = kalman.correct(kalman.predict(plain, driven, params, DT), sample, 0.03, params)
-        turned = kalman.predict(turned, frames.rotate(q, driven), params, DT)
-        turned = kalman.correct(turned, add(frames.rotate(q, sample), shift), 0.03, params)
-    np.testing.assert_allclose(turned.position_enu_m, add(frames.rotate(q, plain.position_enu_m), shift), atol=1e-9)
-    np.testing.assert_allclose(turned.velocity_enu_m_s, frames.rotate(q, plain.velocity_enu_m_s), atol=1e-9)
+        turned = kalman.predict(turned, rotate(q, driven), params, DT)
+        turned = kalman.correct(turned, add(rotate(q, sample), shift), 0.03, params)
+    np.testing.assert_allclose(turned.position_enu_m, add(rotate(q, plain.position_enu_m), shift), atol=1e-9)
+    np.testing.assert_allclose(turned.velocity_enu_m_s, rotate(q, plain.velocity_enu_m_s), atol=1e-9)
 
 
 def test_scaling_length_and_time_scales_the_estimate() -> None:
