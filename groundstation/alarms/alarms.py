@@ -305,6 +305,9 @@ def _what(kind: Kind, telemetry: Telemetry) -> str:
 
 def _of_fleet(state: FleetState, fleet: FleetConfig, now_ns: int) -> Iterator[Alarm]:
     yield from _close_pairs(state, fleet.fleet.safety_distance_m, now_ns)
+    for view in (state.vehicles[name] for name in state.disabled if name in state.vehicles):
+        if view.is_armed and view.is_fresh(now_ns):
+            yield _alarm(_G.DISABLED_FLIES, view.name, is_flying=view.is_airborne)
     silent = [name for name, view in state.vehicles.items() if view.telemetry is None]
     if silent:
         more = f" and {len(silent) - _GROUPED} more" if len(silent) > _GROUPED else ""

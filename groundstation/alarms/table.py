@@ -33,6 +33,7 @@ class Ground(Enum):
     RECORD_ENDED = "record ended"
     PROCESS_ENDED = "process ended"
     KILLED = "killed in the air"
+    DISABLED_FLIES = "flies though disabled"
 
 
 Kind = Condition | Ground

@@ -388,7 +388,7 @@ def session(fleet: FleetConfig, role: str = GROUND) -> BusSession:
     return BusSession(
         namespace=fleet.namespace,
         node=f"{role}-{os.getpid()}-{random_id()[:4]}",
-        connect=[*(fleet.vehicles[name].agent for name in fleet.enabled_names), fleet.simulator_endpoint],
+        connect=[*(vehicle.agent for vehicle in fleet.vehicles.values()), fleet.simulator_endpoint],
     )
 
 

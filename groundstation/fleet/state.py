@@ -116,12 +116,13 @@ class VehicleView(Struct, frozen=True):
 class FleetState(Struct, frozen=True):
     """The whole fleet as the ground knows it."""
 
-    vehicles: Mapping[str, VehicleView]  # in the order of the fleet file
+    vehicles: Mapping[str, VehicleView]  # in the order of the fleet file; those that it disables once they are heard
     events: tuple[LoggedEvent, ...] = ()  # the newest MAX_EVENTS, oldest first
     nodes: frozenset[str] = frozenset()  # liveliness tokens of the bus
     smallest: Separation | None = None  # smallest so far while one of the two flew, by telemetry
     smallest_truth: Separation | None = None  # the same by ground truth; None outside simulation
     malformed: int = 0  # messages that could not be decoded
+    disabled: frozenset[str] = frozenset()  # vehicles that the fleet file disables
 
     def events_after(self, last: LoggedEvent | None) -> list[LoggedEvent]:
         """Return the events after one of them, oldest first; all events if it is not among them any more."""
@@ -151,7 +152,9 @@ class FleetState(Struct, frozen=True):
 
 def initial(fleet: FleetConfig) -> FleetState:
     """Return the state before the first message."""
-    return FleetState(MappingProxyType({name: VehicleView(name) for name in fleet.enabled_names}))
+    enabled = fleet.enabled_names
+    vehicles = MappingProxyType({name: VehicleView(name) for name in enabled})
+    return FleetState(vehicles, disabled=frozenset(fleet.vehicles).difference(enabled))
 
 
 def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
@@ -245,6 +248,8 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
     vehicles, updated, now_ns, malformed = dict(state.vehicles), set[str](), 0, state.malformed
     for message, now_ns in received:
         view = vehicles.get(message.vehicle)
+        if view is None and message.vehicle in state.disabled:
+            view = VehicleView(message.vehicle)
         if view is None:
             continue
         if _is_repeated(view.telemetry, message, _REORDERED_TICKS):

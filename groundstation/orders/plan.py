@@ -21,6 +21,7 @@ from onboard.config.fleet import FleetConfig, parking_distance_m
 
 ORDER_LIFE_S = 2.0
 _MIN_HEIGHT_M = 0.2
+_BRINGS_DOWN = ("land", "hold", "disarm", "kill", "locate")
 _JOINT = ("move", "formation", "takeoff")  # one refusal refuses the whole order
 
 
@@ -77,7 +78,8 @@ def plan_order(
     """
     keeps = HeldFormation(intent.formation, intent.spacing_m) if intent.formation else held
     goals: dict[str, Vec3] = {}
-    refusals = {name: _unknown(name, fleet) for name in intent.vehicles if name not in fleet.enabled_names}
+    barred = [name for name in intent.vehicles if not _may_be_ordered(name, intent.verb, fleet)]
+    refusals = {name: _unknown(name, fleet) for name in barred}
     names = [name for name in intent.vehicles if name not in refusals]
     refusals.update({name: reason for name in names if (reason := _bad_number(intent))})
     if not refusals and intent.verb in ("move", "formation"):
@@ -182,9 +184,14 @@ def _refuse_jointly(refusals: Mapping[str, str], names: Iterable[str]) -> dict[s
     return {**refusals, **others}
 
 
+def _may_be_ordered(name: str, verb: str, fleet: FleetConfig) -> bool:
+    """Whether it takes part, or is to be brought down although it does not."""
+    return name in fleet.enabled_names or (name in fleet.vehicles and verb in _BRINGS_DOWN)
+
+
 def _unknown(name: str, fleet: FleetConfig) -> str:
     if name in fleet.vehicles:
-        return f"{name} is not enabled in the fleet file. Set enabled = true to fly it."
+        return f"{name} is not enabled in the fleet file: it may be brought down only. Set enabled = true to fly it."
     return f"{name[:40]} is not a vehicle of fleet '{fleet.fleet.name}': it has {', '.join(fleet.enabled_names)}."
 
 

@@ -62,12 +62,13 @@ class AgentProcess:
         # with a mocap PX4's own estimate is only checked
         position_hz = _CHECKED_POSITION_HZ if vehicle.mocap_required else 1e9 / PERIOD_NS
         self._link = Px4Link(vehicle.autopilot, vehicle.system_id, position_hz=position_hz)
-        others = [other for other in fleet.enabled_names if other != name]
+        others = [other for other in fleet.vehicles if other != name]
+        agents = [fleet.vehicles[other].agent for other in fleet.enabled_names if other != name]
         self._bus = BusSession(
             namespace=fleet.namespace,
             node=name,
             listen=[vehicle.agent],
-            connect=[*(fleet.vehicles[other].agent for other in others), fleet.simulator_endpoint],
+            connect=[*agents, fleet.simulator_endpoint],
         )
         mocap = MocapConfig() if has_bus_mocap else fleet.mocap
         self._inbox = Inbox(vehicle, self._core.boot_id, self._bus, mocap)

@@ -30,7 +30,7 @@ def reach_m(fleet: FleetConfig, name: str) -> float:
     that braking keeps the safety distance.
     """
     own = fleet.vehicles[name]
-    others = [fleet.vehicles[other] for other in fleet.enabled_names if other != name] or [own]
+    others = [vehicle for other, vehicle in fleet.vehicles.items() if other != name] or [own]
     share = fleet.law.avoid_speed_frac
     speeds = [share * own.max_speed_m_s, share * max(other.max_speed_m_s for other in others)]
     brakes = [own.max_acceleration_m_s2, min(other.max_acceleration_m_s2 for other in others)]

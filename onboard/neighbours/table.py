@@ -50,18 +50,19 @@ class _Ages:
 
 
 class NeighbourTable:
-    """The other enabled vehicles in the order of the fleet file, so that indices never change.
+    """The other vehicles of the fleet file in its order, so that indices never change.
 
-    A neighbour that is silent for a while is represented by its mocap poses instead, and does not cooperate.
+    Whoever tells a state is an obstacle, also a vehicle that the file disables; only nobody waits for that one. A
+    neighbour that is silent for a while is represented by its mocap poses instead, and does not cooperate.
     """
 
     def __init__(self, fleet: FleetConfig, own_name: str) -> None:
         self.fleet, self.own_name = fleet, own_name
         order = fleet.enabled_names
-        self.names = tuple(name for name in order if name != own_name)
+        self.names = tuple(name for name in fleet.vehicles if name != own_name)
         self.indices = {name: index for index, name in enumerate(self.names)}
-        # index of each neighbour among all enabled vehicles
-        self.fleet_indices: IntArray = np.array([i for i, name in enumerate(order) if name != own_name], dtype=np.int64)
+        # index of each neighbour among all vehicles of the file
+        self.fleet_indices: IntArray = np.array([fleet.vehicles[name].index for name in self.names], dtype=np.int64)
         own = order.index(own_name) if own_name in order else 0
         successor = order[(own + 1) % len(order)] if order else ""
         self.is_successor: BoolArray = np.array([name == successor for name in self.names], dtype=bool)
@@ -183,7 +184,8 @@ class NeighbourTable:
         for body, index in self._bodies.items():
             age_s = self._ages.all_s[index]
             is_new = self.arrays.is_followed[index] and index not in self._trackers
-            if is_new and age_s > _TRACK_AFTER_S and (is_started or age_s < math.inf):
+            is_expected = is_started and self.fleet.vehicles[self.names[index]].enabled is not False
+            if is_new and age_s > _TRACK_AFTER_S and (is_expected or age_s < math.inf):
                 self._trackers[index] = BodyTracker()
                 bodies.append(body)
         return bodies

@@ -24,6 +24,8 @@ def _neighbours(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> 
 
 def _configuration(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     words = {"hash": facts.config_hash}
+    if vehicle.enabled is False:
+        return "disabled", words
     if facts.other_hashes:
         name, other = next(iter(facts.other_hashes.items()))
         more = f" (and {len(facts.other_hashes) - 1} more)" if len(facts.other_hashes) > 1 else ""

@@ -70,7 +70,7 @@ class Simulation:
         }
         self._tables = FleetTables(list(self.agents.values()))
         self._batch = Batch(self._tables if is_batched else None)
-        self._indices = {name: index for index, name in enumerate(self.names)}
+        self._indices = {name: index for index, name in enumerate(fleet.vehicles)}
         self._planned: list[tuple[int, int, Callable[[], object]]] = []
         self._count = itertools.count()
 

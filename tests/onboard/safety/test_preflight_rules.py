@@ -104,6 +104,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "(0.00, -4.20, 0.00) m lies outside",
     ),
     ("neighbours", "missing"): ({"missing_neighbours": ("mav0", "mav2")}, "mav0, mav2 are not heard"),
+    ("configuration", "disabled"): (
+        {"vehicle": msgspec.structs.replace(VEHICLE, enabled=False)},
+        "disables this vehicle",
+    ),
     ("configuration", "differs"): (
         {"other_hashes": {"mav2": "xyz"}},
         "mav2 flies with another fleet file, or another law (xyz, here abc",

@@ -1,0 +1,103 @@
+"""A vehicle that the fleet file disables: nobody waits for it, all avoid it once it is heard, it does not arm."""
+
+from __future__ import annotations
+
+import msgspec
+
+from onboard import events as ev
+from onboard.agent.core import AgentCore
+from onboard.bus.schema import StateMessage
+from onboard.config.fleet import FleetConfig
+from onboard.neighbours.table import NeighbourTable
+from sitl.lockstep.neighbour_tables import Round, Tables
+from tests.onboard.agent.rig import Rig, fleet
+
+S = 1_000_000_000
+
+
+def _fleet(enabled: object = True) -> FleetConfig:
+    whole = fleet(("mav0", "mav1", "mav2"), enabled=enabled)
+    return msgspec.structs.replace(
+        whole, vehicles={**whole.vehicles, "mav1": msgspec.structs.replace(whole.vehicles["mav1"], enabled=False)}
+    )
+
+
+def _state(stamp_ns: int, sequence: int = 1) -> StateMessage:
+    place, zero = (0.9, 0.0, 1.0), (0.0, 0.0, 0.0)
+    return StateMessage(
+        vehicle="mav1",
+        boot_id=1,
+        sequence=sequence,
+        stamp_ns=stamp_ns,
+        is_valid=True,
+        is_airborne=True,
+        is_cooperative=True,
+        position_enu_m=place,
+        velocity_enu_m_s=zero,
+        acceleration_enu_m_s2=zero,
+        predicted_position_enu_m=place,
+        predicted_velocity_enu_m_s=zero,
+        commanded_acceleration_enu_m_s2=zero,
+        lead_time_s=0.15,
+        position_std_m=0.01,
+        velocity_std_m_s=0.02,
+        crowd_count=0.0,
+    )
+
+
+def test_nobody_waits_for_a_disabled_vehicle() -> None:
+    table = NeighbourTable(_fleet(), "mav0")
+    table.bodies_to_track(1 * S)
+    assert table.bodies_to_track(9 * S) == ["mav2"]
+    assert table.missing(9 * S) == ("mav2",)
+    assert table.silent(9 * S) == table.invalid() == table.unseen(9 * S) == ()
+    assert table.snapshot(9 * S) == []
+
+
+def test_a_disabled_vehicle_that_tells_a_state_is_an_obstacle_and_missed_when_it_falls_silent() -> None:
+    table = NeighbourTable(_fleet(), "mav0")
+    assert table.hear(_state(5 * S), 5 * S)
+    (neighbour,) = table.snapshot(5 * S)
+    assert neighbour.position_enu_m == (0.9, 0.0, 1.0)
+    assert table.distances_m((0.0, 0.0, 1.0), 5 * S) == {"mav1": 0.9}
+    assert table.silent(6 * S) == ("mav1",)
+    assert "mav1" in table.bodies_to_track(6 * S)
+
+
+def test_tables_that_hear_together_hear_a_disabled_vehicle_too() -> None:
+    config = _fleet()
+    tables = [NeighbourTable(config, name) for name in config.enabled_names]
+    indices = {name: index for index, name in enumerate(config.vehicles)}
+    together = Tables(tables)
+    together.hear(Round.of([_state(5 * S)], indices), 5 * S, together.all_listening)
+    for table in tables:
+        assert [one.position_enu_m for one in table.snapshot(5 * S)] == [(0.9, 0.0, 1.0)]
+        assert table.silent(6 * S) == ("mav1",)
+
+
+def test_the_law_goes_aside_for_a_disabled_vehicle() -> None:
+    rig = Rig(AgentCore(_fleet("scan"), "mav0", boot_id=7))
+
+    def tell() -> None:
+        rig.core.handle(ev.NeighbourReceived(_state(rig.now_ns, rig.tick_count), rig.now_ns), rig.now_ns)
+
+    rig.fly()
+    rig.after_move = tell
+    rig.run(0.5)
+    rig.order("move", position_enu_m=(0.9, 0.0, 1.0))
+    nearest_m = 9.0
+    for _ in range(200):
+        rig.step()
+        nearest_m = min(nearest_m, float(((rig.position[:2] - (0.9, 0.0)) ** 2).sum()) ** 0.5)
+    assert nearest_m > 0.8
+
+
+def test_a_disabled_vehicle_refuses_to_arm_and_says_why() -> None:
+    rig = Rig(AgentCore(_fleet("scan"), "mav1", boot_id=7))
+    rig.run(3.0)
+    assert rig.core.flight.state == "waiting"
+    for kind in ("arm", "takeoff"):
+        reply = rig.order(kind)  # type: ignore[arg-type]
+        assert not reply.is_accepted
+    assert any("disables this vehicle" in reason for reason in rig.core.preflight.not_ready)
+    assert rig.count(ev.Arm) == rig.count(ev.SetOffboard) == 0
