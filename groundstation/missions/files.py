@@ -26,8 +26,8 @@ class _Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class _OrderStep(_Step, frozen=True, kw_only=True):
-    vehicles: Names = "all"
-    timeout_s: float = 40.0
+    vehicles: Names = "all"  # "all", a name, "0-2", "a,b" or a list
+    timeout_s: float = 40.0  # the step fails when it is not done within
 
 
 class ArmStep(_OrderStep, frozen=True, kw_only=True):
@@ -39,22 +39,22 @@ class ArmStep(_OrderStep, frozen=True, kw_only=True):
 class TakeoffStep(_OrderStep, frozen=True, kw_only=True):
     """Climb to a height above the fleet's origin."""
 
-    height_m: float = 1.0
+    height_m: float = 1.0  # above the fleet's origin
 
 
 class MoveStep(_OrderStep, frozen=True, kw_only=True):
     """One vehicle: its own goal. Several: the position of the formation that holds."""
 
-    position_enu_m: Vec3
-    duration_s: float = 0.0
+    position_enu_m: Vec3  # east, north, up in the fleet frame
+    duration_s: float = 0.0  # slower than the limits allow; 0: as fast as they allow
 
 
 class FormationStep(_OrderStep, frozen=True, kw_only=True):
     """Take up a formation at a position."""
 
-    name: str
-    position_enu_m: Vec3
-    duration_s: float = 0.0
+    name: str  # a table [formations.NAME] of the fleet file
+    position_enu_m: Vec3  # of the formation: its offsets come on top
+    duration_s: float = 0.0  # as for move
 
 
 class FollowPathStep(_Step, frozen=True, kw_only=True):
@@ -85,25 +85,25 @@ class DisarmStep(_OrderStep, frozen=True, kw_only=True):
 class FaultStep(_Step, frozen=True, kw_only=True):
     """Inject a fault into the emulator; `covey sitl --faults` lists them. Simulated flights only."""
 
-    vehicles: Names
-    name: str
-    parameters: dict[str, float | str] = {}
-    after_s: float = 0.0
-    duration_s: float = 0.0
+    vehicles: Names  # as above
+    name: str  # of the fault: covey sitl --faults lists them
+    parameters: dict[str, float | str] = {}  # of the fault
+    after_s: float = 0.0  # until it begins
+    duration_s: float = 0.0  # until it ends; 0: never
 
 
 class WaitStep(_Step, frozen=True, kw_only=True):
     """Let time pass."""
 
-    duration_s: float
+    duration_s: float  # of vehicle time
 
 
 class Expect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Expectations. As a step: about the flight so far. As ``[expect]``: about the whole mission."""
 
-    min_separation_m: float | None = None
-    arrived_within_m: float | None = None
-    all_landed: bool | None = None
+    min_separation_m: float | None = None  # no two centres came nearer
+    arrived_within_m: float | None = None  # each vehicle was so near to its goal when its order was done
+    all_landed: bool | None = None  # everybody is down and disarmed; false: it is right that they are not
 
 
 class ExpectStep(Expect, frozen=True, kw_only=True):
@@ -115,7 +115,7 @@ class ExpectStep(Expect, frozen=True, kw_only=True):
 class OnFailure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Reaction to a step that fails: all vehicles land, or all hold."""
 
-    do: Literal["land", "hold"] = "land"
+    do: Literal["land", "hold"] = "land"  # what all vehicles do when a step fails
 
 
 OrderStep = ArmStep | TakeoffStep | MoveStep | FormationStep | HoldStep | LandStep | DisarmStep
@@ -133,6 +133,10 @@ STEPS: dict[str, type[Step]] = {
     "expect": ExpectStep,
     "fault": FaultStep,
 }
+
+
+STEP_BOUNDS = {"timeout_s": (0.1, 3600.0), "duration_s": (0.0, 3600.0), "after_s": (0.0, 3600.0)}
+EXPECT_MOST_M = {"min_separation_m": 100.0, "arrived_within_m": 10.0}
 
 
 class Mission(msgspec.Struct, frozen=True):
@@ -279,20 +283,17 @@ def _step(table: Any, key: str, path: str) -> Step:
     if kind is None:
         raise ConfigError(f"{path}: '{key}.do' is {table['do']!r}. A step can do: {', '.join(STEPS)}.")
     step = cast(Step, convert(table, kind, path, key))
-    for name in ("timeout_s", "duration_s", "after_s"):
-        value = getattr(step, name, 1.0)
-        if value is None:
-            continue
-        low = 0.1 if name == "timeout_s" else 0.0
-        if not low <= value <= 3600.0:
-            raise ConfigError(f"{path}: '{key}.{name}' is {value}; it must lie between {low:g} and 3600 s.")
+    for name, (low, high) in STEP_BOUNDS.items():
+        value = getattr(step, name, None)
+        if value is not None and not low <= value <= high:
+            raise ConfigError(f"{path}: '{key}.{name}' is {value}; it must lie between {low:g} and {high:g} s.")
     if isinstance(step, ExpectStep):
         _check_expect(step, path, key)
     return step
 
 
 def _check_expect(expect: Expect, path: str, key: str) -> None:
-    for name, high in (("min_separation_m", 100.0), ("arrived_within_m", 10.0)):
+    for name, high in EXPECT_MOST_M.items():
         value = getattr(expect, name)
         if value is not None and not 0.0 < value <= high:
             raise ConfigError(f"{path}: '{key}.{name}' is {value}; it must lie above 0 and at most {high:g} m.")

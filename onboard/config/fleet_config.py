@@ -22,17 +22,17 @@ Vec3 = tuple[float, float, float]
 class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Global origin of the fleet frame outdoors."""
 
-    latitude_deg: float
-    longitude_deg: float
-    altitude_m: float
+    latitude_deg: float  # of the point 0, 0 of the fleet frame
+    longitude_deg: float  # of the same point
+    altitude_m: float  # of height 0, above the sea
 
 
 class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Box in fleet ENU; each axis is (low, high) in metres."""
 
-    x: tuple[float, float]
-    y: tuple[float, float]
-    z: tuple[float, float]
+    x: tuple[float, float]  # east, [low, high] in metres
+    y: tuple[float, float]  # north, [low, high] in metres
+    z: tuple[float, float]  # up, [low, high] in metres
 
     def contains(self, position_enu_m: Vec3) -> bool:
         """Whether a point lies in the box.
@@ -50,17 +50,18 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``[fleet]``: values for all vehicles."""
 
-    name: str
-    geofence_m: Geofence
+    name: str  # a part of the keys on the bus: one for each fleet of a network
+    geofence_m: Geofence  # the box that no vehicle leaves; the three keys below
+    # "mocap", or the point of the Earth where the frame begins: the three keys below
     origin: Literal["mocap"] | Origin = "mocap"
-    safety_distance_m: float = 0.80
-    body_diameter_m: float = 0.50
-    battery_warning_pct: float = 30.0
-    battery_land_pct: float = 20.0
-    direct_command_timeout_s: float = 0.3
-    bus_lost_land_s: float = 5.0
+    safety_distance_m: float = 0.80  # horizontal distance of two centres that the law promises
+    body_diameter_m: float = 0.50  # from propeller tip to propeller tip
+    battery_warning_pct: float = 30.0  # the console warns below it
+    battery_land_pct: float = 20.0  # a vehicle lands by itself below it
+    direct_command_timeout_s: float = 0.3  # kill and land go past an agent that has not answered for so long
+    bus_lost_land_s: float = 5.0  # a vehicle that hears nobody holds, and lands after so long
     ground_lost_land_s: float = 60.0  # vehicles in flight land when nobody has been there to order for so long
-    simulator: str | None = None
+    simulator: str | None = None  # where covey sitl listens on the bus; the port below the lowest agent's by default
 
     @property
     def global_origin(self) -> Origin | None:
@@ -73,27 +74,29 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: str
     index: int
-    system_id: int
-    start_enu_m: Vec3
-    agent: str
-    autopilot: str
+    system_id: int  # MAV_SYS_ID of its PX4
+    start_enu_m: Vec3  # where it stands before take-off: east, north, up in the fleet frame
+    agent: str  # its agent on the bus: tcp/HOST:PORT of the companion computer
+    autopilot: str  # PX4 as the companion sees it: udpin://HOST:PORT, udpout://HOST:PORT or serial://DEVICE:BAUD
+    # PX4 as the ground sees it, past the companion: udpout://HOST:PORT, udpin://HOST:PORT or tcp://HOST:PORT
     direct: str | None = None
-    mocap_body: str | None = None
-    type: str = ""
-    enabled: bool | Literal["scan"] = True
-    mass_kg: float = 1.0
-    hover_thrust_frac: float = 0.5
-    attitude_delay_s: float = 0.04
-    attitude_wn_rad_s: float = 11.0
-    attitude_zeta: float = 0.6
-    drag_1_s: float = 0.0
-    max_tilt_deg: float = 25.0
-    max_speed_m_s: float = 1.0
-    max_acceleration_m_s2: float = 1.5
+    mocap_body: str | None = None  # name of its body in the mocap; the vehicle's own by default
+    type: str = ""  # a table [types.NAME], which holds for what the vehicle does not say
+    enabled: bool = True  # false: takes no part
+    mass_kg: float = 1.0  # with battery
+    hover_thrust_frac: float = 0.5  # throttle that hovers, 0 to 1; starting value: MPC_THR_HOVER of a tuned PX4, or 0.5
+    attitude_delay_s: float = 0.04  # dead time of its attitude; starting value 0.04
+    attitude_wn_rad_s: float = 11.0  # natural frequency of its attitude; starting value 9, cautious
+    attitude_zeta: float = 0.6  # damping of its attitude; starting value 0.7
+    drag_1_s: float = 0.0  # deceleration for each m/s through the air; starting value 0.3
+    max_tilt_deg: float = 25.0  # of all manoeuvres
+    max_speed_m_s: float = 1.0  # of all moves
+    max_acceleration_m_s2: float = 1.5  # of all moves
+    # true: it flies by the mocap and refuses to take off without; false: by PX4's own position
     mocap_required: bool = True
     px4_position: Literal["gps", "vision"] = "gps"  # what PX4's own position comes from, without a mocap
-    px4_params: dict[str, float | int] = {}
-    sitl: SitlProfile = SitlProfile()
+    px4_params: dict[str, float | int] = {}  # parameters that its PX4 must have beyond the built-in ones: NAME = value
+    sitl: SitlProfile = SitlProfile()  # values of the emulator only: the table below
 
     @property
     def host(self) -> str:
@@ -144,7 +147,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
     @property
     def enabled_names(self) -> tuple[str, ...]:
         """Vehicles that take part, in the order of the file."""
-        return tuple(name for name, vehicle in self.vehicles.items() if vehicle.enabled is not False)
+        return tuple(name for name, vehicle in self.vehicles.items() if vehicle.enabled)
 
     @property
     def simulator_endpoint(self) -> str:

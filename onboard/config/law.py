@@ -13,44 +13,45 @@ QUICK_LAG_S = 0.15
 class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``[law]``: the avoidance law's values and policies; onboard/avoidance/README.md explains each one."""
 
-    name: LawName = "covey"
+    name: LawName = "covey"  # "paper" and "off" are for simulation and for comparison
     # policies: each a small function chosen by name
-    responsibility: Literal["shortfall", "half", "full"] = "shortfall"
-    prediction: Literal["lag", "none"] = "lag"
+    responsibility: Literal["shortfall", "half", "full"] = "shortfall"  # what share of a correction a vehicle takes
+    prediction: Literal["lag", "none"] = "lag"  # "lag": rows hold at the time at which a command takes effect
+    # "accuracy": grows with the errors of the positions that fly; "fixed": design_margin_m
     margin: Literal["accuracy", "fixed"] = "accuracy"
-    rotation: Literal["violated", "never", "always"] = "violated"
-    direction: Literal["intent", "crowd", "pair", "fixed"] = "intent"
-    jam: Literal["slow", "ignore"] = "slow"
+    rotation: Literal["violated", "never", "always"] = "violated"  # when vehicles that meet turn about each other
+    direction: Literal["intent", "crowd", "pair", "fixed"] = "intent"  # to which side they turn
+    jam: Literal["slow", "ignore"] = "slow"  # "slow": who stands in a jam gives way after a while
     # neighbours
-    design_margin_m: float = 0.10
+    design_margin_m: float = 0.10  # kept beyond the safety distance
     lag_margin_m_s: float = 0.4  # more margin for each second of a vehicle's lag beyond QUICK_LAG_S
-    uncooperative_margin_m: float = 0.05
-    accuracy_time_s: float = 3.0
-    kappa_1_1_s: float = 4.0
-    kappa_2_1_s: float = 8.0
-    kappa_3_1_s: float = 2.0
-    kappa_4_1_s: float = 1.5
-    shortfall_gain: float = 0.85
-    v_perp_m_s: float = 0.42
-    v_perp_crowd_m_s: float = 0.55
-    crowd_count: int = 4
+    uncooperative_margin_m: float = 0.05  # more of it beside a vehicle that does not avoid
+    accuracy_time_s: float = 3.0  # over which the errors of positions are averaged
+    kappa_1_1_s: float = 4.0  # how late a vehicle may brake: distance rows, first gain
+    kappa_2_1_s: float = 8.0  # distance rows, second gain
+    kappa_3_1_s: float = 2.0  # rotation rows, first gain
+    kappa_4_1_s: float = 1.5  # rotation rows, second gain
+    shortfall_gain: float = 0.85  # share of what the other is seen not to do that this one takes over
+    v_perp_m_s: float = 0.42  # speed of the turn about each other
+    v_perp_crowd_m_s: float = 0.55  # the same in a crowd
+    crowd_count: int = 4  # neighbours that make a crowd
     # a rotation row is as strong as the violation, up to this one, so that nothing jumps when it begins
     rotation_fade_m_s2: float = 1.0
-    max_neighbours: int = 12
-    range_m: float = 8.0
+    max_neighbours: int = 12  # the nearest of them are avoided
+    range_m: float = 8.0  # neighbours farther away are not looked at
     # obstacles, geofence and speed
-    obstacle_margin_m: float = 0.20
-    fence_margin_m: float = 0.05
+    obstacle_margin_m: float = 0.20  # kept from obstacles beside half a body
+    fence_margin_m: float = 0.05  # kept from the fence
     # separation may still push beyond: to 1.5 among 16 vehicles, to 2.3 for moments among 32 and more
     avoid_speed_frac: float = 1.3
     # the paper's law, (5)-(22)
-    paper_kappa_1_1_s: float = 2.0
-    paper_kappa_2_1_s: float = 2.0
-    paper_kappa_3_1_s: float = 1.5
-    paper_kappa_4_1_s: float = 1.5
-    paper_v_perp_m_s: float = 0.1
-    paper_turn: Literal["eq8", "eq9"] = "eq8"
-    paper_force_ring: bool = False
+    paper_kappa_1_1_s: float = 2.0  # of (5) to (9)
+    paper_kappa_2_1_s: float = 2.0  # of (5) to (9)
+    paper_kappa_3_1_s: float = 1.5  # of (5) to (9)
+    paper_kappa_4_1_s: float = 1.5  # of (5) to (9)
+    paper_v_perp_m_s: float = 0.1  # of (8)
+    paper_turn: Literal["eq8", "eq9"] = "eq8"  # which equation turns the vehicles
+    paper_force_ring: bool = False  # fly it with more than three vehicles all the same, in simulation
 
     def margin_m(self, lag_s: float) -> float:
         """Margin above the safety distance that a vehicle keeps while estimates are good.

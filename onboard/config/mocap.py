@@ -12,13 +12,19 @@ from onboard.config.toml_reading import bound_problems
 
 SystemType = Literal["optitrack", "vicon", "qualisys", "vrpn", "motionanalysis", "mock"]
 BODY_NAME = r"[A-Za-z0-9_.:-]{1,60}"  # a body is a part of a key on the bus
+BOUNDS: dict[str, tuple[float, float]] = {
+    "yaw_deg": (-360.0, 360.0),
+    "offset_m": (-1e4, 1e4),
+    "latency_s": (0.0, 0.5),
+    "max_rate_hz": (20.0, 1000.0),
+}
 _OF_A_SYSTEM = ("type", "hostname", "options", "direct", "up", "yaw_deg", "offset_m")
 
 
 class MocapConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``[mocap]``: docs/mocap.md explains each key."""
 
-    # "bus": another program publishes mocap/<body> in the fleet's frame
+    # "bus": another program publishes mocap/<body> in the fleet's frame;
     # "motioncapture": the package of that name reads a system
     source: Literal["bus", "motioncapture"] = "bus"
     type: SystemType | None = None  # system that the package reads
@@ -53,13 +59,11 @@ def problems(mocap: MocapConfig, bodies: Mapping[str, str | None]) -> Iterator[s
         yield f"'mocap.type' is missing: one of {', '.join(get_args(SystemType))}."
     elif mocap.type != "mock" and not mocap.hostname:
         yield f"'mocap.hostname' is missing: the name or address of the computer on which {mocap.type} runs."
-    for key, value, low, high in (
-        ("yaw_deg", mocap.yaw_deg, -360.0, 360.0),
-        ("latency_s", mocap.latency_s, 0.0, 0.5),
-        ("max_rate_hz", mocap.max_rate_hz, 20.0, 1000.0),
-        *((f"offset_m[{axis}]", value, -1e4, 1e4) for axis, value in enumerate(mocap.offset_m)),
-    ):
-        yield from bound_problems(f"mocap.{key}", value, low, high)
+    for key, (low, high) in BOUNDS.items():
+        value = getattr(mocap, key)
+        for axis, number in enumerate(value if isinstance(value, tuple) else (value,)):
+            name = f"{key}[{axis}]" if isinstance(value, tuple) else key
+            yield from bound_problems(f"mocap.{name}", number, low, high)
     owners: dict[str, str] = {}
     for vehicle, body in bodies.items():
         if body is None:

@@ -14,16 +14,16 @@ _LARGEST_M = 1e4
 class Circle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Outline of a round obstacle, ENU."""
 
-    center_enu_m: tuple[float, float]
-    radius_m: float
+    center_enu_m: tuple[float, float]  # east, north
+    radius_m: float  # of the outline
 
 
 class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``[[obstacles]]``: a circle, or a polygon given by its corners in order."""
 
-    name: str
-    circle: Circle | None = None
-    polygon_enu_m: tuple[tuple[float, float], ...] | None = None
+    name: str  # for messages
+    circle: Circle | None = None  # a round one: { center_enu_m = [x, y], radius_m = r }
+    polygon_enu_m: tuple[tuple[float, float], ...] | None = None  # or its corners in order: [[x, y], [x, y], [x, y]]
 
     @property
     def capsules_enu_m(self) -> tuple[Capsule, ...]:

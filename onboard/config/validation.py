@@ -15,7 +15,16 @@ from onboard.config.fleet_config import FleetConfig, Vehicle, parking_distance_m
 from onboard.config.law import LawConfig
 from onboard.config.toml_reading import ConfigError, bound_problems
 
-_BOUNDS: dict[str, tuple[float, float]] = {
+FLEET_BOUNDS: dict[str, tuple[float | str, float | str]] = {  # a word names another key
+    "safety_distance_m": (0.1, 50.0),
+    "body_diameter_m": (0.02, "safety_distance_m"),
+    "battery_warning_pct": ("battery_land_pct", 100.0),
+    "battery_land_pct": (8.0, 100.0),
+    "direct_command_timeout_s": (0.05, 5.0),
+    "bus_lost_land_s": (0.5, 120.0),
+    "ground_lost_land_s": (1.0, 3600.0),
+}
+VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
     "mass_kg": (0.02, 50.0),
     "hover_thrust_frac": (0.1, 0.9),
     "attitude_delay_s": (0.0, 0.5),
@@ -64,15 +73,8 @@ def _fleet_section_problems(config: FleetConfig) -> Iterator[str]:
         yield f"'fleet.name' is {fleet.name!r}; it is part of the bus keys. Use 1 to 40 of A-Z a-z 0-9 _ -."
     if not config.vehicles:
         yield "'vehicles' is empty. Add at least one [vehicles.NAME]."
-    for key, low, high in (
-        ("safety_distance_m", 0.1, 50.0),
-        ("body_diameter_m", 0.02, fleet.safety_distance_m),
-        ("battery_warning_pct", fleet.battery_land_pct, 100.0),
-        ("battery_land_pct", 8.0, 100.0),
-        ("direct_command_timeout_s", 0.05, 5.0),
-        ("bus_lost_land_s", 0.5, 120.0),
-        ("ground_lost_land_s", 1.0, 3600.0),
-    ):
+    for key, ends in FLEET_BOUNDS.items():
+        low, high = (getattr(fleet, end) if isinstance(end, str) else end for end in ends)
         yield from bound_problems(f"fleet.{key}", getattr(fleet, key), low, high)
     for axis in ("x", "y", "z"):
         low, high = getattr(fleet.geofence_m, axis)
@@ -80,12 +82,23 @@ def _fleet_section_problems(config: FleetConfig) -> Iterator[str]:
             yield f"'fleet.geofence_m.{axis}' is [{low}, {high}]; give [low, high] with low < high."
 
 
+def law_bounds(key: str) -> tuple[float, float]:
+    """Return the bounds of a number of ``[law]``.
+
+    Args:
+        key: of the number.
+    Returns:
+        least and largest value.
+    """
+    return (0.0 if "margin" in key or "gain" in key else 1e-3, 100.0)
+
+
 def _law_problems(config: FleetConfig) -> Iterator[str]:
     law = config.law
     for key in LawConfig.__struct_fields__:
         value = getattr(law, key)
         if isinstance(value, (int, float)) and not isinstance(value, bool):
-            yield from bound_problems(f"law.{key}", value, 0.0 if "margin" in key or "gain" in key else 1e-3, 100.0)
+            yield from bound_problems(f"law.{key}", value, *law_bounds(key))
     if law.name == "paper" and len(config.enabled_names) > 3 and not law.paper_force_ring:
         yield (
             f"'law.name' is 'paper' for {len(config.enabled_names)} vehicles. In the paper's ring each vehicle "
@@ -96,7 +109,7 @@ def _law_problems(config: FleetConfig) -> Iterator[str]:
 
 def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
     name = vehicle.name
-    for key, (low, high) in _BOUNDS.items():
+    for key, (low, high) in VEHICLE_BOUNDS.items():
         yield from bound_problems(f"vehicles.{name}.{key}", getattr(vehicle, key), low, high)
     for key, (low, high) in sitl_profile.BOUNDS.items():
         value = getattr(vehicle.sitl, key)

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.architecture import tables
+from tests.architecture import reference, tables
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -17,6 +17,8 @@ PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "alarms": ("alarms.md", tables.alarms),
     "preflight": ("preflight.md", tables.preflight),
     "parameters": ("deployment.md", tables.parameters),
+    "fleet-file": ("fleet-file.md", reference.fleet_file),
+    "mission-file": ("mission-file.md", reference.mission_file),
 }
 
 

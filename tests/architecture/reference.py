@@ -1,0 +1,123 @@
+"""The reference of fleet and mission files, printed from the code: each key's type, default, bounds and meaning."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from groundstation.missions.files import EXPECT_MOST_M, STEP_BOUNDS, STEPS, Expect, OnFailure
+from onboard.config import mocap, sitl
+from onboard.config.fleet_config import FleetSection, Geofence, Origin, Vehicle
+from onboard.config.law import LawConfig
+from onboard.config.mocap import MocapConfig
+from onboard.config.obstacles import Circle, Obstacle
+from onboard.config.validation import FLEET_BOUNDS, VEHICLE_BOUNDS, law_bounds
+
+Ends = tuple[float | str, float | str]
+_UNITS = {"m": "m", "s": "s", "1_s": "1/s", "m_s": "m/s", "m_s2": "m/s²", "deg": "°", "deg_s": "°/s", "rad_s": "rad/s",
+          "pct": "%", "frac": "share", "kg": "kg", "kg_m2": "kg m²", "hz": "Hz"}  # fmt: skip
+_FIELD = re.compile(r"    (\w+): (.+?)(?: = (.+?))?(?:  # (.*))?$")
+_ONE_OF_ITS_OWN = ("system_id", "start_enu_m", "agent", "autopilot", "direct", "mocap_body")
+
+
+def fields(struct: type) -> dict[str, tuple[str, str, str]]:
+    """Type, default and meaning of each field, of the parents too, as the source has them."""
+    found: dict[str, tuple[str, str, str]] = {}
+    for owner in reversed(struct.__mro__):
+        if owner is object or owner.__module__.startswith("msgspec"):
+            continue
+        above: list[str] = []
+        for line in inspect.getsource(owner).splitlines()[1:]:
+            match = _FIELD.fullmatch(line)
+            if match and match[1] in struct.__struct_fields__:  # type: ignore[attr-defined]
+                name, kind, default, meaning = match.groups(default="")
+                inherited = found.get(name, ("", "", ""))[2]
+                found[name] = (kind, default, meaning or " ".join(above) or inherited)
+            if line.startswith(("    def ", "    @")):
+                break
+            above = [*above, line.strip("# ")] if line.startswith("    # ") else []
+    return found
+
+
+def unit(name: str) -> str:
+    """Return the unit that a key's name ends with."""
+    ends = [end for end in _UNITS if name.endswith(f"_{end}")]
+    return _UNITS[max(ends, key=len)] if ends else ""
+
+
+def _kind(text: str) -> str:
+    literal = re.findall(r'"([^"]+)"', text)
+    if "Literal" in text or text in ("LawName", "OnLag", "SystemType | None"):
+        return "one of " + ", ".join(f"`{word}`" for word in literal) if literal else "one of some words"
+    words = {"float": "number", "int": "whole number", "str": "text", "bool": "true or false", "Vec3": "three numbers"}
+    base = text.removesuffix(" | None")
+    if base.startswith("tuple[float"):
+        count = base.count("float")
+        return f"{('', '', 'two', 'three')[count]} numbers"
+    words |= {"Names": "text or list of texts", "tuple[tuple[float, float], ...]": "list of points"}
+    return words.get(base, "table")
+
+
+def _table(struct: type, bounds: Mapping[str, Ends] | Callable[[str], Ends], leave: tuple[str, ...] = ()) -> str:
+    lines = ["| key | type | unit | default | bounds | meaning |", "|---|---|---|---|---|---|"]
+    for name, (kind, default, meaning) in fields(struct).items():
+        if name in leave:
+            continue
+        assert meaning, f"{struct.__name__}.{name} has no comment beside it that says its meaning"
+        is_number = re.search(r"\b(float|int)\b", kind) is not None and "dict" not in kind
+        ends = bounds(name) if callable(bounds) and is_number else None if callable(bounds) else bounds.get(name)
+        shown = {"True": "true", "False": "false", "None": "", "{}": ""}.get(default, default)
+        shown = f"`{shown}`" if shown and not shown[0].isupper() else "**required**" if not default else ""
+        limits = "" if ends is None else " to ".join(f"`{e}`" if isinstance(e, str) else f"{e:g}" for e in ends)
+        words = _kind(_LITERALS.get(kind, kind))
+        lines.append(f"| `{name}` | {words} | {unit(name)} | {shown} | {limits} | {meaning.replace('|', '/')} |")
+    return "\n".join(lines)
+
+
+def _of(alias: Any) -> str:
+    return "Literal[" + ", ".join(f'"{word}"' for word in alias.__args__) + "]"
+
+
+_LITERALS: dict[str, str] = {}
+
+
+def fleet_file() -> str:
+    """Print the reference of fleet files."""
+    from onboard.config.law import LawName
+    from onboard.config.mocap import SystemType
+
+    _LITERALS.update({"LawName": _of(LawName), "SystemType | None": _of(SystemType)})
+    only = tuple(name for name in fields(Vehicle) if name not in _ONE_OF_ITS_OWN)
+    parts = [
+        ("`[fleet]`", _table(FleetSection, FLEET_BOUNDS)),
+        ("`fleet.geofence_m`", _table(Geofence, {})),
+        ("`fleet.origin`, outdoors", _table(Origin, {})),
+        ("`[vehicles.NAME]`: what only one vehicle has", _table(Vehicle, VEHICLE_BOUNDS, ("name", "index", *only))),
+        (
+            "`[types.NAME]`, `[defaults]` or `[vehicles.NAME]`",
+            _table(Vehicle, VEHICLE_BOUNDS, ("name", "index", *_ONE_OF_ITS_OWN)),
+        ),
+        ("`[types.NAME.sitl]`: of the emulator only", _table(sitl.SitlProfile, sitl.BOUNDS)),
+        ("`[mocap]`", _table(MocapConfig, mocap.BOUNDS)),
+        ("`[[obstacles]]`", _table(Obstacle, {})),
+        ("`circle` of an obstacle", _table(Circle, {})),
+        ("`[law]`", _table(LawConfig, law_bounds)),
+    ]
+    return "\n\n".join(f"### {title}\n\n{table}" for title, table in parts)
+
+
+def mission_file() -> str:
+    """Print the reference of mission files."""
+    from groundstation.orders.path_orders import OnLag
+
+    _LITERALS["OnLag"] = _of(OnLag)
+    most: dict[str, Ends] = {key: (0.0, high) for key, high in EXPECT_MOST_M.items()}
+    steps = []
+    for name, kind in STEPS.items():
+        summary = str(inspect.getdoc(kind)).splitlines()[0]
+        body = _table(kind, {**STEP_BOUNDS, **most}, ("do",))
+        steps.append(f'### `do = "{name}"`\n\n{summary}' + (f"\n\n{body}" if body.count("\n") > 1 else ""))
+    tables = [f"### `[expect]`\n\n{_table(Expect, most)}", f"### `[on_failure]`\n\n{_table(OnFailure, {})}"]
+    return "\n\n".join([*steps, *tables])
