@@ -14,6 +14,7 @@ import importlib
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from functools import cache
 from keyword import iskeyword
 from types import ModuleType
@@ -22,6 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from onboard.bus.protocol import BusError
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_INTERRUPTED, EXIT_OK, EXIT_WRONG_INPUT
+from onboard.plain_text import PlainStream, drawing
 
 if TYPE_CHECKING:
     from cyclopts import App, Group
@@ -76,6 +78,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if "--ascii" in words:  # wherever it stands: every command that has a console understands it
         words.remove("--ascii")
         os.environ["COVEY_ASCII"] = "1"
+    with redirect_stdout(PlainStream(sys.stdout)), redirect_stderr(PlainStream(sys.stderr)):
+        return _run_in_sentences(words)
+
+
+def _run_in_sentences(words: list[str]) -> int:
+    """Run one command, with errors as sentences."""
     try:
         return _run(words)
     except (ConfigError, BusError) as error:  # what was written or configured is wrong, or an endpoint is taken
@@ -124,6 +132,7 @@ def _path(words: list[str]) -> list[str]:
 def front_page(called: str) -> App:
     """All commands, of which only the one ``called`` is imported now; the others when their help is asked for."""
     from cyclopts import App, Parameter
+    from rich.console import Console
 
     app = App(
         name="covey",
@@ -137,6 +146,7 @@ def front_page(called: str) -> App:
         exit_on_error=False,
         print_error=False,
         suppress_keyboard_interrupt=False,
+        console=Console(file=drawing(sys.stdout)),
     )
     for command in COMMANDS:
         if command.name != called:

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from groundstation.alarms.table import BY_TEXT, COVERED, RANKS, TABLE, Ground, Kind, Severity
-from groundstation.fleet.plain_text import plain_line
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
+from onboard.plain_text import plain_line
 from onboard.safety.failsafe_table import Condition
 
 LINGER_S = 3.0  # an alarm that comes back within this time has lasted

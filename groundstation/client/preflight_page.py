@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from groundstation.client.client import FleetClient
-from groundstation.fleet.plain_text import plain_line
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
 from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
+from onboard.plain_text import plain_line
 
 _MARKS = {"ok": "ok", "advice": "advice", "no-go": "NO-GO"}
 _WIDTH = 118

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from groundstation.client.client import FleetClient
-from groundstation.fleet.plain_text import plain_line, plain_lines
 from groundstation.missions.files import Mission, load_mission, with_fleet
 from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.findings import refuse_unflyable
@@ -26,6 +25,7 @@ from groundstation.recording.writer import FLUSH_PERIOD_S, RECORD_NAME, RecordWr
 from onboard.bus.schema import Event
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping
 from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_WRONG_INPUT
+from onboard.plain_text import plain_line, plain_lines
 
 EMULATOR = "sitl"
 READY_TIMEOUT_S = 10.0

@@ -23,13 +23,13 @@ from cyclopts import Parameter
 
 from groundstation.client.client import FleetClient
 from groundstation.commands.parameters import FleetFile, Seconds
-from groundstation.fleet.plain_text import plain_line
 from groundstation.fleet.state import FleetState
 from groundstation.orders.grammar import Intent, parse
 from groundstation.orders.result import VehicleResult
 from onboard.bus.authority import EMERGENCY
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSWER, EXIT_OK
+from onboard.plain_text import plain_line
 
 CONNECT_S = 3.0
 

@@ -20,10 +20,10 @@ from typing import IO, Any, TextIO
 import msgspec
 from mcap.writer import Writer
 
-from groundstation.fleet.plain_text import plain_line
 from groundstation.recording.channels import json_schema, rows
 from onboard.bus.schema import Event, Message, Order, OrderReply
 from onboard.bus.topics import Topic
+from onboard.plain_text import plain_line
 
 WRITE_PERIOD_S, FLUSH_PERIOD_S = 0.1, 1.0
 MAX_QUEUED = 20_000

@@ -16,6 +16,8 @@ import stat
 import sys
 import threading
 
+from onboard.plain_text import PlainStream
+
 _MAX_LINES = 2000
 # Who waits for Python's lock gets it within this time: longer than a tick takes, so that the tick need not hand it over
 # to a callback halfway and wait for a thread that has no precedence; short beside the period, whoever else computes.
@@ -35,7 +37,7 @@ class _Lines(logging.handlers.QueueHandler):
 def log_elsewhere(name: str, level: str) -> logging.handlers.QueueListener:
     """Log to stderr from a thread of its own; ``stop()`` of what is returned writes what is left."""
     lines: queue.Queue[logging.LogRecord] = queue.Queue(_MAX_LINES)
-    writer = logging.StreamHandler(sys.stderr)
+    writer = logging.StreamHandler(PlainStream(sys.stderr))
     writer.setFormatter(logging.Formatter(f"%(asctime)s {name} %(levelname)s %(message)s"))
     listener = logging.handlers.QueueListener(lines, writer)
     handed_over = _Lines(lines)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from onboard.config.fleet import ConfigError
+from onboard.plain_text import drawing
 from onboard.rollout import batch as rollout_batch
 from sitl.monte_carlo import batch, results, scenarios, settings
 
@@ -81,7 +82,7 @@ def _fly(
     from rich.progress import Progress
     from rich.table import Table
 
-    with Progress(console=Console(stderr=True), transient=True) as progress:
+    with Progress(console=Console(file=drawing(sys.stderr)), transient=True) as progress:
         task = progress.add_task("flights", total=len(names) * len(seeds))
         for chunk in chunks:
             records += chunk
@@ -92,7 +93,7 @@ def _fly(
         table.add_column(column, justify="left" if index == 0 else "right")
     for row in results.summary(records):
         table.add_row(*row)
-    console = Console(width=None if sys.stdout.isatty() else 140)
+    console = Console(file=drawing(sys.stdout), width=None if sys.stdout.isatty() else 140)
     console.print(table)
     failed = [values for values in records if not results.is_flawless(values)]
     for values in failed[:10]:
