@@ -76,10 +76,7 @@ class Lockstep:
         )
         self.record: LockstepRecord | None = None
         if folder is not None:
-            failed = self.client.publish_event
-            self.record = LockstepRecord(
-                folder, EPOCH_NS, on_failure=lambda sentence: failed("critical", "record_failed", sentence)
-            )
+            self.record = LockstepRecord(folder, EPOCH_NS, say=self.client.publish_event)
             self.client.add_sink(self.record.put)
         self.fleet = Fleet(self.client, say=self._tell)
         self._runner = asyncio.Runner(

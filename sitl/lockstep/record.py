@@ -14,15 +14,22 @@ class LockstepRecord:
     """Writes ``flight.mcap``, ``events.txt`` and ``orders.txt``; OSError when the folder cannot be made.
 
     Args:
-        begin_ns: zero of the texts' seconds. on_failure: called once, with a sentence, when the disk refuses.
+        begin_ns: zero of the texts' seconds. say: called with severity, code and sentence, once when the disk refuses,
+            and once when there are too many channels.
     """
 
-    def __init__(self, folder: Path, begin_ns: int, *, on_failure: Callable[[str], None]) -> None:
-        self.folder, self._on_failure = folder, on_failure
+    def __init__(self, folder: Path, begin_ns: int, *, say: Callable[[str, str, str], None]) -> None:
+        self.folder, self._say = folder, say
         self.failure: str | None = None
         folder.mkdir(parents=True, exist_ok=True)
         stream = (folder / RECORD_NAME).open("wb")
-        self._files: RecordFiles | None = RecordFiles(folder, stream, begin_ns=begin_ns, begin="the start, simulated")
+        self._files: RecordFiles | None = RecordFiles(
+            folder,
+            stream,
+            begin_ns=begin_ns,
+            begin="the start, simulated",
+            on_warning=lambda sentence: say("warning", "record_full", sentence),
+        )
 
     def put(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
         """Take one message."""
@@ -48,4 +55,4 @@ class LockstepRecord:
         if files is not None:
             files.close()
             self.failure = failure_sentence(self.folder, error)
-            self._on_failure(self.failure)
+            self._say("critical", "record_failed", self.failure)

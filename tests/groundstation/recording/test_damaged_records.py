@@ -18,6 +18,7 @@ from groundstation.recording.report import report
 from groundstation.recording.writer import MAX_CHANNELS, RecordFiles, RecordWriter
 from onboard.bus.schema import Event, Message, OrderReply, Truth
 from onboard.bus.topics import Topic
+from sitl.lockstep.record import LockstepRecord
 from tests.groundstation.recorded import SECOND, record, tick
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
@@ -108,6 +109,17 @@ def test_a_flood_of_names_is_said_and_the_flight_goes_on_being_recorded(tmp_path
     assert len(sentences) == 1
     assert f"{MAX_CHANNELS} channels" in sentences[0]
     assert [one.stamp_ns for one in read(tmp_path) if one.name == "mav0"] == [1, 2]
+
+
+def test_the_record_of_a_simulated_flight_says_it_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("groundstation.recording.writer.MAX_CHANNELS", 5)
+    said: list[tuple[str, str]] = []
+    record = LockstepRecord(tmp_path, 0, say=lambda severity, code, sentence: said.append((severity, code)))
+    for number in range(20):
+        record.put(Topic.TRUTH, f"false{number}", truth(f"false{number}", 1), 0)
+    record.stop()
+    assert said == [("warning", "record_full")]
+    assert len(list(read(tmp_path))) == 5
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
