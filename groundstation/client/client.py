@@ -26,7 +26,7 @@ from groundstation.orders.plan import HeldFormation, PlannedOrder, check_again, 
 from groundstation.orders.result import OrderResult, VehicleResult
 from onboard.bus.authority import GROUND
 from onboard.bus.protocol import Bus
-from onboard.bus.schema import Event, FaultOrder, PathOrder
+from onboard.bus.schema import Event, FaultOrder, Message, PathOrder
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
@@ -179,15 +179,7 @@ class FleetClient:
         )
 
     def order_paths(self, kind: PathVerb, paths: Mapping[str, PathOrder]) -> OrderResult:
-        """Send each vehicle a part of its path, or the start of its flight.
-
-        Args:
-            kind: of the orders.
-            paths: for each vehicle, by :mod:`groundstation.orders.path_orders`.
-
-        Returns:
-            Its results, which fill in on the event loop.
-        """
+        """Send each vehicle a part of its path, or the start of it: see :mod:`groundstation.orders.path_orders`."""
         refusal, node = self.control.refusal("move"), self._feed.bus.node
         orders = path_orders(kind, paths, self.new_order_id, self.author, node, self._clock_ns())
         refusals = {} if refusal is None else dict.fromkeys(paths, refusal)
@@ -353,8 +345,12 @@ class FleetClient:
             code=code,
             sentence=sentence,
         )
-        self._feed.tell_sinks(Topic.EVENT, vehicle, event)
-        self._feed.put(event)
+        self.tell(Topic.EVENT, vehicle, event)
+
+    def tell(self, topic: Topic, vehicle: str, message: Message) -> None:
+        """Put a message of the ground itself into the state and the record; callable from any thread."""
+        self._feed.tell_sinks(topic, vehicle, message)
+        self._feed.put(message)
 
     def new_order_id(self) -> str:
         """Return an id that no other order has."""

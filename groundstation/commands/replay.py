@@ -4,6 +4,7 @@ Examples:
   covey replay flights/first
   covey replay flights/first --at 12 --speed 0.5
   covey replay flights/first --headless --json
+  covey replay flights/first --csv flown
 
 Keys: space play or pause; , and . one step; left and right 5 s; n and N next event and the one before; < and > speed;
 home and end. Exit status: 0; 2 when there is no record to open.
@@ -18,8 +19,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from groundstation.commands.parameters import File, Seconds
+from groundstation.commands.parameters import File, Folder, Seconds
 from groundstation.commands.tui import require_terminal
+from groundstation.recording.flown_paths import write_csvs
 from groundstation.recording.replay import SPEEDS, Replay, open_flight, story
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_OK
@@ -34,6 +36,7 @@ def replay(
     at: Seconds = 0.0,
     headless: bool = False,
     json: bool = False,
+    csv: Folder | None = None,
 ) -> int:
     """Open a recorded flight in the console: play, pause, step, seek, jump from event to event.
 
@@ -44,7 +47,11 @@ def replay(
         at: begin at this second
         headless: no console: print what happened
         json: with --headless: as JSON
+        csv: no console: write t,x,y,z,yaw of each vehicle into this folder; docs/shows.md flies them again
     """
+    if csv is not None:
+        print(*write_csvs(flight, Path(csv)), sep="\n")
+        return EXIT_OK
     if not SPEEDS[0] <= speed <= SPEEDS[-1]:
         raise ConfigError(f"--speed is {speed:g}; it must lie between {SPEEDS[0]:g} and {SPEEDS[-1]:g}.")
     if not 0.0 <= at < 1e9:

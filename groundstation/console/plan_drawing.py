@@ -175,7 +175,8 @@ def _draw_circles(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None
         spot = scene.spots.get(view.name)
         if spot is not None:
             is_stale = scene.is_stale(view)
-            colour = FAINT if is_stale else BAD if view.name in too_close else theme.vehicle_colour(index)
+            own = theme.vehicle_colour(index) if view.light is None else theme.light_colour(view.light)
+            colour = FAINT if is_stale else BAD if view.name in too_close else own
             groups.setdefault((colour, 3 if is_stale else 1), []).append(scene.window.dot(*spot[:2]))
     radius = scene.fleet.fleet.safety_distance_m / 2.0 * scene.window.scale
     for (colour, gap), centres in groups.items():

@@ -67,6 +67,7 @@ PHASE_SIGNS: dict[str, tuple[str, str]] = {
     "unfinished": ("✖", WARN),
 }
 
+_DARK = 40
 _STYLES: dict[tuple[str, bool, bool], Style] = {}
 
 
@@ -83,6 +84,11 @@ def faded(colour: str) -> str:
     """Return a colour half way to the ground, for the background."""
     parts = (round(0.45 * int(colour[i : i + 2], 16) + 0.55 * int(GROUND[i : i + 2], 16)) for i in (1, 3, 5))
     return "#" + "".join(f"{part:02x}" for part in parts)
+
+
+def light_colour(light: tuple[int, int, int]) -> str:
+    """Return the colour of a light; one that is off is faint, and not invisible."""
+    return FAINT if max(light) < _DARK else "#{:02x}{:02x}{:02x}".format(*light)
 
 
 def vehicle_colour(index: int) -> str:

@@ -19,7 +19,7 @@ from msgspec.structs import replace
 
 from groundstation.fleet.separation import closest_pair
 from onboard.bus.codec import Malformed
-from onboard.bus.schema import Event, Message, PreflightReport, Telemetry, Truth, Vec3
+from onboard.bus.schema import Event, Light, Message, PreflightReport, Telemetry, Truth, Vec3
 from onboard.bus.topics import TOPICS, Topic
 from onboard.config.fleet import FleetConfig
 
@@ -71,6 +71,7 @@ class VehicleView(Struct, frozen=True):
     truth_received_ns: int = _NEVER
     preflight: PreflightReport | None = None
     preflight_received_ns: int = _NEVER
+    light: tuple[int, int, int] | None = None  # colour in a show: red, green, blue up to 255
     direct_disarmed_ns: int = _NEVER  # PX4 itself reported then, on the direct path, that it is disarmed
 
     def has_preflight(self, now_ns: int) -> bool:
@@ -177,6 +178,9 @@ def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
         return fold_truths(state, (message,), now_ns)
     if isinstance(message, PreflightReport):
         return _fold_preflight(state, message, now_ns)
+    if isinstance(message, Light):
+        lit = state.vehicles.get(message.vehicle)
+        return state if lit is None else _with(state, replace(lit, light=message.colour))
     if isinstance(message, Event):
         events = (*state.events[-(MAX_EVENTS - 1) :], LoggedEvent(now_ns, message))
         state = replace(state, events=events)

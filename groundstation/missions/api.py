@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
 from groundstation.missions.landing import land_all
-from groundstation.missions.path_flight import follow_paths
+from groundstation.missions.path_flight import Lights, Paths, follow_paths
 from groundstation.missions.readiness import NotReady as NotReady  # missions import it from here
 from groundstation.missions.readiness import is_ready, not_ready
 from groundstation.missions.verdict import Arrival, StepResult, arrival_of, smallest
@@ -19,7 +19,6 @@ from groundstation.orders.result import OrderFailed as OrderFailed
 from groundstation.orders.result import Results, VehicleResult
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
-from onboard.control.path import Path
 
 ARRIVED_M = 0.15
 Vehicles = str | Sequence[str]  # "all", names or indices: "mav0,mav2", "0-1", or a list of names
@@ -185,12 +184,13 @@ class Fleet:
         return await self.order(intent, timeout_s)
 
     async def follow_path(
-        self, paths: Mapping[str, Path], *, on_lag: OnLag = "land", timeout_s: float | None = None
+        self, paths: Paths, *, lights: Lights | None = None, on_lag: OnLag = "land", timeout_s: float | None = None
     ) -> Results:
         """Have each vehicle follow its own path, all from one instant on.
 
         Args:
             paths: of the vehicles, see :func:`groundstation.paths.files.load_path`.
+            lights: colours of vehicles, see :func:`groundstation.paths.lights.load_lights`.
             on_lag: what a vehicle does that falls behind for too long; the others go on.
             timeout_s: longest flight along the paths [s]; None: their own duration, and a minute.
 
@@ -200,7 +200,7 @@ class Fleet:
         Raises:
             OrderFailed: a vehicle does not take its path or does not start; then nobody does.
         """
-        return await follow_paths(self, paths, on_lag=on_lag, timeout_s=timeout_s)
+        return await follow_paths(self, paths, lights=lights or {}, on_lag=on_lag, timeout_s=timeout_s)
 
     async def hold(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
         """Hold the present position.

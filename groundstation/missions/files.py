@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import Any, Literal, cast
 
@@ -14,6 +14,7 @@ from groundstation.orders.grammar import Intent, default_formation
 from groundstation.orders.path_orders import OnLag
 from groundstation.orders.plan import HeldFormation, plan_order
 from groundstation.paths.files import load_path
+from groundstation.paths.lights import Light, load_lights
 from onboard.config.example_files import existing_file
 from onboard.config.fleet import ConfigError, FleetConfig, Vec3, check_schema, convert, load_fleet, read_toml
 from onboard.control.path import Path
@@ -154,6 +155,10 @@ class Mission(msgspec.Struct, frozen=True):
     def paths_of(self, step: FollowPathStep) -> dict[str, Path]:
         """Return the path of each vehicle of a step."""
         return {vehicle: self.paths[file] for vehicle, file in step.paths.items()}
+
+    def lights_of(self, step: FollowPathStep) -> dict[str, tuple[Light, ...]]:
+        """Return the colours of each vehicle of a step that has some."""
+        return {vehicle: load_lights(FilePath(self.path).parent / file) for vehicle, file in step.lights.items()}
 
     @property
     def name(self) -> str:
@@ -313,7 +318,8 @@ def _check_steps(mission: Mission) -> None:
             is_known = False
             continue
         if isinstance(step, FollowPathStep):
-            _check_paths(step, fleet, flying if is_known else set(step.paths), f"{mission.path}: '{key}.paths'")
+            mission.lights_of(step)  # files that cannot be read are found before take-off
+            _check_paths(step, fleet, flying if is_known else fleet.enabled_names, f"{mission.path}: '{key}.paths'")
             continue
         if isinstance(step, FormationStep) and step.name not in fleet.formations:
             raise ConfigError(
@@ -349,17 +355,13 @@ def _out_of_order(step: OrderStep, vehicles: Sequence[str], flying: set[str]) ->
     return ""
 
 
-def _check_paths(step: FollowPathStep, fleet: FleetConfig, flying: set[str], where: str) -> None:
+def _check_paths(step: FollowPathStep, fleet: FleetConfig, flying: Collection[str], where: str) -> None:
     """Check the vehicles of paths; the findings of a mission check the paths themselves."""
-    strangers = [name for name in step.paths if name not in fleet.enabled_names]
-    if strangers or not step.paths:
+    wrong = [name for name in (*step.paths, *step.lights) if name not in fleet.enabled_names or name not in flying]
+    if wrong or not step.paths:
         raise ConfigError(
-            f"{where} must name vehicles of the fleet ({', '.join(fleet.enabled_names)}), each with a file; it has "
-            f"{', '.join(strangers) or 'none'}."
+            f"{where} must name vehicles that fly at this step, each with a file; it has {', '.join(wrong) or 'none'}."
         )
-    grounded = [name for name in step.paths if name not in flying]
-    if grounded:
-        raise ConfigError(f"{where}: {', '.join(grounded)} would be on the ground. Put a step 'takeoff' before it.")
 
 
 def _check_fault(step: FaultStep, fleet: FleetConfig, where: str) -> None:

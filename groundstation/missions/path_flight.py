@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from groundstation.client.client import FleetClient
@@ -12,6 +11,9 @@ from groundstation.missions.verdict import StepResult
 from groundstation.orders.grammar import Intent
 from groundstation.orders.path_orders import OnLag, parts_of, starts_of
 from groundstation.orders.result import OrderFailed, OrderResult, Results
+from groundstation.paths.lights import Colour, Light, colour_at
+from onboard.bus.schema import Light as LightMessage
+from onboard.bus.topics import Topic
 from onboard.config.fleet import Vec3
 from onboard.control.path import Path, point_at
 
@@ -19,6 +21,11 @@ AHEAD_S = 3.0  # of the start, for all replies to come before it
 _LATE_S = 60.0  # after the paths' own end: half the clock's rate for ten seconds, and some
 _SAY_S = 10.0
 _LOAD_S = 10.0
+_LIGHT_S = 0.2  # between two looks at the colours
+
+
+Paths = Mapping[str, Path]  # by vehicle
+Lights = Mapping[str, Sequence[Light]]
 
 
 class Fleet(Protocol):
@@ -35,12 +42,20 @@ class Fleet(Protocol):
         """Note how far a vehicle is from its goal now."""
 
 
-async def follow_paths(fleet: Fleet, paths: Mapping[str, Path], *, on_lag: OnLag, timeout_s: float | None) -> Results:
+async def follow_paths(
+    fleet: Fleet,
+    paths: Paths,
+    *,
+    lights: Lights,
+    on_lag: OnLag,
+    timeout_s: float | None,
+) -> Results:
     """Have each vehicle follow its path, from one instant on.
 
     Args:
         fleet: that flies.
         paths: of the vehicles.
+        lights: colours of vehicles, shown and recorded.
         on_lag: what a vehicle does that falls behind for too long; the others go on.
         timeout_s: longest flight along the paths [s]; None: their own duration, and a minute.
 
@@ -57,13 +72,16 @@ async def follow_paths(fleet: Fleet, paths: Mapping[str, Path], *, on_lag: OnLag
     order = await _start(fleet, paths, on_lag)
     fleet.say(f"follow_path {','.join(paths)}: {longest_s:.0f} s, from {AHEAD_S:g} s from now on")
     begin_ns = fleet.client.now_ns()
-    progress = asyncio.create_task(_say_progress(fleet, tuple(paths), longest_s))
+    beside = [
+        asyncio.create_task(_say_progress(fleet, tuple(paths), longest_s)),
+        asyncio.create_task(_play_lights(fleet, lights)),
+    ]
     try:
         results = await order.wait(timeout_s or AHEAD_S + longest_s + _LATE_S)
     finally:
-        progress.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await progress
+        for task in beside:
+            task.cancel()
+        await asyncio.gather(*beside, return_exceptions=True)
     duration_s = (fleet.client.now_ns() - begin_ns) * 1e-9
     fleet.steps.append(_step_result("follow_path", duration_s, results))
     for name, result in results.items():
@@ -75,7 +93,7 @@ async def follow_paths(fleet: Fleet, paths: Mapping[str, Path], *, on_lag: OnLag
     return results
 
 
-async def _load(fleet: Fleet, paths: Mapping[str, Path]) -> None:
+async def _load(fleet: Fleet, paths: Paths) -> None:
     """Bring every path to its vehicle, in parts; the last one has it checked there."""
     parts = {name: parts_of(path) for name, path in paths.items()}
     for k in range(max(map(len, parts.values()))):
@@ -83,7 +101,7 @@ async def _load(fleet: Fleet, paths: Mapping[str, Path]) -> None:
         _require(fleet, await fleet.client.order_paths("load_path", orders).wait(_LOAD_S), "load_path")
 
 
-async def _start(fleet: Fleet, paths: Mapping[str, Path], on_lag: OnLag) -> OrderResult:
+async def _start(fleet: Fleet, paths: Paths, on_lag: OnLag) -> OrderResult:
     """Order the start; if anybody does not accept it, all are ordered to hold before it comes."""
     client = fleet.client
     start_ns = client.now_ns() + int(AHEAD_S * 1e9)
@@ -93,12 +111,10 @@ async def _start(fleet: Fleet, paths: Mapping[str, Path], on_lag: OnLag) -> Orde
         return all(result.phase != "sent" for result in order.results.values())
 
     await client.wait_for(has_replied, AHEAD_S)
-    refused = {name: result for name, result in order.results.items() if result.phase != "accepted"}
-    if refused:
-        accepted = tuple(name for name in paths if name not in refused)
-        if accepted:
-            await client.order(Intent("hold", accepted), AHEAD_S)
-        _require(fleet, dict(order.results), "follow_path")
+    if any(result.phase != "accepted" for result in order.results.values()):
+        results = dict(order.results)
+        await client.order(Intent("hold", tuple(paths)), AHEAD_S)  # also those whose reply may have been lost
+        _require(fleet, results, "follow_path")
     return order
 
 
@@ -131,3 +147,19 @@ async def _say_progress(fleet: Fleet, names: tuple[str, ...], longest_s: float) 
                 f"  {min(one.path_time_s for one in flying):.0f} of {longest_s:.0f} s; behind their paths by "
                 f"{mean_m:.2f} m, {last.vehicle} by {last.path_lag_m:.2f} m"
             )
+
+
+async def _play_lights(fleet: Fleet, lights: Lights) -> None:
+    """Show and record the colour of each vehicle at its own time of the show, when it has changed."""
+    shown: dict[str, Colour] = {}
+    while lights:
+        await asyncio.sleep(_LIGHT_S)
+        for name, own in lights.items():
+            telemetry = fleet.client.state.vehicles[name].telemetry
+            if telemetry is None or not telemetry.show_id or not own:
+                continue
+            colour = colour_at(own, telemetry.path_time_s)
+            if shown.get(name) != colour:
+                shown[name] = colour
+                message = LightMessage(vehicle=name, stamp_ns=fleet.client.now_ns(), colour=colour)
+                fleet.client.tell(Topic.LIGHT, name, message)

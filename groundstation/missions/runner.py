@@ -190,7 +190,8 @@ class MissionRun:
                 self._expect_now(index, step)
             elif isinstance(step, FollowPathStep):
                 paths = self.mission.paths_of(step)
-                await self.fleet.follow_path(paths, on_lag=step.on_lag, timeout_s=step.timeout_s)
+                lights = self.mission.lights_of(step)
+                await self.fleet.follow_path(paths, lights=lights, on_lag=step.on_lag, timeout_s=step.timeout_s)
             else:
                 await self.fleet.order(intent_of(step, self.mission.fleet), step.timeout_s)
 

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from groundstation.paths.checks import Closest, closest_pairs, pair_words, sample
+from groundstation.paths.lights import Light
 from groundstation.paths.pieces import cut, quintic, resting, slowed
-from groundstation.shows.show import Drone, Light, Show
+from groundstation.shows.show import Drone, Show
 from onboard.arrays import Array
 from onboard.config.fleet import ConfigError, Vec3
 from onboard.control.path import Path, path_of, sampled

@@ -6,7 +6,8 @@ import re
 from pathlib import Path as FilePath
 
 from groundstation.paths.files import load_path, read_columns
-from groundstation.shows.show import MOST_DRONES, Drone, Light, Show
+from groundstation.paths.lights import Light
+from groundstation.shows.show import MOST_DRONES, Drone, Show
 from onboard.config.fleet import ConfigError
 from onboard.control.path import point_at
 

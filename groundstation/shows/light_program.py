@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from groundstation.shows.show import Light
+from groundstation.paths.lights import Light
 
 _FRAME_S = 0.02  # durations are frames of 50 a second
 _MOST = 100_000  # commands, with those of loops

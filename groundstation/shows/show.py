@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from groundstation.paths.lights import Light
 from groundstation.paths.pieces import fitted
 from onboard.config.fleet import ConfigError, Origin, Vec3
 from onboard.control.path import NUMBERS, Path, path_of, sampled
@@ -13,8 +14,6 @@ from onboard.control.path import NUMBERS, Path, path_of, sampled
 MOST_DRONES = 200
 _KINK_M_S = 0.05  # a jump of the speed beyond it is smoothed away
 _FAR_M, _FAST_M_S = 2000.0, 40.0
-
-Light = tuple[float, int, int, int]  # time [s], red, green, blue up to 255; between two the colour changes evenly
 
 
 @dataclass(frozen=True, slots=True)

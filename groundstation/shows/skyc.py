@@ -19,8 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from groundstation.paths.lights import Light
 from groundstation.shows.light_program import colours
-from groundstation.shows.show import MOST_DRONES, Drone, Light, Show, bezier_piece, path_from_pieces
+from groundstation.shows.show import MOST_DRONES, Drone, Show, bezier_piece, path_from_pieces
 from onboard.config.fleet import ConfigError, Origin, Vec3
 from onboard.control.path import Path, path_of
 

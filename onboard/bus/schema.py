@@ -262,6 +262,14 @@ class ClockMessage(Message, frozen=True, array_like=True, kw_only=True):
     heard: tuple[HeardClock, ...] = ()
 
 
+class Light(Message, frozen=True, array_like=True, kw_only=True):
+    """Colour of a vehicle in a show, as the ground shows and records it; red, green and blue up to 255."""
+
+    vehicle: str
+    stamp_ns: int
+    colour: tuple[int, int, int]
+
+
 class Truth(Message, frozen=True, array_like=True, kw_only=True):
     """Ground truth, simulation only: for records and expectations; no agent listens."""
 

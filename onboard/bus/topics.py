@@ -26,6 +26,7 @@ class Topic(str, Enum):
     MOCAP = "mocap"
     CLOCK = "clock"
     TRUTH = "truth"
+    LIGHT = "light"
     ALIVE = "alive"
     SIM = "sim"
 
@@ -62,6 +63,7 @@ TOPICS: dict[Topic, TopicSpec] = {
     Topic.MOCAP: TopicSpec(schema.MocapPose, 50.0, 0.2, Delivery.LATEST, "mocap relay -> agents"),
     Topic.CLOCK: TopicSpec(schema.ClockMessage, 2.0, 60.0, Delivery.LATEST, "agents, ground, relay <-> each other"),
     Topic.TRUTH: TopicSpec(schema.Truth, 50.0, 1.0, Delivery.LATEST, "emulator -> recorder, never an agent"),
+    Topic.LIGHT: TopicSpec(schema.Light, 5.0, 1.0, Delivery.LATEST, "ground -> its own console and record"),
     Topic.SIM: TopicSpec(schema.FaultOrder, 0.0, 5.0, Delivery.QUERY, "ground -> emulator, answered; never an agent"),
     Topic.ALIVE: TopicSpec(None, 0.0, 1.0, Delivery.TOKEN, "all -> all"),
 }

@@ -166,6 +166,10 @@ def reason(row: VehicleRow) -> Cell:
     if telemetry.not_ready and not telemetry.is_airborne:
         more = f" (+{len(telemetry.not_ready) - 1})" if len(telemetry.not_ready) > 1 else ""
         return f"{clean(telemetry.not_ready[0], 160)}{more}", WARN
+    if telemetry.show_id:
+        rate = f", clock at {telemetry.path_rate_frac:.0%}" if telemetry.path_rate_frac < 0.99 else ""
+        words = f"{number(telemetry.path_lag_m, 2)} m behind its path at {number(telemetry.path_time_s, 0)} s{rate}"
+        return words, WARN if telemetry.is_behind else FAINT
     return clean(telemetry.reason, 160), BAD if telemetry.state == "failed" else FAINT
 
 

@@ -11,8 +11,13 @@ from groundstation.paths.pieces import fitted
 from onboard import events as ev
 from onboard.bus.schema import PathOrder, Telemetry
 from onboard.control.path import Path, path_id, point_at, to_bytes
+from onboard.flight import state_machine
 from onboard.flight.path_flight import PATIENCE_S, OtherClock, PathFlight
+from onboard.flight.types import FlightView
+from onboard.safety.failsafe_table import Action
 from tests.onboard.agent.rig import Rig
+
+_REST = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
 
 
 def line(metres: float = 2.0, duration_s: float = 6.0, yaw_rad: float = 0.0) -> Path:
@@ -164,3 +169,25 @@ def test_who_stays_behind_leaves_by_the_missions_policy(on_lag: str, state: str)
     assert "behind its path" in rig.core.flight.reason
     assert rig.telemetry is not None
     assert not rig.telemetry.is_behind
+
+
+def test_a_path_is_flown_to_its_end_without_the_ground() -> None:
+    path = line()
+    rig = following(path)
+    rig.run(2.0)
+    rig.core.handle(ev.NodeChanged("ground-1", False), rig.now_ns)
+    rig.run(path.duration_s + 1.0)
+    assert rig.outcomes()["show"] == "done"
+    assert rig.position[0] == pytest.approx(2.0, abs=0.1)
+
+
+def test_slow_flight_asked_by_a_failsafe_slows_the_clock_for_a_while() -> None:
+    rig = following(line())
+    rig.run(2.0)
+    flight = rig.core.flight
+    state_machine.begin_failsafe(flight, FlightView(rig.now_ns, *_REST, True, rig.snapshot), Action.SLOW, "near.")
+    rig.run(0.6)
+    assert flight.path.rate < 0.8
+    assert flight.state == "flying"
+    rig.run(1.5)
+    assert flight.path.rate > 0.95
