@@ -72,16 +72,14 @@ class Lockstep:
             bus=self.simulation.bus.node(GROUND),
             extra_topics=RECORDED if folder is not None else (),
             send=cast(Any, self._send_directly),  # a coroutine, where a thread would block
-            clock_ns=lambda: self.simulation.now_ns,
+            clock_ns=self.simulation.clock_ns,
         )
         self.record: LockstepRecord | None = None
         if folder is not None:
             self.record = LockstepRecord(folder, EPOCH_NS, say=self.client.publish_event)
             self.client.add_sink(self.record.put)
         self.fleet = Fleet(self.client, say=self._tell)
-        self._runner = asyncio.Runner(
-            loop_factory=lambda: VirtualLoop(lambda: self.simulation.now_ns, self.simulation.step)
-        )
+        self._runner = asyncio.Runner(loop_factory=lambda: VirtualLoop(self.simulation.clock_ns, self.simulation.step))
         self.wait_for(self.client.start())
 
     # -- time --------------------------------------------------------------------------------------------------------

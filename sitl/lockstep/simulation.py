@@ -59,11 +59,11 @@ class Simulation:
             boot_id=1,
             stamp_ns=lambda time_s: EPOCH_NS + round(time_s * 1e9),
         )
-        self.bus = SimBus(bus or BusSettings(), lambda: self.now_ns, seed=seed)
+        self.bus = SimBus(bus or BusSettings(), self.clock_ns, seed=seed)
         self._node = self.bus.node(_SIMULATOR)
         self._node.start()
         self._node.serve_faults(lambda order, reply: reply(answer_fault(self.emulator, order)))
-        self.links = LinkBank(self.emulator, vehicles, lambda: self.now_ns, seed=seed)
+        self.links = LinkBank(self.emulator, vehicles, self.clock_ns, seed=seed)
         self.agents = {
             name: AgentShell(fleet, name, link, self.bus)
             for name, link in zip(self.names, self.links.links, strict=True)
@@ -74,10 +74,14 @@ class Simulation:
         self._planned: list[tuple[int, int, Callable[[], object]]] = []
         self._count = itertools.count()
 
+    def clock_ns(self) -> int:
+        """Return the simulated time on everybody's monotonic clock."""
+        return EPOCH_NS + self._vehicles.steps * STEP_NS
+
     @property
     def now_ns(self) -> int:
-        """Simulated time on everybody's monotonic clock."""
-        return EPOCH_NS + self._vehicles.steps * STEP_NS
+        """The same."""
+        return self.clock_ns()
 
     @property
     def time_s(self) -> float:
