@@ -51,6 +51,7 @@ class OrderEntry:
         self._app, self._fleet, self._client, self._panels, self._refresh = app, fleet, client, panels, refresh
         self._ordering = client if isinstance(client, OrderingClient) else None
         self._forecaster = forecaster if self._ordering is not None else None
+        self._everybody = ",".join(fleet.enabled_names)
         self._is_warm = False
         self._sent_early: deque[OrderResult] = deque()  # by the thread that reads the keys; their turn comes
         self._latch = KillLatch()
@@ -86,8 +87,7 @@ class OrderEntry:
 
     def short(self, text: str) -> str:
         """Return ``text`` with ``all`` for the list of all vehicles, as people write it."""
-        names = self._fleet.enabled_names
-        return text.replace(",".join(names), "all") if len(names) > 1 else text
+        return text.replace(self._everybody, "all") if "," in self._everybody else text
 
     def update(self) -> None:
         """Bring the notices up to date."""

@@ -166,16 +166,17 @@ def height_colour(height_m: float, span_m: tuple[float, float]) -> str:
 
 def wrap(text: str, width: int, most: int = 6) -> list[str]:
     """``text`` broken at spaces into at most ``most`` lines of ``width`` cells; longer words are cut."""
+    cells = len if text.isascii() else cell_len  # of hundreds of events at once, most are plain
     lines: list[str] = []
     line = ""
     for word in text.split(" "):
         joined = f"{line} {word}" if line else word
-        if cell_len(joined) <= width:
+        if cells(joined) <= width:
             line = joined
             continue
         if line:
             lines.append(line)
-        line = word if cell_len(word) <= width else fit(word, max(1, width))
+        line = word if cells(word) <= width else fit(word, max(1, width))
     lines.append(line)
     if len(lines) > most:
         return [*lines[: most - 1], fit(" ".join(lines[most - 1 :]), max(1, width))]
