@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 import sys
 from json import dumps
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -22,7 +22,7 @@ from groundstation.commands.parameters import Seconds
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_NO_ANSWER, EXIT_OK
 from sitl.conformance.endpoint import UdpPort
-from sitl.conformance.facts import Fact, FactReport, FactResult, Verdict, matching
+from sitl.conformance.facts import VERSIONS, Fact, FactReport, FactResult, Verdict, facts_of, matching
 from sitl.conformance.suite import FACTS, NobodyAnsweredError, Terms, check
 
 _ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*):(\d{1,5})")
@@ -34,6 +34,7 @@ def sitl_check(
     /,
     *,
     gcs: Annotated[str | None, Parameter(metavar="ENDPOINT")] = None,
+    px4: Literal["auto", "1.16", "1.17", "1.18"] = "auto",
     only: Annotated[tuple[str, ...], Parameter(metavar="NAME", consume_multiple=True)] = (),
     list: bool = False,
     json: bool = False,
@@ -41,7 +42,7 @@ def sitl_check(
     from_elsewhere: bool = False,
     i_have_removed_the_propellers: bool = False,
 ) -> int:
-    """Check fact by fact whether a MAVLink endpoint behaves as a real PX4 v1.16 was measured to.
+    """Check fact by fact whether a MAVLink endpoint behaves as a real PX4 of its version was measured to.
 
     Most facts need a flight: the vehicle is armed and flown up to 10 m high, by its own position estimate and in any
     direction, but only if it is simulated. Parameters and rates are put back at the end.
@@ -49,6 +50,7 @@ def sitl_check(
     Args:
         endpoint: udpin://HOST:PORT or udpout://HOST:PORT
         gcs: also check the ground station's link (udpin://127.0.0.1:14550)
+        px4: version to judge by; auto: the one that it reports
         only: facts or topics, also with * and ?
         list: say which facts would be checked, and end
         json: findings as JSON on stdout, progress on stderr
@@ -57,7 +59,7 @@ def sitl_check(
             locked to that port until it restarts
         i_have_removed_the_propellers: turn motors even if the vehicle does not look simulated
     """
-    facts = _facts(only)
+    facts = _facts(only, px4)
     if list:
         for fact in facts.values():
             print(f"{fact.name:38} {fact.says}: {fact.expected}")
@@ -70,16 +72,17 @@ def sitl_check(
     try:
         ground = _open(gcs) if gcs else None
         terms = Terms(i_have_removed_the_propellers, wait, from_elsewhere)
-        return _check(endpoint, facts, port, ground, terms, is_json=json)
+        report = FactReport(facts, is_version_known=px4 != "auto")
+        return _check(endpoint, report, port, ground, terms, is_json=json)
     finally:
         for each in (port, ground):
             if each is not None:
                 each.close()
 
 
-def _facts(patterns: tuple[str, ...]) -> dict[str, Fact]:
+def _facts(patterns: tuple[str, ...], px4: str) -> dict[str, Fact]:
     try:
-        return matching(FACTS, patterns)
+        return matching(facts_of(VERSIONS[0] if px4 == "auto" else px4, FACTS).values(), patterns)
     except KeyError as error:
         topics = ", ".join(sorted({fact.name.partition(".")[0] for fact in FACTS}))
         raise ConfigError(f"no fact is called {error.args[0]!r}. Topics: {topics}; all names: --list.") from None
@@ -101,7 +104,7 @@ def _open(endpoint: str) -> UdpPort:
 
 
 def _check(
-    endpoint: str, facts: dict[str, Fact], port: UdpPort, ground: UdpPort | None, terms: Terms, *, is_json: bool
+    endpoint: str, report: FactReport, port: UdpPort, ground: UdpPort | None, terms: Terms, *, is_json: bool
 ) -> int:
     out = sys.stderr if is_json else sys.stdout
 
@@ -113,8 +116,8 @@ def _check(
         expected = result.fact.expected
         say(f"{_MARKS[result.verdict]} {result.fact.name:38} {result.measured}   expected {expected}{reason}")
 
-    report = FactReport(facts, show)
-    say(f"{len(facts)} facts at {endpoint}; all of them take some five minutes and a flight")
+    report.show = show
+    say(f"{len(report.facts)} facts at {endpoint}; all of them take some five minutes and a flight")
     try:
         client = check(port, ground, report, terms, lambda phase: say(f"-- {phase}"))
     except NobodyAnsweredError:

@@ -18,7 +18,7 @@ UP = (
     number("takeoff.state", "5", "landed state TAKEOFF after arming", 1.0, 2.8, "s"),
     number("takeoff.in-air", "5", "landed state IN_AIR after arming", 4.5, 8.5, "s"),
     word("takeoff.then", "5", "then holds by itself", "AUTO.LOITER"),
-    number("takeoff.height", "5", "height reached", 2.1, 2.9, "m"),
+    number("takeoff.height", "5", "height reached", 1.7, 2.9, "m"),
     number("stream.position-target-global-int", "4", "POSITION_TARGET_GLOBAL_INT in AUTO modes", 9.0, 11.0, "Hz"),
 )
 DOWN = (

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from fnmatch import fnmatchcase
+from importlib.resources import files
 
 Measured = float | str
 
@@ -21,7 +23,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One thing that a real PX4 does, as it was measured on v1.16 with its built-in simulator."""
+    """One thing that a real PX4 does, as it was measured on v1.16.0; `versions.toml` says what others do."""
 
     name: str  # topic, dot, detail
     section: str  # of the list of measured facts
@@ -35,7 +37,7 @@ class Fact:
     def accepts(self, measured: Measured) -> bool:
         """Whether a measurement agrees."""
         if self.allowed or isinstance(measured, str):
-            return str(measured) in self.allowed
+            return self.show(measured) in self.allowed
         return self.low <= measured <= self.high
 
     @property
@@ -88,11 +90,21 @@ class FactResult:
 
 @dataclass(slots=True)
 class FactReport:
-    """Collects results and shows each at once."""
+    """Collects results and shows each at once; what is measured before the version is known waits for it."""
 
     facts: dict[str, Fact]  # those that were asked for, by name
     show: Callable[[FactResult], None] = lambda result: None  # called with every result
     results: dict[str, FactResult] = field(default_factory=dict)
+    is_version_known: bool = True
+    _waiting: dict[str, Measured] = field(default_factory=dict)
+
+    def expect(self, facts: Mapping[str, Fact]) -> None:
+        """Judge by these facts from now on, and what has waited."""
+        self.facts = {name: facts[name] for name in self.facts}
+        self.is_version_known = True
+        waiting, self._waiting = self._waiting, {}
+        for name, measured in waiting.items():
+            self.add(name, measured)
 
     def wants(self, *patterns: str) -> bool:
         """Whether one of the facts named (shell patterns) was asked for: what nobody asked for is not flown."""
@@ -101,7 +113,9 @@ class FactReport:
     def add(self, name: str, measured: Measured) -> None:
         """Judge one measurement; what was not asked for is dropped."""
         fact = self.facts.get(name)
-        if fact is not None:
+        if fact is not None and not self.is_version_known:
+            self._waiting[name] = measured
+        elif fact is not None:
             verdict = Verdict.AGREES if fact.accepts(measured) else Verdict.DIFFERS
             self._file(FactResult(fact, verdict, fact.show(measured)))
 
@@ -119,7 +133,7 @@ class FactReport:
 
     def _unmeasured(self, facts: Iterable[Fact], verdict: Verdict, reason: str) -> None:
         for fact in facts:
-            if fact.name in self.facts and fact.name not in self.results:
+            if fact.name in self.facts and fact.name not in self.results and fact.name not in self._waiting:
                 self._file(FactResult(fact, verdict, "nothing", reason))
 
     def _file(self, result: FactResult) -> None:
@@ -127,12 +141,13 @@ class FactReport:
         self.show(result)
 
 
-def matching(facts: Sequence[Fact], patterns: Sequence[str]) -> dict[str, Fact]:
+def matching(facts: Iterable[Fact], patterns: Sequence[str]) -> dict[str, Fact]:
     """Facts whose name, or the topic before its dot, matches one of the patterns; all without patterns.
 
     Raises:
         KeyError: a pattern that matches nothing, as its argument.
     """
+    facts = tuple(facts)
     if not patterns:
         return {fact.name: fact for fact in facts}
     names: set[str] = set()
@@ -142,3 +157,43 @@ def matching(facts: Sequence[Fact], patterns: Sequence[str]) -> dict[str, Fact]:
             raise KeyError(pattern)
         names.update(of_pattern)
     return {fact.name: fact for fact in facts if fact.name in names}
+
+
+# What facts expect from a version on, where that differs: words, or low and high of a number.
+CHANGES: dict[str, dict[str, list[str] | list[float]]] = tomllib.loads(
+    files(__package__).joinpath("versions.toml").read_text(encoding="utf-8")
+)
+VERSIONS: tuple[str, ...] = tuple(CHANGES)  # from the oldest, which the facts themselves describe
+
+
+def facts_of(version: str, facts: Sequence[Fact]) -> dict[str, Fact]:
+    """Return the facts, by name, as they hold for one version.
+
+    Args:
+        version: one of VERSIONS.
+        facts: as they hold for the oldest.
+    """
+    by_name = {fact.name: fact for fact in facts}
+    for each in VERSIONS[: VERSIONS.index(version) + 1]:
+        for pattern, expected in CHANGES[each].items():
+            words = tuple(value for value in expected if isinstance(value, str))
+            numbers = [value for value in expected if not isinstance(value, str)]
+            low, high = numbers or (math.nan, math.nan)
+            for name in [name for name in by_name if fnmatchcase(name, pattern)]:
+                by_name[name] = replace(by_name[name], allowed=words, low=low, high=high)
+    return by_name
+
+
+def nearest(reported: tuple[int, int] | None) -> tuple[str, str]:
+    """Return the version to judge by, and a sentence when it is not the reported one.
+
+    Args:
+        reported: major and minor number of AUTOPILOT_VERSION; None when nothing was reported.
+    """
+    known = [tuple(int(part) for part in version.split(".")) for version in VERSIONS]
+    if reported is None:
+        return VERSIONS[0], f"it reports no version and is judged as v{VERSIONS[0]}: --px4 says another"
+    older = [index for index, version in enumerate(known) if version <= reported]
+    version = VERSIONS[older[-1] if older else 0]
+    name = f"{reported[0]}.{reported[1]}"
+    return version, "" if name == version else f"v{name} was never measured: it is judged as v{version}"

@@ -51,6 +51,7 @@ RATES = (
 )
 ANSWERS = (
     word("request.autopilot-version", "4", "REQUEST_MESSAGE of AUTOPILOT_VERSION", "ACCEPTED and sent"),
+    word("request.version", "4", "AUTOPILOT_VERSION.flight_sw_version", "1.16"),
     word("request.global-origin", "14", "REQUEST_MESSAGE of GPS_GLOBAL_ORIGIN", "ACCEPTED and sent"),
     word("ack.unknown-command", "4", "an unknown command", "UNSUPPORTED"),
     word("ack.wrong-target", "4", "a command to another system", "silence"),
@@ -116,6 +117,8 @@ def _requested(client: VehicleClient, name: str) -> str:
 def _answers(client: VehicleClient, report: FactReport) -> None:
     if report.wants("request.autopilot-version"):
         report.add("request.autopilot-version", _requested(client, "AUTOPILOT_VERSION"))
+    if report.wants("request.version"):
+        report.add("request.version", ".".join(map(str, client.reported_version() or ())) or "none")
     if report.wants("request.global-origin"):
         report.add("request.global-origin", _requested(client, "GPS_GLOBAL_ORIGIN"))
     if report.wants("ack.unknown-command"):

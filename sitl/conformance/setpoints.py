@@ -1,4 +1,4 @@
-"""Setpoints that no sane client sends, and other kinds than attitudes: nothing is refused, nothing is said."""
+"""Setpoints that no sane client sends, other kinds than attitudes, and sticks beside them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,25 @@ from functools import partial
 from sitl.conformance.facts import FactReport, number, word
 from sitl.conformance.hover import Hover, airborne, settle
 from sitl.conformance.phase import Phase
-from sitl.conformance.vehicle_client import ATTITUDE_AND_THRUST, Quaternion, VehicleClient, quaternion
+from sitl.conformance.vehicle_client import (
+    ARM,
+    ATTITUDE_AND_THRUST,
+    FORCE,
+    Quaternion,
+    Stuck,
+    VehicleClient,
+    quaternion,
+)
 
 _HEIGHT_M, _LOWEST_M = 8.0, 5.5
+_BREAKING_HEIGHT_M = 5.0
 _BAD_S = 0.6
 _IGNORE_THRUST, _RATES = 64, 128
 _IGNORE_ALL_BUT_POSITION, _IGNORE_ALL_BUT_VELOCITY = 0b0000_1001_1111_1000, 0b0000_1001_1100_0111
 _LOCAL_NED = 1
+_STICKS_HEIGHT_M = 3.0
+_FULL_STICK, _STICKS_HZ = 1000.0, 20.0
+_FAST_1_S, _SLOW_1_S = 3.0, 0.5
 FACTS = (
     number("setpoint.nan-thrust", "7", "thrust NaN: falls, speed after 0.6 s", 2.5, 5.5, "m/s"),
     number("setpoint.ignored-thrust", "7", "THROTTLE_IGNORE: falls, speed after 0.6 s", 2.5, 5.5, "m/s"),
@@ -24,8 +36,6 @@ FACTS = (
     word("setpoint.mode-kept", "7", "mode after all of these", "OFFBOARD"),
     word("setpoint.silent", "7", "texts about them", "none"),
     number("setpoint.scaled-quaternion", "7", "a quaternion times 3 is normalised: roll of 10 asked", 8.0, 12.5, "deg"),
-    number("setpoint.zero-quaternion", "7", "a quaternion of zeros: nearly level, largest tilt", 0.0, 4.0, "deg"),
-    number("setpoint.nan-quaternion", "7", "a quaternion of NaN: drifts, tilt after 0.6 s", 1.0, 20.0, "deg"),
     number("setpoint.mask-zero", "7", "type_mask 0 with an attitude: roll of 10 asked", 8.0, 12.5, "deg"),
     number("setpoint.rates", "7", "body rates: 25 deg/s of roll asked, at 0.4 s", 18.0, 31.0, "deg/s"),
     word("setpoint.rates-base-mode", "5", "base_mode with body rates", "129"),
@@ -41,6 +51,18 @@ FACTS = (
     number("setpoint.velocity", "7", "velocity setpoints: 1 m/s to the east asked, after 2 s", 0.6, 1.4, "m/s"),
     word("setpoint.position-mode", "7", "mode with position setpoints", "OFFBOARD"),
     number("setpoint.echo", "7", "attitude asked and ATTITUDE_TARGET's, apart", 0.0, 0.5, "deg"),
+)
+
+STICKS = (
+    word("stick.fast", "5", "mode after a stick moved at 3/s to 0.5 in OFFBOARD", "OFFBOARD"),
+    word("stick.slow", "5", "mode after a stick moved at 0.5/s to 0.5 in OFFBOARD", "OFFBOARD"),
+)
+# Some versions do not recover from these: they come last of all.
+BREAKING = (
+    number("setpoint.zero-quaternion", "7", "a quaternion of zeros: nearly level, largest tilt", 0.0, 8.0, "deg"),
+    word("setpoint.zero-quaternion-after", "7", "a roll of 10 deg asked after it", "follows"),
+    number("setpoint.nan-quaternion", "7", "a quaternion of NaN: drifts, tilt after 0.6 s", 1.0, 20.0, "deg"),
+    word("setpoint.nan-quaternion-after", "7", "a roll of 10 deg asked after it", "follows"),
 )
 
 
@@ -76,12 +98,6 @@ def run(client: VehicleClient, report: FactReport) -> None:
                 echoed = client.newest("ATTITUDE_TARGET").q
                 cosine = min(1.0, abs(sum(a * b for a, b in zip(echoed, q, strict=True))))
                 report.add("setpoint.echo", math.degrees(2.0 * math.acos(cosine)))
-            _recover(client, hover)
-    for name, q in (("setpoint.zero-quaternion", (0.0,) * 4), ("setpoint.nan-quaternion", (math.nan,) * 4)):
-        if report.wants(name):
-            _for_a_moment(client, partial(client.attitude, q, hover.thrust), _BAD_S)
-            roll, pitch, _ = client.euler()
-            report.add(name, math.degrees(math.hypot(roll, pitch)))
             _recover(client, hover)
     client.next_heartbeat()
     report.add("setpoint.mode-kept", client.mode)
@@ -184,4 +200,68 @@ def _steep(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     report.add("setpoint.steep-mode", client.mode)
 
 
+def run_sticks(client: VehicleClient, report: FactReport) -> None:
+    """Hold the sticks in the middle, then move one, slowly and fast."""
+    client.greet(as_ground_station=True)
+    for name, rate_1_s in (("stick.slow", _SLOW_1_S), ("stick.fast", _FAST_1_S)):
+        if not report.wants(name):
+            continue
+        hover = airborne(client, _STICKS_HEIGHT_M)
+        client.vision_duty.act, client.vision_duty.period_s = (
+            _sticks(client, client.now_s + 2.0, rate_1_s),
+            1.0 / _STICKS_HZ,
+        )
+        client.spend(3.2)
+        client.next_heartbeat()
+        report.add(name, client.mode)
+        client.vision_duty.act, client.vision_duty.period_s = None, 0.02
+        if client.mode != "OFFBOARD":
+            client.set_mode("OFFBOARD")
+            client.next_heartbeat()
+        hover.here()
+        settle(client, hover)
+
+
+def _sticks(client: VehicleClient, from_s: float, rate_1_s: float) -> Callable[[], None]:
+    def send() -> None:
+        moved = min(0.5, max(0.0, rate_1_s * (client.now_s - from_s)))
+        client.send("MANUAL_CONTROL", target=client.system_id, x=0, y=round(_FULL_STICK * moved), z=500, r=0)
+
+    return send
+
+
+def _calm(client: VehicleClient) -> Hover:
+    try:
+        return airborne(client, _BREAKING_HEIGHT_M)
+    except Stuck:  # what was measured before may have left it with a poor estimate of its position
+        return airborne(client, _BREAKING_HEIGHT_M)
+
+
+def run_breaking(client: VehicleClient, report: FactReport) -> None:
+    """Send attitudes that are no rotation, and see whether the vehicle can still be flown."""
+    client.greet(as_ground_station=True)
+    for name, part in (("setpoint.zero-quaternion", 0.0), ("setpoint.nan-quaternion", math.nan)):
+        if not report.wants(f"{name}*"):
+            continue
+        try:
+            hover = _calm(client)
+        except Stuck as error:
+            report.skip([fact for fact in BREAKING if fact.name.startswith(name)], f"before it: {error}")
+            continue
+        _for_a_moment(client, partial(client.attitude, (part,) * 4, hover.thrust), _BAD_S)
+        report.add(name, math.degrees(math.hypot(*client.euler()[:2])))
+        hover.here()
+        tilted = quaternion(math.radians(10.0), 0.0, hover.yaw_rad)
+        _for_a_moment(client, partial(client.attitude, tilted, hover.thrust), _BAD_S)
+        follows = 5.0 < math.degrees(client.euler()[0]) < 15.0
+        report.add(f"{name}-after", "follows" if follows else "lost")
+        if follows:
+            _recover(client, hover)
+        else:
+            client.command(ARM, 0.0, FORCE)  # it would fly away
+            client.next_heartbeat()
+
+
 PHASE = Phase("odd setpoints", FACTS, run)
+STICKS_PHASE = Phase("sticks", STICKS, run_sticks)
+BROKEN = Phase("setpoints that break", BREAKING, run_breaking)

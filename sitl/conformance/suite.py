@@ -21,7 +21,7 @@ from sitl.conformance import (
     vision,
 )
 from sitl.conformance.endpoint import Port
-from sitl.conformance.facts import Fact, FactReport
+from sitl.conformance.facts import Fact, FactReport, facts_of, nearest
 from sitl.conformance.hover import default_streams, grounded
 from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import Gone, Stuck, VehicleClient
@@ -39,7 +39,9 @@ PHASES: tuple[Phase, ...] = (
     setpoints.PHASE,
     loss.PHASE,
     battery.PHASE,
+    setpoints.STICKS_PHASE,
     vision.PHASE,
+    setpoints.BROKEN,
 )
 GROUND_LINK: Phase = ground_link.PHASE
 FACTS: tuple[Fact, ...] = tuple(fact for phase in (*PHASES, GROUND_LINK) for fact in phase.facts)
@@ -131,6 +133,8 @@ def _fly(client: VehicleClient, report: FactReport, terms: Terms, say: Callable[
             if phase not in (pad.PHASE, lock.PHASE) and client.heartbeat_duty.act is None:
                 client.greet(as_ground_station=False)
                 client.spend(0.5)
+            if client.heartbeat_duty.act is not None:
+                _judge_by_version(client, report, say)
             if phase.turns_motors and may_turn_motors is None:
                 may_turn_motors = is_simulated(client)
             if phase.turns_motors and may_turn_motors:
@@ -140,6 +144,7 @@ def _fly(client: VehicleClient, report: FactReport, terms: Terms, say: Callable[
                 report.skip(phase.facts, _NOT_SIMULATED)
             else:
                 _settle(phase, client, report, say)
+        _judge_by_version(client, report, say)
     finally:
         # Also when somebody interrupts: nothing is left in the air or changed.
         client.params.restore()
@@ -147,6 +152,16 @@ def _fly(client: VehicleClient, report: FactReport, terms: Terms, say: Callable[
             _put_down(client, say)
         if client.heartbeat_duty.act is not None:
             default_streams(client)
+
+
+def _judge_by_version(client: VehicleClient, report: FactReport, say: Callable[[str], None]) -> None:
+    if not report.is_version_known:
+        if client.heartbeat_duty.act is None:
+            client.greet(as_ground_station=False)
+            client.spend(0.5)
+        version, trouble = nearest(client.reported_version())
+        say(trouble or f"it is PX4 v{version}")
+        report.expect(facts_of(version, FACTS))
 
 
 def _settle(phase: Phase, client: VehicleClient, report: FactReport, say: Callable[[str], None]) -> None:

@@ -298,6 +298,16 @@ class VehicleClient:
         results = [RESULTS.get(ack.result, str(ack.result)) for ack in answers if ack.command == number]
         return ", ".join(results) or SILENCE
 
+    def reported_version(self) -> tuple[int, int] | None:
+        """Major and minor number of AUTOPILOT_VERSION, asked for up to three times; None when it does not come."""
+        for _ in range(3):
+            self.command(REQUEST, float(common_id("AUTOPILOT_VERSION")))
+            packet = self.received.newest("AUTOPILOT_VERSION")
+            if packet is not None and packet.message.flight_sw_version:
+                number = packet.message.flight_sw_version
+                return number >> 24 & 0xFF, number >> 16 & 0xFF
+        return None
+
     def set_mode(self, mode: str) -> str:
         """DO_SET_MODE; both acknowledgements."""
         number = MODE_NUMBERS[mode]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sitl.conformance.facts import FactReport, Verdict, matching
+from sitl.conformance.facts import VERSIONS, FactReport, Verdict, facts_of, matching
 from sitl.conformance.suite import FACTS, PHASES, Terms, check
 from tests.sitl.conformance.exceptions import DIFFERENCES
 from tests.sitl.conformance.virtual import Wires
@@ -15,12 +15,15 @@ from tests.sitl.conformance.virtual import Wires
 PAGE = Path(__file__).parents[3] / "docs" / "px4-facts.md"
 _HEAD = """# What PX4 does, and what the emulator does
 
-Facts measured on PX4 v1.16.0 (SITL with its built-in SIH quadrotor, default parameters), as `covey sitl-check` demands
-them of any MAVLink endpoint, and what the emulator answered. `covey sitl-check udpin://127.0.0.1:14540` asks yours; it
-turns the motors only of a vehicle that knows its own ground truth, which only a simulated one does.
+Facts of PX4 v1.16, v1.17 and v1.18 (SITL with its built-in SIH quadrotor, default parameters), as `covey sitl-check`
+demands them of any MAVLink endpoint, and what the emulator answered, which is a v1.16. `covey sitl-check
+udpin://127.0.0.1:14540` asks yours, and judges it by the version that it reports (`--px4` says another); it turns the
+motors only of a vehicle that knows its own ground truth, which only a simulated one does.
 
-Bounds are wide enough for what a real PX4 itself scatters. In simulated time, seed 1; written by
-`python -m tests.sitl.conformance.facts_page`.
+All were measured with the command, on v1.16.0, on the branch of release 1.17 of October 2025 (v1.17.0-alpha1) and on
+that of release 1.18 of August 2026 (v1.18.0-rc1); nothing here was only read in PX4's source. An empty place under a
+newer version: as in the version before. Bounds are wide enough for what a real PX4 itself scatters. The emulator in
+simulated time, seed 1; written by `python -m tests.sitl.conformance.facts_page`.
 
 {agree} of {all} facts agree.{differ}
 """
@@ -49,6 +52,7 @@ def page(report: FactReport) -> str:
     numbers = {"agree": agree, "all": len(report.results)}
     out = [_HEAD.format(**numbers, differ=differ + "\n".join(lines)).rstrip()]
     done: set[str] = set()
+    versions = [facts_of(version, FACTS) for version in VERSIONS]
     for phase in (*PHASES, None):
         facts = [f for f in (FACTS if phase is None else phase.facts) if f.name not in done]
         done |= {fact.name for fact in facts}
@@ -59,13 +63,15 @@ def page(report: FactReport) -> str:
             "",
             f"## {title[0].upper()}{title[1:]}",
             "",
-            "| name | fact | PX4 | emulator | |",
-            "|---|---|---|---|---|",
+            f"| name | fact | {' | '.join(f'v{version}' for version in VERSIONS)} | emulator | |",
+            f"|---|---|{'---|' * len(VERSIONS)}---|---|",
         ]
         for fact in facts:
             finding = report.results[fact.name]
             mark = "" if finding.verdict is Verdict.AGREES else finding.verdict.value
-            cells = (f"`{fact.name}`", fact.says, fact.expected, finding.measured, mark)
+            expected = [by_name[fact.name].expected for by_name in versions]
+            shown = [now if now != then else "" for now, then in zip(expected, ["", *expected], strict=False)]
+            cells = (f"`{fact.name}`", fact.says, *shown, finding.measured, mark)
             out.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(out) + "\n"
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fnmatch
+import math
 import re
 import socket
 from pathlib import Path
@@ -10,7 +12,18 @@ import pytest
 
 from groundstation.cli import main
 from sitl.conformance import suite
-from sitl.conformance.facts import Fact, FactReport, Verdict, matching, number, word
+from sitl.conformance.facts import (
+    CHANGES,
+    VERSIONS,
+    Fact,
+    FactReport,
+    Verdict,
+    facts_of,
+    matching,
+    nearest,
+    number,
+    word,
+)
 from sitl.conformance.suite import FACTS, Terms, check
 from tests.sitl.conformance.exceptions import DIFFERENCES
 from tests.sitl.conformance.facts_page import PAGE, whole_check
@@ -53,6 +66,49 @@ def test_the_page_shows_every_fact_and_every_difference() -> None:
     text = PAGE.read_text(encoding="utf-8")
     assert [fact.name for fact in FACTS if f"| `{fact.name}` |" not in text] == []
     assert [name for name in DIFFERENCES if f"- `{name}`: " not in text] == []
+
+
+def test_what_changed_in_a_version_names_facts_and_accepts_other_values_than_before() -> None:
+    assert VERSIONS == ("1.16", "1.17", "1.18")
+    names = [fact.name for fact in FACTS]
+    assert [pattern for changes in CHANGES.values() for pattern in changes if not fnmatch.filter(names, pattern)] == []
+    before, after = facts_of("1.16", FACTS), facts_of("1.18", FACTS)
+    assert before == {fact.name: fact for fact in FACTS}
+    assert not after["mode.two-acks"].accepts("ACCEPTED, ACCEPTED")
+    assert after["mode.two-acks"].accepts("ACCEPTED")
+    assert after["loss.landed"].accepts(math.nan)
+    assert not after["loss.landed"].accepts(8.0)
+    assert not before["loss.landed"].accepts(math.nan)
+
+
+@pytest.mark.parametrize(
+    ("reported", "version", "said"),
+    [
+        ((1, 17), "1.17", ""),
+        ((1, 19), "1.18", "never measured"),
+        ((1, 15), "1.16", "never measured"),
+        (None, "1.16", "no"),
+    ],
+)
+def test_an_autopilot_is_judged_by_the_version_that_it_reports(reported, version: str, said: str) -> None:
+    assert nearest(reported)[0] == version
+    assert said in nearest(reported)[1]
+    assert bool(said) == bool(nearest(reported)[1])
+
+
+def test_what_was_seen_before_the_version_is_known_is_judged_by_it() -> None:
+    asked = FactReport(matching(FACTS, ["stream.heartbeat", "quirk", "request.version"]), is_version_known=False)
+    lines: list[str] = []
+    check(Wires().companion(), None, asked, Terms(), lines.append)
+    assert "it is PX4 v1.16" in lines
+    assert {finding.verdict for finding in asked.results.values()} == {Verdict.AGREES}
+
+
+def test_an_emulator_of_one_version_differs_when_another_is_asked_for() -> None:
+    facts = matching(facts_of("1.18", FACTS).values(), ["request.version", "mode.two-acks", "quirk.battery-current"])
+    asked = FactReport(facts)
+    check(Wires().companion(), None, asked, Terms(may_turn_motors=True), lambda line: None)
+    assert {name for name, finding in asked.results.items() if finding.verdict is Verdict.DIFFERS} == set(facts)
 
 
 def test_no_two_facts_share_a_name_and_each_says_what_it_accepts() -> None:
