@@ -2,11 +2,13 @@
 # make test             lint, types, import contracts and every test that needs no real time (about 5 minutes)
 # make test-realtime    tests with processes, sockets and terminals
 # make test-long        tests that take longer than that
+# make wheel            dist/covey-VERSION-py3-none-any.whl: Covey without a clone
+# make docs             the pages of docs/ as a site with search, in .venv/site
 # make pins             write requirements/*.txt anew: the newest libraries that pyproject.toml allows, with hashes
 # make bench-NAME       one benchmark, with options in ARGS; make bench lists them
 SHELL := bash
 export PYTHON ?=
-.PHONY: demo test test-realtime test-long lint bench pins clean
+.PHONY: demo test test-realtime test-long lint bench wheel docs pins clean
 DEMO_ARGS ?=
 ARGS ?=
 
@@ -40,6 +42,15 @@ bench-%:
 	@.ci/setup dev
 	@exec .venv/bin/python -m tests.bench $* $(ARGS)
 
+wheel:
+	@.ci/setup all
+	@.venv/bin/python -m pip wheel -q --no-deps --no-build-isolation -w dist . && ls dist/covey-*.whl
+
+docs:
+	@.ci/setup dev
+	@.venv/bin/mkdocs build --quiet --config-file .ci/mkdocs.yml --site-dir ../.venv/site
+	@echo "Open .venv/site/index.html in a browser."
+
 # one resolution for all systems and for Python 3.11 and newer; setuptools builds Covey itself
 PIN = .venv/pins/bin/uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes \
   --custom-compile-command "make pins" pyproject.toml requirements/build.in
@@ -52,4 +63,4 @@ pins:
 	$(PIN) --constraint requirements/dev.txt -o requirements/base.txt
 
 clean:
-	rm -rf .venv build *.egg-info
+	rm -rf .venv build dist *.egg-info

@@ -94,7 +94,8 @@ def _run_in_sentences(words: list[str]) -> int:
         name = missing.name or "" if isinstance(missing, ModuleNotFoundError) else ""
         if not name or name.partition(".")[0] in ("onboard", "groundstation", "sitl"):
             raise
-        return _refuse(f"this command needs '{name}'. Install it with: pip install 'covey[all]'")
+        wheel = f"covey-{_version().split()[1]}-py3-none-any.whl"
+        return _refuse(f"this command needs '{name}'. Install the wheel with all of it: pip install '{wheel}[all]'")
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader has read enough, as in `covey check FILE | head`

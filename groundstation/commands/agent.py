@@ -13,6 +13,6 @@ def agent(*words: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> int:
     """Fly one vehicle of a fleet, or look after the service that does.
 
     Args:
-        words: --fleet FILE --vehicle NAME, or install, status or logs with these
+        words: --fleet FILE --vehicle NAME, or install, status or logs with these, or deploy
     """
     return main(words)

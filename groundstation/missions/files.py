@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import os
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path as FilePath
@@ -10,6 +9,7 @@ from typing import Any, Literal, cast
 
 import msgspec
 
+from groundstation.missions.python_file import read_python
 from groundstation.orders.grammar import Intent, default_formation
 from groundstation.orders.path_orders import OnLag
 from groundstation.orders.plan import HeldFormation, plan_order
@@ -376,25 +376,7 @@ def _check_fault(step: FaultStep, fleet: FleetConfig, where: str) -> None:
 
 
 def _load_python(name: str, fleet: FleetConfig | str | None) -> Mission:
-    """A Python mission: ``async def mission(fleet)``; ``FLEET = "path"`` and ``EXPECT = {...}`` are literals."""
-    try:
-        text = FilePath(name).read_text(encoding="utf-8")
-        tree = ast.parse(text, name)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{name}: this mission cannot be read ({error}). Check the path.") from None
-    except (SyntaxError, ValueError) as error:
-        raise ConfigError(f"{name}: not valid Python: {error}. Correct that line.") from None
-    if not any(isinstance(node, ast.AsyncFunctionDef) and node.name == "mission" for node in tree.body):
-        raise ConfigError(f"{name}: a Python mission needs 'async def mission(fleet):' at its top level. Add it.")
-    constants: dict[str, Any] = {}
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and len(node.targets) == 1 and isinstance(node.targets[0], ast.Name):
-            target = node.targets[0].id
-            if target in ("FLEET", "EXPECT"):
-                try:
-                    constants[target] = ast.literal_eval(node.value)
-                except ValueError:
-                    raise ConfigError(f"{name}: '{target}' must be a plain literal. Write its value out.") from None
+    text, constants = read_python(name)
     expect = convert(constants.get("EXPECT", {}), Expect, name, "EXPECT")
     _check_expect(expect, name, "EXPECT")
     config = _fleet_of(constants.get("FLEET"), fleet, name)

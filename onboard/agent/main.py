@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from onboard.agent.loop import run_agent
 from onboard.config.fleet import ConfigError, load_fleet
 from onboard.exit_status import EXIT_WRONG_INPUT
-from onboard.process import service
+from onboard.process import deploy, service
 
 
 def parser() -> argparse.ArgumentParser:
@@ -17,7 +17,8 @@ def parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="covey agent",
         description="Fly one vehicle of a fleet.",
-        epilog="As a service of systemd: covey agent install, status or logs, with --fleet, --vehicle and --help.",
+        epilog="As a service of systemd: covey agent install, status or logs, with --fleet, --vehicle and --help. "
+        "Onto all companions: covey agent deploy --help.",
     )
     parser.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
     parser.add_argument("--vehicle", required=True, metavar="NAME", help="vehicle of the fleet file")
@@ -39,6 +40,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     if words and words[0] in service.VERBS:
         return service.main(words)
+    if words[:1] == ["deploy"]:
+        return deploy.main(words[1:])
     arguments = parser().parse_args(words)
     try:
         fleet = load_fleet(arguments.fleet).with_law(arguments.law)

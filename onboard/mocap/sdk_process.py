@@ -71,7 +71,7 @@ def main(argv: list[str]) -> int:
 
 
 NOT_INSTALLED = (
-    "The package 'motioncapture' is not installed: pip install 'covey[mocap]'. If there is no wheel for this "
+    "The package 'motioncapture' is not installed: pip install 'motioncapture>=1.1,<2'. If there is no wheel for this "
     "computer, run 'covey mocap' on another one and set mocap.direct = false."
 )
 

@@ -14,7 +14,6 @@ from groundstation.commands.check import examine
 from groundstation.processes.supervisor import most_agents
 from groundstation.starter.files import Answers, Position, companion_addresses, starter, type_names
 from onboard.config.fleet import ConfigError, parking_distance_m
-from sitl.lockstep.flight import Lockstep
 
 
 def test_every_combination_of_answers_passes_the_check(tmp_path: Path) -> None:
@@ -95,12 +94,6 @@ def test_in_a_terminal_init_asks_for_what_no_option_says(tmp_path: Path, monkeyp
         "serial:///dev/ttyAMA0",
     ):
         assert part in text, part
-
-
-def test_the_first_mission_flies() -> None:
-    made = starter(Answers(vehicles=2, position="optitrack", companions="10.0.0.11"))
-    with Lockstep(made.fleet, seed=1) as flight:
-        assert flight.fly(made.mission).passed
 
 
 def test_the_demo_flies_no_more_than_the_machine_can(

@@ -1,0 +1,96 @@
+"""What the pages for new users tell people to type and to write works, in the order in which they tell it."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from cyclopts import App
+
+from groundstation.cli import COMMANDS, front_page, main
+from groundstation.missions.files import load_mission
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = ("tutorial", "my-mocap-lab", "my-search", "my-ci", "mission-file")
+_BLOCK = re.compile(r"(?:<!-- (file|append): (\S+) -->\n)?```(\w*)\n(.*?)```", re.DOTALL)
+_RUN = ("init", "check")  # for real; of the others only the options are checked
+_FLOWN = "covey fly first/waltz.toml --lockstep --record flights/waltz"  # one flight stands for all
+
+
+def blocks(page: Path) -> Iterator[tuple[str, str, str, str]]:
+    """What to do with each block, its file, its language and its text."""
+    yield from _BLOCK.findall(page.read_text(encoding="utf-8"))
+
+
+def commands(text: str) -> list[list[str]]:
+    """The lines that call covey."""
+    return [shlex.split(line) for line in text.splitlines() if line.startswith("covey ")]
+
+
+def parse(words: list[str]) -> None:
+    """Check a command line without running it; raises CycloptsError, or SystemExit for an agent's."""
+    if words[0] == "agent":
+        from onboard.process import deploy
+
+        assert words[1] == "deploy"
+        deploy.parser().parse_args(words[2:])
+    elif not words[0].startswith("-"):
+        app: App = front_page(words[0])
+        app.parse_args(words, exit_on_error=False, print_error=False)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_what_a_page_says_works_in_its_order(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    written: list[Path] = []
+    for action, name, language, text in blocks(DOCS / f"{page}.md"):
+        if action:
+            path = tmp_path / name
+            path.parent.mkdir(exist_ok=True)
+            before = path.read_text(encoding="utf-8") if action == "append" else ""
+            path.write_text(f"{before}\n{text}" if before else text, encoding="utf-8")
+            written.append(path)
+        if language == "python":
+            ast.parse(text)
+        elif language == "toml":
+            tomllib.loads(text)
+            if "[[step]]" in text and not action:
+                (tmp_path / "shown.toml").write_text(text, encoding="utf-8")
+                load_mission(tmp_path / "shown.toml")
+        for _, *words in commands(text) if language == "console" else ():
+            parse(words)
+            if words[0] in _RUN or shlex.join(["covey", *words]) == _FLOWN:
+                assert main(words) == 0, words
+    for path in written:
+        if path.suffix == ".py" and "async def mission" in path.read_text(encoding="utf-8"):
+            assert main(["check", str(path)]) == 0, path
+
+
+def test_every_command_line_of_the_readme_that_is_no_pattern_is_understood() -> None:
+    lines = re.findall(r"`(covey [^`]+)`", (ROOT / "README.md").read_text(encoding="utf-8"))
+    whole = [line for line in lines if not re.search(r"[\[|A-Z.]{2}", line)]
+    assert whole
+    known = {command.name for command in COMMANDS}
+    for _, *words in map(shlex.split, whole):
+        assert words[0] in known or words[0].startswith("-"), words
+
+
+def test_nobody_is_told_to_install_a_name_that_no_index_has() -> None:
+    for folder in (ROOT, DOCS, ROOT / "onboard", ROOT / "groundstation", ROOT / "sitl"):
+        for path in folder.glob("*.md") if folder in (ROOT, DOCS) else folder.rglob("*.py"):
+            told = re.search(r"pip install[^\n`]*?(?<![\w/.*-])covey(?![-\w/])", path.read_text(encoding="utf-8"))
+            assert told is None, f"{path}: {told}"
+
+
+def test_every_page_is_in_the_index_and_its_links_lead_somewhere() -> None:
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    for page in DOCS.glob("*.md"):
+        assert page.name == "index.md" or f"({page.name})" in index, f"name {page.name} in docs/index.md"
+        for target in re.findall(r"\]\(([^)#: ]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            assert (DOCS / target).exists(), f"{page.name}: {target}"

@@ -1,0 +1,80 @@
+"""Deployment over ssh and scp, which are scripts here: they run what they are told on this machine's own folders."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from groundstation.starter.files import Answers, starter
+from onboard.agent.main import main
+
+SSH = """#!/bin/sh
+while [ "$1" != -- ]; do shift; done
+echo "ssh $2" >> "$COVEY_TEST/log"
+[ "$2" = pi@10.0.0.12 ] && exit 255
+cd "$COVEY_TEST" && PATH="$COVEY_TEST/bin:$PATH" exec sh -c "$3"
+"""
+SCP = """#!/bin/sh
+shift; for last; do :; done
+echo "scp $*" >> "$COVEY_TEST/log"
+case "$last" in pi@10.0.0.12:*) exit 1;; esac
+while [ $# -gt 1 ]; do cp "$1" "$COVEY_TEST/${last#*:}"; shift; done
+"""
+NOTHING = '#!/bin/sh\necho "$(basename $0) $*" >> "$COVEY_TEST/log"\n'
+
+
+@pytest.fixture
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A lab of two, of which the second does not answer."""
+    (tmp_path / "lab.toml").write_text(starter(Answers(vehicles=2, companions="10.0.0.11")).fleet_text)
+    (tmp_path / "covey-1-py3-none-any.whl").write_text("wheel")
+    remote = tmp_path / "covey/.venv/bin"
+    for folder, name, text in (
+        (tmp_path / "bin", "ssh", SSH),
+        (tmp_path / "bin", "scp", SCP),
+        (tmp_path / "bin", "sudo", NOTHING),
+        (tmp_path / "bin", "python3", NOTHING),
+        (remote, "pip", NOTHING),
+        (remote, "covey", NOTHING),
+    ):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+        (folder / name).chmod(0o755)
+    monkeypatch.setenv("COVEY_TEST", str(tmp_path))
+    monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_each_companion_gets_wheel_fleet_file_and_service_and_one_that_fails_is_named(
+    lab: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    words = ["deploy", "--fleet", "lab.toml", "--login", "pi", "--wheel", "covey-1-py3-none-any.whl"]
+    assert main(words) == 50
+    assert (lab / "covey/fleet.toml").read_text() == (lab / "lab.toml").read_text()
+    assert (lab / "covey/covey-1-py3-none-any.whl").exists()
+    log = (lab / "log").read_text()
+    assert "sudo .venv/bin/covey agent install --fleet fleet.toml --vehicle mav0 --realtime --now" in log
+    assert "pip install -q --find-links . --force-reinstall --no-deps ./covey-1-py3-none-any.whl" in log
+    assert "mav1: this failed: ssh -- pi@10.0.0.12" in capfd.readouterr().err
+
+
+def test_the_status_says_what_runs_where_and_the_hash_that_all_must_have(
+    lab: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (lab / "covey/fleet.toml").write_text((lab / "lab.toml").read_text())
+    assert main(["deploy", "--fleet", "lab.toml", "--status", "--vehicles", "mav0"]) == 0
+    out = capfd.readouterr().out
+    (here,) = [line.split()[5].rstrip(":") for line in out.splitlines() if line.startswith("The fleet file here")]
+    assert out.count(here) == 2
+    assert "covey agent status --fleet fleet.toml --vehicle mav0" in (lab / "log").read_text()
+
+
+def test_print_runs_nothing_and_a_missing_wheel_is_a_sentence(lab: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["deploy", "--fleet", "lab.toml", "--print"]) == 0
+    assert "scp -- lab.toml 10.0.0.12:covey/fleet.toml" in capfd.readouterr().out
+    assert not (lab / "log").exists()
+    assert main(["deploy", "--fleet", "lab.toml", "--wheel", "none.whl"]) == 2
+    assert "make wheel" in capfd.readouterr().err
