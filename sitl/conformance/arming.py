@@ -5,43 +5,15 @@ from __future__ import annotations
 import itertools
 import math
 
-from sitl.conformance.facts import FactReport, number, word
+from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import grounded
 from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import ARM, MODE_NUMBERS, SET_MODE, SILENCE, VehicleClient
 
 _DENIED = "Arming denied: Resolve system health failures first\t"
-MODES_ON_GROUND = (
-    word("mode.two-acks", "5", "DO_SET_MODE is acknowledged twice", "ACCEPTED, ACCEPTED"),
-    word("mode.offboard-disarmed", "5", "OFFBOARD asked for disarmed, without setpoints, is shown", "OFFBOARD"),
-    word("mode.offboard-disarmed-base", "5", "and its base_mode", "1"),
-    word("mode.offboard-disarmed-status", "5", "and its system_status", "UNINIT"),
-    word("mode.set-mode-message", "5", "SET_MODE, the message, is acknowledged once", "ACCEPTED"),
-    word("arm.denied", "5", "arming in OFFBOARD without setpoints", "TEMPORARILY_REJECTED"),
-    word("event.denied", "2", "the reason comes as EVENT (410) on any link", "sent"),
-)
-TEXTS = (
-    word("text.none-for-companion", "2", "no STATUSTEXT while only a companion is heard", "none"),
-    word("text.backlog", "2", "the last seconds' texts follow a ground station's first heartbeat", "sent"),
-    word("text.denied", "5", "what it says", repr(_DENIED)),
-    word("text.denied-severity", "5", "its severity", "2"),
-    word("text.chunks", "2", "more than 50 characters come in two pieces", "2"),
-    word("text.stops", "2", "no more STATUSTEXT when the ground station is gone", "none"),
-)
-ARMED = (
-    word("arm.disarm-disarmed", "5", "disarming what is disarmed", "ACCEPTED"),
-    word("arm.accepted", "5", "arming in AUTO.LOITER, without a ground station or RC", "ACCEPTED"),
-    word("arm.text", "5", "text", repr("Armed by external command\t")),
-    word("arm.status", "5", "system_status armed", "ACTIVE"),
-    word("arm.base-mode", "5", "base_mode in AUTO.LOITER, armed", "157"),
-    word("arm.again", "5", "arming again", "ACCEPTED"),
-    word("arm.again-text", "5", "text of arming again", "none"),
-    number("arm.servo", "4", "SERVO_OUTPUT_RAW idling", 1000.0, 1400.0),
-    number("heartbeat.not-on-change", "5", "a heartbeat is not sent early because the vehicle armed", 0.96, 1.04, "s"),
-    number("arm.auto-disarm", "5", "armed and not taken off for 10 s: disarms", 9.7, 12.2, "s"),
-    word("arm.auto-disarm-text", "5", "text", repr("Disarmed by auto preflight disarming\t")),
-    word("arm.auto-disarm-severity", "5", "its severity", "6"),
-)
+MODES_ON_GROUND = facts("arming", "modes_on_ground")
+TEXTS = facts("arming", "texts")
+ARMED = facts("arming", "armed")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:

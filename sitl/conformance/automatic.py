@@ -5,34 +5,13 @@ from __future__ import annotations
 import math
 import statistics
 
-from sitl.conformance.facts import FactReport, number, word
+from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import grounded
 from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import ARM, LAND, LANDED, TAKEOFF, Stuck, VehicleClient
 
-UP = (
-    word("takeoff.accepted", "5", "take-off asked for while disarmed", "ACCEPTED"),
-    word("takeoff.waits", "5", "it waits in AUTO.TAKEOFF, disarmed", "AUTO.TAKEOFF disarmed"),
-    word("takeoff.text", "5", "text at arming", repr("Using default takeoff altitude: 2.5 m\t")),
-    number("takeoff.detected", "5", "text 'Takeoff detected' after arming", 1.0, 2.6, "s"),
-    number("takeoff.state", "5", "landed state TAKEOFF after arming", 1.0, 2.8, "s"),
-    number("takeoff.in-air", "5", "landed state IN_AIR after arming", 4.5, 8.5, "s"),
-    word("takeoff.then", "5", "then holds by itself", "AUTO.LOITER"),
-    number("takeoff.height", "5", "height reached", 1.7, 2.9, "m"),
-    number("stream.position-target-global-int", "4", "POSITION_TARGET_GLOBAL_INT in AUTO modes", 9.0, 11.0, "Hz"),
-)
-DOWN = (
-    word("land.accepted", "5", "landing asked for", "ACCEPTED"),
-    word("land.text", "5", "text", repr("Landing at current position\t")),
-    word("land.mode", "5", "mode", "AUTO.LAND"),
-    word("land.state", "5", "landed state on the way", "LANDING"),
-    number("land.speed", "5", "speed near the ground", 0.5, 0.95, "m/s"),
-    word("land.detected", "5", "'Landing detected' comes with landed state ON_GROUND", "yes"),
-    number("land.disarm", "5", "disarmed after that", 1.8, 2.4, "s"),
-    word("land.disarm-text", "5", "text", repr("Disarmed by landing\t")),
-    number("land.duration", "5", "from about 2.5 m to disarmed", 6.0, 16.0, "s"),
-    word("land.mode-after", "5", "mode after it was armed from AUTO.TAKEOFF", "AUTO.LOITER"),
-)
+UP = facts("automatic", "up")
+DOWN = facts("automatic", "down")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:

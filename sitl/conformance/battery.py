@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sitl.conformance.facts import FactReport, number, word
+from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import Hover, airborne
 from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import VehicleClient
@@ -13,34 +13,8 @@ _HEIGHT_M = 2.5
 # The band from critical to emergency is 2 % wide, and has to last for a heartbeat.
 _LAG_S = 1.5  # the percentage follows the voltage
 _FAST_DRAIN_S, _SLOW_DRAIN_S, _SLOW_FROM_PCT = 12.0, 60.0, 19
-DRAIN = (
-    number("battery.drain", "9", "drains while armed by 100 % a minute", 1.45, 1.9, "%/s"),
-    number(
-        "battery.voltage",
-        "9",
-        "voltage is linear from 14.4 V empty to 16.2 V full, largest error below 19 %",
-        0.0,
-        60.0,
-        "mV",
-    ),
-    number("battery.floor", "9", "stops at 50 % by default", 49.0, 51.0, "%"),
-    number("battery.refill", "9", "full again after disarming, within", 1.0, 7.0, "s"),
-)
-EMPTY = (
-    word("battery.low-text", "9", "text at 15 %", "Low battery"),
-    number("battery.low-at", "9", "charge at which it comes", 12.0, 18.0, "%"),
-    word("battery.low-severity", "9", "its severity", "0"),
-    word("battery.low-mode", "9", "mode between 15 % and 7 %", "OFFBOARD"),
-    word("battery.critical-text", "9", "text at 7 %", "Critical battery"),
-    number("battery.critical-at", "9", "charge at which it comes", 4.0, 10.0, "%"),
-    word("battery.hold-text", "9", "text of the failsafe", "Failsafe activated: entering Hold for 5 seconds"),
-    word("battery.hold-mode", "9", "mode from 7 % on, although setpoints flow", "AUTO.LOITER"),
-    word("battery.hold-status", "9", "and system_status", "CRITICAL"),
-    word("battery.emergency-text", "9", "text at 5 %", "Emergency battery level"),
-    number("battery.land-after", "9", "lands after the hold", 4.5, 7.0, "s"),
-    word("battery.charge-states", "9", "charge_state on the way", "1 2 3 4"),
-    word("battery.disarms", "9", "lands and disarms", "yes"),
-)
+DRAIN = facts("battery", "drain")
+EMPTY = facts("battery", "empty")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:

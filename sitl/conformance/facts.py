@@ -66,6 +66,17 @@ def number(name: str, section: str, says: str, low: float, high: float, unit: st
     return Fact(name, section, says, low, high, unit)
 
 
+_TABLE = tomllib.loads(files(__package__).joinpath("facts.toml").read_text(encoding="utf-8"))
+
+
+def facts(phase: str, group: str) -> tuple[Fact, ...]:
+    """One group of facts of `facts.toml`: words, or numbers within bounds."""
+    return tuple(
+        (word if isinstance(values[0], str) else number)(name, section, says, *values)
+        for name, (section, says, *values) in _TABLE[phase][group].items()
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class FactResult:
     """Result of one fact; `reason` says why nothing could be measured."""

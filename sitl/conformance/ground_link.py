@@ -4,17 +4,11 @@ from __future__ import annotations
 
 import math
 
-from sitl.conformance.facts import FactReport, number, word
+from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import ARM, VehicleClient
 
-FACTS = (
-    number("gcs.heartbeat", "1", "heartbeats on the ground station's link", 0.9, 1.1, "Hz"),
-    word("gcs.system", "1", "they come from the same vehicle", "yes"),
-    word("gcs.version", "4", "MAVLink 2 there too", "MAVLink 2"),
-    word("gcs.text", "2", "a ground station's heartbeat on this link brings STATUSTEXT here", "sent"),
-    word("gcs.answers", "4", "commands are answered here", "ACCEPTED"),
-)
+FACTS = facts("ground_link", "facts")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from sitl.conformance.facts import FactReport, word
+from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import VehicleClient
 
-FACTS = (
-    word("link.second-sender", "1", "a heartbeat from a second port does not move the stream", "stays"),
-    word("link.first-sender", "1", "the first sender gets the stream, whatever its port", "moves there"),
-    word("link.listening-port", "1", "the port streamed to at first does not get it back by speaking later", "stays"),
-)
+FACTS = facts("lock", "facts")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sitl.conformance.facts import Fact, FactReport, number, word
+from sitl.conformance.facts import Fact, FactReport, facts, number, word
 from sitl.conformance.hover import Hover, airborne, fast_streams, grounded, settle
 from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import ARM, VehicleClient, quaternion
@@ -34,19 +34,8 @@ AIR = (
     number("loss.timeout-follows", "6", "COM_OF_LOSS_T 0.5: after the last setpoint", 0.47, 0.75, "s"),
     number("loss.wrong-target", "5", "setpoints for another system do not count", 0.97, 1.25, "s"),
 )
-DESCENT = (
-    number("loss.descent", "6", "blind descent in POSCTL without RC", 0.5, 0.95, "m/s"),
-    number("loss.landed", "6", "from 2.6 m: 'Landing detected' after the last setpoint", 6.0, 13.0, "s"),
-    number("loss.disarmed", "6", "disarmed after that", 1.8, 2.4, "s"),
-    word("loss.mode-after", "5", "mode after it, if OFFBOARD was flown before", "OFFBOARD"),
-    word("loss.status-after", "5", "and system_status while no setpoints flow", "UNINIT"),
-    word("loss.arming-after", "5", "and arming", "TEMPORARILY_REJECTED"),
-)
-GROUND = (
-    word("loss.ground-mode", "6", "on the ground, armed: mode", "POSCTL"),
-    word("loss.ground-armed", "6", "and 5 s later", "armed"),
-    word("loss.ground-return", "6", "when setpoints return", "OFFBOARD"),
-)
+DESCENT = facts("loss", "descent")
+GROUND = facts("loss", "ground")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:

@@ -5,43 +5,16 @@ from __future__ import annotations
 import math
 import statistics
 
-from sitl.conformance.facts import FactReport, number, word
+from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import Hover, airborne, fast_streams, grounded, settle
 from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import ARM, Stuck, VehicleClient, quaternion
 
 _EARLY_THRUST = 0.6
 _HEIGHT_M = 2.5
-START = (
-    word("offboard.streamed-status", "10", "OFFBOARD while setpoints stream: ready to arm", "STANDBY"),
-    word("offboard.base-mode", "5", "base_mode in OFFBOARD with attitude setpoints, disarmed", "17"),
-    word("offboard.base-mode-armed", "5", "and armed", "145"),
-    number("offboard.no-spool", "5", "motors at the thrust asked for after arming", 0.0, 0.07, "s"),
-    number("offboard.takeoff-text", "5", "'Takeoff detected' after arming with thrust 0.6", 0.0, 0.7, "s"),
-    number("offboard.early-climb", "5", "climb 0.44 s after arming", 0.1, 0.8, "m/s"),
-)
-KEPT = (
-    word("offboard.two-hertz", "5", "stays in OFFBOARD with two setpoints a second", "OFFBOARD"),
-    word("offboard.disarm-in-air", "5", "disarming in the air", "TEMPORARILY_REJECTED"),
-    word("offboard.disarm-text", "5", "text", repr("Disarming denied: not landed\t")),
-    word("offboard.disarm-severity", "5", "its severity", "2"),
-    word("offboard.hold-sticks", "6", "a mode asked for stays, though setpoints go on", "AUTO.LOITER"),
-    word("offboard.hold-base-mode", "5", "base_mode in AUTO.LOITER, armed", "157"),
-    word("offboard.refused", "5", "OFFBOARD in the air without fresh setpoints", "ACCEPTED, TEMPORARILY_REJECTED"),
-    word("offboard.refused-mode", "5", "the mode after that", "AUTO.LOITER"),
-    word("offboard.refused-text", "5", "text about it", repr("Switching to Offboard is currently not available\t")),
-    word("offboard.again", "5", "OFFBOARD in the air with setpoints", "ACCEPTED, ACCEPTED"),
-    word("offboard.no-position-target", "4", "no POSITION_TARGET_LOCAL_NED while attitudes are flown", "none"),
-    word("quirk.odometry-velocity", "4", "ODOMETRY's velocity is north, east, down, at any heading", "NED"),
-    number("hover.thrust", "8", "thrust that hovers", 0.465, 0.515),
-    number("hover.servo", "8", "SERVO_OUTPUT_RAW in hover", 1450.0, 1515.0),
-)
-END = (
-    number("offboard.cut-disarm", "14", "on the ground, thrust cut: disarms by itself", 3.6, 7.0, "s"),
-    word("offboard.forced", "5", "forced disarming in the air", "ACCEPTED"),
-    word("offboard.forced-text", "5", "text", repr("Disarmed by external command\t")),
-    word("offboard.forced-servo", "5", "motors at once", "900"),
-)
+START = facts("offboard", "start")
+KEPT = facts("offboard", "kept")
+END = facts("offboard", "end")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:

@@ -9,7 +9,7 @@ import statistics
 from pymavlink.dialects.v20 import common
 
 from sitl.conformance.endpoint import NAMES, Packet
-from sitl.conformance.facts import Fact, FactReport, number, word
+from sitl.conformance.facts import Fact, FactReport, facts, number
 from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import MODES, STATUS, VehicleClient
 
@@ -62,62 +62,10 @@ def _rate_fact(message: str, hz: float) -> Fact:
     return number(_stream_name(message), "4", f"{message} at {hz:g} Hz unasked", hz - slack, hz + slack, "Hz")
 
 
-BOOT = (
-    word("boot.unasked", "1", "streams before it has heard anything", "yes"),
-    number("boot.clock", "4", "time_boot_ms of the first ATTITUDE", 1.0, 1.8, "s"),
-    number("boot.heartbeat", "11", "first heartbeat 1.3 to 1.9 s after the start", 0.8, 2.3, "s"),
-    word("boot.heartbeat-status", "11", "the first heartbeat says UNINIT", "UNINIT"),
-    number("boot.gps", "11", "GPS has a 3D fix within 3 s of the start", 0.0, 3.2, "s"),
-    number("boot.home", "11", "first HOME_POSITION at 2.3 s", 1.8, 4.5, "s"),
-    number("boot.armable", "11", "prearm bit at 4.3 s", 3.3, 5.5, "s"),
-)
+BOOT = facts("pad", "boot")
 STREAMS = tuple(_rate_fact(message, hz) for message, hz in _RATES_HZ.items())
-MESSAGE_LAYOUT = (
-    word("wire.version", "4", "everything is MAVLink 2", "MAVLink 2"),
-    number("wire.messages-per-datagram", "4", "one message in a datagram", 1.0, 1.02),
-    number("wire.datagrams", "4", "405 datagrams a second", 380.0, 425.0, "1/s"),
-    number("wire.bytes", "4", "about 24 kB/s", 20.0, 30.0, "kB/s"),
-    word("wire.checksums", "4", "every checksum is right", "all right"),
-    word("wire.component", "1", "the autopilot is component 1", "1"),
-    word("wire.unasked-others", "4", "nothing else is streamed", "nothing"),
-    word("wire.no-rc", "4", "no RC_CHANNELS", "none"),
-    word("text.silent-alone", "2", "no STATUSTEXT without a ground station's heartbeat", "none"),
-    number("clock.pace", "4", "its clock runs at 0.99 of the wall clock", 0.95, 1.01),
-    number("clock.gap-mean", "4", "ATTITUDE comes every 10 ms on average", 9.6, 10.6, "ms"),
-    number("clock.gap-steps", "4", "ATTITUDE's stamps are whole steps of 4 ms apart", 0.99, 1.0),
-    number("heartbeat.interval-min", "5", "heartbeats are 1 s apart", 0.96, 1.04, "s"),
-    number("heartbeat.interval-max", "5", "heartbeats are 1 s apart", 0.96, 1.04, "s"),
-)
-QUIRKS = (
-    word("quirk.heartbeat", "4", "HEARTBEAT type and autopilot", "type 2 autopilot 12"),
-    word("pad.mode", "5", "waits in AUTO.LOITER", "AUTO.LOITER"),
-    word("pad.base-mode", "5", "base_mode in AUTO.LOITER, disarmed", "29"),
-    word("pad.status", "5", "system_status when ready", "STANDBY"),
-    word("pad.prearm-bit", "4", "SYS_STATUS health shows ready to arm", "set"),
-    word("pad.landed", "5", "landed state", "1"),
-    number("pad.height", "1", "z on the ground is near zero, but not exactly", 1e-4, 0.6, "m"),
-    number("pad.latitude", "1", "home latitude", 47.3967, 47.3988, "deg"),
-    number("pad.longitude", "1", "home longitude", 8.5446, 8.5467, "deg"),
-    number("pad.position-noise", "8", "position on the pad, std over 10 s, worst axis", 0.005, 0.12, "m"),
-    number("pad.velocity-noise", "8", "velocity on the pad, std, worst axis", 0.003, 0.08, "m/s"),
-    number("pad.attitude-noise", "8", "roll and pitch noise, std", 0.02, 0.18, "deg"),
-    number("pad.yaw-noise", "8", "yaw noise, std", 0.03, 0.4, "deg"),
-    number("pad.gyro-noise", "8", "gyro noise, std", 0.15, 0.6, "deg/s"),
-    word("quirk.odometry-frames", "4", "ODOMETRY frame_id and child_frame_id", "1 and 1"),
-    word("quirk.odometry-covariance", "4", "ODOMETRY covariances off the diagonal", "NaN"),
-    word("quirk.odometry-estimator", "4", "ODOMETRY estimator_type", "8"),
-    number("quirk.odometry-resets", "4", "ODOMETRY reset_counter on the pad", 1.0, 60.0),
-    word("quirk.odometry-quality", "4", "ODOMETRY quality", "0"),
-    number("quirk.battery-voltage", "4", "voltages[0] is the whole pack's", 15900.0, 16250.0, "mV"),
-    word("quirk.battery-cells", "4", "the other voltages", "65535"),
-    word("quirk.battery-current", "4", "current_battery without a sensor", "-100"),
-    word("quirk.battery-temperature", "4", "temperature", "32767"),
-    word("quirk.battery-consumed", "4", "current_consumed", "0"),
-    word("quirk.battery-charge-state", "9", "charge_state", "1"),
-    word("quirk.servo-disarmed", "4", "SERVO_OUTPUT_RAW while disarmed", "900"),
-    word("quirk.attitude-target-mask", "4", "ATTITUDE_TARGET.type_mask", "0"),
-    word("quirk.vtol-state", "4", "EXTENDED_SYS_STATE.vtol_state", "0"),
-)
+MESSAGE_LAYOUT = facts("pad", "message_layout")
+QUIRKS = facts("pad", "quirks")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:

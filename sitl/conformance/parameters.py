@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sitl.conformance.facts import FactReport, number, word
+from sitl.conformance.facts import FactReport, facts, number
 from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import VehicleClient
 
@@ -42,12 +42,7 @@ DEFAULTS = tuple(
     number(f"param.{name}", "9" if name.startswith("SIM_BAT") else "13", f"{name} by default", value, value)
     for name, value in _DEFAULTS.items()
 )
-ACCESS = (
-    word("param.set-float", "13", "PARAM_SET of a float is answered with the new value and read back", "0.75 and 0.75"),
-    word("param.set-integer", "13", "PARAM_SET of an integer, bytewise, likewise", "4 and 4"),
-    word("param.float-type", "13", "param_type of a float", "9"),
-    word("param.integer-type", "13", "param_type of an integer", "6"),
-)
+ACCESS = facts("parameters", "access")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:

@@ -7,7 +7,7 @@ import statistics
 from functools import partial
 
 from sitl.conformance.endpoint import Packet
-from sitl.conformance.facts import FactReport, number, word
+from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import REQUEST, SET_INTERVAL, VehicleClient, common_id
 
@@ -31,33 +31,8 @@ _ROUNDS = (
         ("rate.actuators", "ACTUATOR_OUTPUT_STATUS", 250.0),
     ),
 )
-RATES = (
-    number("rate.attitude", "4", "ATTITUDE asked for every 4 ms", 205.0, 252.0, "Hz"),
-    number("rate.attitude-quaternion", "4", "ATTITUDE_QUATERNION asked for every 4 ms", 205.0, 252.0, "Hz"),
-    number("rate.local-position-200", "4", "LOCAL_POSITION_NED asked for every 5 ms", 117.0, 130.0, "Hz"),
-    number("rate.local-position-100", "4", "LOCAL_POSITION_NED asked for every 10 ms", 93.0, 104.0, "Hz"),
-    number("rate.odometry", "4", "ODOMETRY asked for every 10 ms", 93.0, 104.0, "Hz"),
-    number("rate.attitude-target", "4", "ATTITUDE_TARGET asked for every 10 ms", 93.0, 104.0, "Hz"),
-    number("rate.battery", "4", "BATTERY_STATUS asked for every 100 ms", 9.0, 11.0, "Hz"),
-    number("rate.servo", "4", "SERVO_OUTPUT_RAW asked for every 2.5 ms", 200.0, 255.0, "Hz"),
-    number("rate.actuators", "4", "ACTUATOR_OUTPUT_STATUS asked for every 4 ms", 200.0, 255.0, "Hz"),
-    number("rate.hil-state", "1", "HIL_STATE_QUATERNION of the simulator asked for every 10 ms", 90.0, 105.0, "Hz"),
-    number("rate.default-again", "4", "ATTITUDE after interval 0", 94.0, 106.0, "Hz"),
-    word("rate.acknowledged", "4", "SET_MESSAGE_INTERVAL of a known message", "ACCEPTED"),
-    word("rate.heartbeat-fixed", "4", "SET_MESSAGE_INTERVAL of HEARTBEAT", "FAILED"),
-    word("rate.unknown-message", "4", "SET_MESSAGE_INTERVAL of an unknown message", "FAILED"),
-    number("rate.get", "4", "GET_MESSAGE_INTERVAL of ATTITUDE after asking for 4 ms", 3600.0, 5000.0, "us"),
-    word("truth.time", "1", "time_usec of HIL_STATE_QUATERNION", "0"),
-)
-ANSWERS = (
-    word("request.autopilot-version", "4", "REQUEST_MESSAGE of AUTOPILOT_VERSION", "ACCEPTED and sent"),
-    word("request.version", "4", "AUTOPILOT_VERSION.flight_sw_version", "1.16"),
-    word("request.global-origin", "14", "REQUEST_MESSAGE of GPS_GLOBAL_ORIGIN", "ACCEPTED and sent"),
-    word("ack.unknown-command", "4", "an unknown command", "UNSUPPORTED"),
-    word("ack.wrong-target", "4", "a command to another system", "silence"),
-    word("ack.target", "4", "an acknowledgement names its asker", "yes"),
-    number("ack.latency", "4", "median time to an acknowledgement, on an idle machine", 0.0, 25.0, "ms"),
-)
+RATES = facts("requests", "rates")
+ANSWERS = facts("requests", "answers")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:

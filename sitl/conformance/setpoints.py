@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 
-from sitl.conformance.facts import FactReport, number, word
+from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import Hover, airborne, settle
 from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import (
@@ -28,42 +28,11 @@ _LOCAL_NED = 1
 _STICKS_HEIGHT_M = 3.0
 _FULL_STICK, _STICKS_HZ = 1000.0, 20.0
 _FAST_1_S, _SLOW_1_S = 3.0, 0.5
-FACTS = (
-    number("setpoint.nan-thrust", "7", "thrust NaN: falls, speed after 0.6 s", 2.5, 5.5, "m/s"),
-    number("setpoint.ignored-thrust", "7", "THROTTLE_IGNORE: falls, speed after 0.6 s", 2.5, 5.5, "m/s"),
-    number("setpoint.negative-thrust", "7", "thrust -0.5: falls, speed after 0.6 s", 2.5, 5.5, "m/s"),
-    number("setpoint.thrust-above-one", "7", "thrust 1.5 saturates, SERVO_OUTPUT_RAW", 1900.0, 2000.0),
-    word("setpoint.mode-kept", "7", "mode after all of these", "OFFBOARD"),
-    word("setpoint.silent", "7", "texts about them", "none"),
-    number("setpoint.scaled-quaternion", "7", "a quaternion times 3 is normalised: roll of 10 asked", 8.0, 12.5, "deg"),
-    number("setpoint.mask-zero", "7", "type_mask 0 with an attitude: roll of 10 asked", 8.0, 12.5, "deg"),
-    number("setpoint.rates", "7", "body rates: 25 deg/s of roll asked, at 0.4 s", 18.0, 31.0, "deg/s"),
-    word("setpoint.rates-base-mode", "5", "base_mode with body rates", "129"),
-    number("setpoint.steep-50", "7", "no tilt limit: 50 deg asked", 44.0, 60.0, "deg"),
-    number("setpoint.steep-75", "7", "no tilt limit: 75 deg asked", 66.0, 90.0, "deg"),
-    word("setpoint.steep-text", "7", "text beyond 60 deg", repr("Preflight Fail: Attitude failure (roll)")),
-    word("setpoint.steep-failsafe-text", "7", "and a warning", repr("Failsafe activated\t")),
-    word("setpoint.steep-mode", "7", "mode beyond 60 deg", "OFFBOARD"),
-    word("setpoint.any-sender", "5", "setpoints from another system id count", "OFFBOARD"),
-    number(
-        "setpoint.position", "7", "position setpoints on the fly: 1 m to the north, reached after 4 s", 0.5, 1.5, "m"
-    ),
-    number("setpoint.velocity", "7", "velocity setpoints: 1 m/s to the east asked, after 2 s", 0.6, 1.4, "m/s"),
-    word("setpoint.position-mode", "7", "mode with position setpoints", "OFFBOARD"),
-    number("setpoint.echo", "7", "attitude asked and ATTITUDE_TARGET's, apart", 0.0, 0.5, "deg"),
-)
+FACTS = facts("setpoints", "facts")
 
-STICKS = (
-    word("stick.fast", "5", "mode after a stick moved at 3/s to 0.5 in OFFBOARD", "OFFBOARD"),
-    word("stick.slow", "5", "mode after a stick moved at 0.5/s to 0.5 in OFFBOARD", "OFFBOARD"),
-)
+STICKS = facts("setpoints", "sticks")
 # Some versions do not recover from these: they come last of all.
-BREAKING = (
-    number("setpoint.zero-quaternion", "7", "a quaternion of zeros: nearly level, largest tilt", 0.0, 8.0, "deg"),
-    word("setpoint.zero-quaternion-after", "7", "a roll of 10 deg asked after it", "follows"),
-    number("setpoint.nan-quaternion", "7", "a quaternion of NaN: drifts, tilt after 0.6 s", 1.0, 20.0, "deg"),
-    word("setpoint.nan-quaternion-after", "7", "a roll of 10 deg asked after it", "follows"),
-)
+BREAKING = facts("setpoints", "breaking")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:

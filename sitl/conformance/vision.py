@@ -6,7 +6,7 @@ import math
 import statistics
 from collections.abc import Callable
 
-from sitl.conformance.facts import FactReport, number, word
+from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import Hover, grounded
 from sitl.conformance.phase import Phase
 from sitl.conformance.vehicle_client import ARM, VehicleClient
@@ -19,32 +19,8 @@ _NO_GPS_S = 4.0
 _GOOD = 0x1FF
 _ORIGIN_M = 100.0
 _LATITUDE_1E7, _LONGITUDE_1E7 = 473977420, 85455940
-FUSED = (
-    word("vision.before-streams", "10", "LOCAL_POSITION_NED without any source", "streams"),
-    word("vision.before-arming", "10", "arming in AUTO.LOITER without any source", "TEMPORARILY_REJECTED"),
-    number("vision.estimate", "10", "VISION_POSITION_ESTIMATE: local position apart from it after 4 s", 0.0, 0.03, "m"),
-    number("vision.jump", "10", "a jump sideways is followed within 2 s, left over", 0.0, 0.15, "m"),
-    number("vision.height-jump", "10", "a jump in height is followed within 8 s, left over", 0.0, 0.08, "m"),
-    number("vision.odometry", "10", "ODOMETRY: local position apart from it after 4 s", 0.0, 0.05, "m"),
-    number(
-        "vision.origin-height",
-        "10",
-        "a global origin 100 m above the sea: local height apart from the vision's, which counts as one above the sea",
-        99.9,
-        100.1,
-        "m",
-    ),
-    word("vision.silent", "10", "answers to either", "none"),
-    number("vision.flags", "10", "ESTIMATOR_STATUS.flags with vision", _GOOD, _GOOD),
-)
-LOST = (
-    word("vision.lost-streams", "10", "LOCAL_POSITION_NED after vision stopped", "streams"),
-    word("vision.lost-flags", "10", "ESTIMATOR_STATUS.flags then, one after the other", "0x1ff 0xff 0xe5", "0xff 0xe5"),
-    word("vision.mocap-ignored", "10", "ATT_POS_MOCAP all the while is not fused: flags at the end", "0xe5"),
-    word("vision.lost-arming", "10", "arming in AUTO.LOITER after it stopped", "TEMPORARILY_REJECTED"),
-    word("vision.offboard-arming", "10", "attitude OFFBOARD arms without any position source", "ACCEPTED"),
-    word("vision.offboard-prearm", "10", "and shows ready before", "set"),
-)
+FUSED = facts("vision", "fused")
+LOST = facts("vision", "lost")
 _SECTION = (*FUSED, *LOST)
 
 
