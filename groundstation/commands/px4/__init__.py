@@ -9,16 +9,13 @@ Exit status: 0 all are as needed; 1 none is; 2 wrong input; 10 nobody answered; 
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from json import dumps
 
 from cyclopts import App
 
 from groundstation.commands.parameters import FleetFile, Names
-from groundstation.commands.px4.vehicle_parameters import as_mapping, as_text, exit_status, read_or_set
+from groundstation.commands.px4.vehicle_parameters import as_mapping, as_text, exit_status, read_or_set_all
 from onboard.config.fleet import ConfigError, load_fleet
-
-_LARGEST_BATCH = 8
 
 px4 = App(name="px4", help="PX4 itself, past the agents.")
 
@@ -44,7 +41,6 @@ def params(
     names = config.select(vehicles, exclude)
     if not names:
         raise ConfigError("No vehicle is selected. Set enabled = true for one, or change --vehicles and --exclude.")
-    with ThreadPoolExecutor(_LARGEST_BATCH) as pool:
-        states = list(pool.map(lambda name: read_or_set(config.vehicles[name], applies=apply), names))
+    states = read_or_set_all([config.vehicles[name] for name in names], applies=apply)
     print(dumps(as_mapping(states), indent=2) if json else as_text(states))
     return exit_status(states)

@@ -6,11 +6,15 @@ the program that it heard there first, so nothing may push in between an agent a
 
 from __future__ import annotations
 
+import multiprocessing
 import textwrap
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from groundstation.client.direct_mavlink import DirectParams
 from onboard.autopilot import LinkError, Version
@@ -23,6 +27,8 @@ _ANSWER_S, _VERSION_S = 4.0, 1.0
 _STORE_S, _SECOND_WRITE_S = 5.0, 0.5
 _ACCEPTED = 0
 _WIDTH = 118
+_LARGEST_BATCH = 8
+Result = TypeVar("Result")
 
 
 class ParamsLink(Protocol):
@@ -107,6 +113,27 @@ class VehicleParams:
         return tuple(row.demand.name for row in self.rows if row.was_set and row.demand.needs_restart)
 
 
+def read_or_set_all(vehicles: Sequence[Vehicle], *, applies: bool) -> list[VehicleParams]:
+    """Do for each what :func:`read_or_set` does for one, several at a time."""
+    if len(vehicles) == 1:
+        return [read_or_set(vehicles[0], applies=applies)]
+    crashed = "The reading crashed twice, perhaps after a parameter was set: run it again."
+    with ThreadPoolExecutor(_LARGEST_BATCH) as pool:
+        found = pool.map(lambda vehicle: in_own_process(read_or_set, vehicle, applies=applies), vehicles)
+        return [state or _without_answer(vehicle, crashed) for state, vehicle in zip(found, vehicles, strict=True)]
+
+
+def in_own_process(function: Callable[..., Result], *args: Any, **kwargs: Any) -> Result | None:
+    """Call a function in a process of its own, and once more when that crashes; None when it crashes again.
+
+    Several links in one process crash MAVSDK 4.1 now and then.
+    """
+    for _ in range(2):
+        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool, suppress(BrokenProcessPool):
+            return pool.submit(function, *args, **kwargs).result()
+    return None
+
+
 def read_or_set(vehicle: Vehicle, *, applies: bool) -> VehicleParams:
     """Read one vehicle's parameters at the endpoint that answers; ``applies``: set those that differ."""
     troubles: list[str] = []
@@ -135,8 +162,12 @@ def read_or_set(vehicle: Vehicle, *, applies: bool) -> VehicleParams:
         )
     else:
         troubles.append("Start PX4, or check cable and ports.")
+    return _without_answer(vehicle, " ".join(troubles))
+
+
+def _without_answer(vehicle: Vehicle, trouble: str) -> VehicleParams:
     return VehicleParams(
-        vehicle.name, "", tuple(ParameterState(demand, None) for demand in all_params(vehicle)), " ".join(troubles)
+        vehicle.name, "", tuple(ParameterState(demand, None) for demand in all_params(vehicle)), trouble
     )
 
 

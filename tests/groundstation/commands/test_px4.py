@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import os
 import socket
 import subprocess
 import sys
@@ -19,6 +21,7 @@ from groundstation.commands.px4.vehicle_parameters import (
     VehicleParams,
     as_text,
     exit_status,
+    in_own_process,
     read_or_set,
     store,
 )
@@ -215,3 +218,8 @@ def test_a_stick_that_is_bumped_takes_no_vehicle_out_of_offboard_on_any_version(
     assert differences(old, {**old, "COM_RC_OVERRIDE": 1}) == ()
     assert "COM_RC_OVERRIDE is 3" in differences(old, {**old, "COM_RC_OVERRIDE": 3})[0]
     assert "MAN_OVERRIDE_SPD is 1" in differences(new, {**new, "MAN_OVERRIDE_SPD": 1.0})[0]
+
+
+def test_a_reading_that_crashes_ends_no_other_and_is_tried_twice() -> None:
+    assert in_own_process(os.abort) is None
+    assert in_own_process(math.hypot, 3.0, 4.0) == 5.0
