@@ -214,15 +214,18 @@ def run_breaking(client: VehicleClient, report: FactReport) -> None:
             continue
         try:
             hover = _calm(client)
+            client.spend(1.0)
         except Stuck as error:
             report.skip([fact for fact in BREAKING if fact.name.startswith(name)], f"before it: {error}")
             continue
         _for_a_moment(client, partial(client.attitude, (part,) * 4, hover.thrust), _BAD_S)
         report.add(name, math.degrees(math.hypot(*client.euler()[:2])))
         hover.here()
-        tilted = quaternion(math.radians(10.0), 0.0, hover.yaw_rad)
-        _for_a_moment(client, partial(client.attitude, tilted, hover.thrust), _BAD_S)
-        follows = 5.0 < math.degrees(client.euler()[0]) < 15.0
+        follows = True
+        for sign in (1.0, -1.0):  # one that drifts may pass by one of them
+            tilted = quaternion(sign * math.radians(10.0), 0.0, hover.yaw_rad)
+            _for_a_moment(client, partial(client.attitude, tilted, hover.thrust), _BAD_S)
+            follows &= 5.0 < sign * math.degrees(client.euler()[0]) < 15.0
         report.add(f"{name}-after", "follows" if follows else "lost")
         if follows:
             _recover(client, hover)

@@ -15,7 +15,7 @@ _PARAMETERS = {"EKF2_EV_CTRL": 15.0, "EKF2_GPS_CTRL": 0.0, "EKF2_HGT_REF": 3.0, 
 _POSITION = (1.0, -0.5, -0.2)
 _JUMP_M = 0.8
 _SETTLE_S = 4.0
-_NO_GPS_S = 4.0
+_NO_GPS_S = 7.0  # PX4 takes its position for valid up to 5 s after the last satellites
 _GOOD = 0x1FF
 _ORIGIN_M = 100.0
 _LATITUDE_1E7, _LONGITUDE_1E7 = 473977420, 85455940
@@ -36,6 +36,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
         client.spend(_NO_GPS_S)
         report.add("vision.before-streams", _streams(client))
         report.add("vision.before-arming", client.command(ARM, 1.0))
+        client.command(ARM, 0.0)
     if report.wants(*(fact.name for fact in FUSED)):
         _fused(client, report)
     if report.wants(*(fact.name for fact in LOST)):
