@@ -161,3 +161,21 @@ def test_the_folder_gets_the_files_that_are_really_used_and_a_flown_one_is_not_o
             is_headless=True,
             seed=0,
         )
+
+
+def test_a_lab_s_file_flies_in_simulation_on_ports_of_this_computer(tmp_path: Path) -> None:
+    words = ["init", str(tmp_path), "--vehicles", "2", "--position", "vicon", "--companions", "10.0.0.11"]
+    assert cli.main(words) == 0
+    settings = prepare(
+        str(tmp_path / "mission.toml"),
+        tmp_path / "flight",
+        fleet_path=None,
+        law=None,
+        is_simulated=True,
+        has_free_ports=False,
+        is_headless=True,
+        seed=0,
+    )
+    for vehicle in settings.mission.fleet.vehicles.values():
+        assert vehicle.host == "127.0.0.1"
+        assert vehicle.autopilot.startswith("udpin://127.0.0.1:")
