@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from groundstation.alarms.table import BY_TEXT, COVERED, RANKS, TABLE, Ground, Kind, Severity
+from groundstation.fleet.own_stall import AFTER_STALL_S
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
@@ -84,8 +85,9 @@ def conditions(state: FleetState, fleet: FleetConfig, now_ns: int) -> list[Alarm
         Alarms of the fleet, of pairs and of each vehicle, the worst first.
     """
     alarms = list(_of_fleet(state, fleet, now_ns))
+    is_after_stall = now_ns - state.stalled_ns < AFTER_STALL_S * 1e9
     for view in state.vehicles.values():
-        alarms.extend(_of_vehicle(view, fleet, now_ns))
+        alarms.extend(_of_vehicle(view, fleet, now_ns, is_after_stall))
     return sorted(alarms, key=_urgency)
 
 
@@ -244,7 +246,7 @@ def _together(lines: list[Line]) -> Line:
     )
 
 
-def _of_vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> Iterator[Alarm]:
+def _of_vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int, is_after_stall: bool) -> Iterator[Alarm]:
     telemetry, name = view.telemetry, view.name
     if view.truth is not None and view.truth.is_collided and view.has_truth(now_ns):
         yield _alarm(_G.COLLIDED, name, is_flying=True)
@@ -252,6 +254,8 @@ def _of_vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> Iterator[
         return
     is_flying = view.is_airborne
     if not view.is_fresh(now_ns):
+        if is_after_stall:
+            return
         yield dataclasses.replace(_alarm(_G.SILENT, name, is_flying=is_flying), since_ns=view.received_ns)
         return
     if telemetry.state == "failed":

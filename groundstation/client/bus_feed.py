@@ -34,6 +34,7 @@ class BusFeed:
         on_batch: called on the event loop with everything that has arrived since the last call.
         recorded: topics for the sinks only.
         clock_ns: the ground's monotonic clock [ns].
+        on_delivery: called on the event loop before each delivery of a bus that is not simulated.
     """
 
     def __init__(
@@ -43,11 +44,12 @@ class BusFeed:
         *,
         recorded: Sequence[Topic],
         clock_ns: Callable[[], int],
+        on_delivery: Callable[[], object],
     ) -> None:
         self.bus = bus
         self._on_batch = on_batch
         self._topics = (*FOLDED, *(topic for topic in recorded if topic not in FOLDED))
-        self._clock_ns = clock_ns
+        self._clock_ns, self._on_delivery = clock_ns, on_delivery
         self._queue: deque[Received] = deque(maxlen=MAX_QUEUED)
         self._is_scheduled = False
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -160,6 +162,7 @@ class BusFeed:
 
     def _deliver_periodically(self, loop: asyncio.AbstractEventLoop) -> None:
         self._delivery = loop.call_later(DELIVERY_PERIOD_S, self._deliver_periodically, loop)
+        self._on_delivery()
         self.bus.deliver()
 
     def _drain(self) -> None:

@@ -6,28 +6,28 @@ All public methods are for the event loop's thread, except where "callable from 
 from __future__ import annotations
 
 import asyncio
-import getpass
 import itertools
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+from msgspec import structs
+
 from groundstation.client.bus_feed import BusFeed, Sink
 from groundstation.client.direct_mavlink import send_direct
 from groundstation.client.fault_orders import order_fault
+from groundstation.client.ground_node import session, user_name
 from groundstation.client.open_orders import OpenOrders, SendDirect
 from groundstation.fleet.control_authority import Control
-from groundstation.fleet.state import FleetState, Received, fold_batch, initial
+from groundstation.fleet.own_stall import AFTER_STALL_S, OwnStall, boot_clock_ns
+from groundstation.fleet.state import GROUND_STALLED, FleetState, Received, fold_batch, initial
 from groundstation.fleet.tick_stream import BusTickStream
 from groundstation.orders.grammar import Intent, PathVerb, default_formation, parse
 from groundstation.orders.path_orders import path_orders
-from groundstation.orders.plan import HeldFormation, PlannedOrder, check_again, plan_order, random_id
+from groundstation.orders.plan import HeldFormation, PlannedOrder, check_again, plan_order
 from groundstation.orders.result import OrderResult, VehicleResult
-from onboard.bus.authority import GROUND
 from onboard.bus.protocol import Bus
 from onboard.bus.schema import Event, FaultOrder, Message, PathOrder
-from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 
@@ -62,15 +62,21 @@ class FleetClient:
     ) -> None:
         self.fleet = fleet
         self.is_recording = False  # this ground, as announced to the vehicles
-        self.author = author or _user()
+        self.author = author or user_name()
         self._clock_ns = clock_ns
-        self._feed = BusFeed(bus or session(fleet), self._take_batch, recorded=extra_topics, clock_ns=clock_ns)
+        bus = bus or session(fleet)
+        stall_clock_ns = clock_ns if bus.is_simulated else boot_clock_ns
+        self._stall = OwnStall(stall_clock_ns)
+        self._feed = BusFeed(
+            bus, self._take_batch, recorded=extra_topics, clock_ns=clock_ns, on_delivery=self.is_after_own_stall
+        )
         self._orders = OpenOrders(
             fleet,
             self._feed,
             send_direct=send,
             publish_event=self.publish_event,
             views=lambda: self._state.vehicles,
+            stall_clock_ns=stall_clock_ns,
         )
         self._order_count = itertools.count(1)
         self._held = HeldFormation(default_formation(fleet))
@@ -210,6 +216,22 @@ class FleetClient:
         """
         self._held = planned.held
         return self._orders.send(planned)
+
+    def is_after_own_stall(self) -> bool:
+        """Look whether this ground itself stood still, and say so. Call it several times a second.
+
+        Returns:
+            Whether it did, within the last AFTER_STALL_S: silence in this time is no sign of a lost vehicle.
+        """
+        gap_s = self._stall.look()
+        if gap_s:
+            sentence = (
+                f"This ground itself stood still for {gap_s:.1f} s: the record has a gap, and the smallest distance of "
+                f"that time is not known. Silent vehicles are waited for, {AFTER_STALL_S:g} s."
+            )
+            self._state = structs.replace(self._state, stalled_ns=self._clock_ns())
+            self.publish_event("warning", GROUND_STALLED, sentence)
+        return self._stall.is_recent
 
     def may_start(self, vehicle: str) -> bool:
         """Whether a vehicle may be starting: an order of this client to arm or take off goes on, or it reports one.
@@ -370,26 +392,3 @@ class FleetClient:
                     listen(item)
         for listener in self._listeners:
             listener(state)
-
-
-def session(fleet: FleetConfig, role: str = GROUND) -> BusSession:
-    """Return a new node on the fleet's bus.
-
-    Args:
-        fleet: its agents are connected to.
-        role: whether the node may order, or only watches: without one that may, vehicles land after a while.
-    Returns:
-        the node, not started.
-    """
-    return BusSession(
-        namespace=fleet.namespace,
-        node=f"{role}-{os.getpid()}-{random_id()[:4]}",
-        connect=[*(vehicle.agent for vehicle in fleet.vehicles.values()), fleet.simulator_endpoint],
-    )
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):
-        return f"uid-{os.getuid()}"

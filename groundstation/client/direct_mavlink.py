@@ -15,6 +15,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from groundstation.fleet.own_stall import OwnStall, boot_clock_ns
+
 DirectKind = Literal["land", "kill"]
 _GCS_SYSTEM, _GCS_COMPONENT, _AUTOPILOT = 255, 190, 1
 _NAV_LAND, _ARM_DISARM, _FORCE = 21, 400, 21196.0
@@ -137,7 +139,8 @@ def _command(link: Any, system_id: int, kind: DirectKind, timeout_s: float, watc
     is_watched = False
     next_send_s = next_beat_s = time.monotonic()
     end_s = next_send_s + timeout_s
-    while (now_s := time.monotonic()) < end_s and not progress.is_disarmed:
+    stall = OwnStall(boot_clock_ns)  # answers of that time are still to be read
+    while (now_s := time.monotonic()) < (end_s := end_s + stall.look()) and not progress.is_disarmed:
         if now_s >= next_beat_s:
             _send_heartbeat(link)
             next_beat_s = now_s + 1.0

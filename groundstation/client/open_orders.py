@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable, Collection, Mapping
 
 from groundstation.client.bus_feed import BusFeed
 from groundstation.client.direct_mavlink import DirectKind, DirectResult
+from groundstation.fleet.own_stall import OWN_STALL_S, OwnStall
 from groundstation.fleet.state import DIRECT_DISARMED, VehicleView
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderResult, Phase
@@ -35,6 +37,7 @@ class OpenOrders:
         send_direct: sends a land or kill command straight to PX4.
         publish_event: publishes an event of the ground.
         views: returns the vehicles as known now.
+        stall_clock_ns: a clock that goes on while this computer sleeps [ns].
     """
 
     def __init__(
@@ -45,9 +48,11 @@ class OpenOrders:
         send_direct: SendDirect,
         publish_event: PublishEvent,
         views: Callable[[], Mapping[str, VehicleView]],
+        stall_clock_ns: Callable[[], int],
     ) -> None:
         self._fleet, self._feed, self._views = fleet, feed, views
         self._send_direct, self._publish_event = send_direct, publish_event
+        self._stall_clock_ns = stall_clock_ns
         self._open: dict[str, OrderResult] = {}  # order id -> result
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -137,10 +142,7 @@ class OpenOrders:
         limit_s = self._fleet.fleet.direct_command_timeout_s
         if direct is None:
             limit_s = max(limit_s, REPLY_TIMEOUT_S)
-        try:
-            async with asyncio.timeout(limit_s):
-                await replied.wait()
-        except TimeoutError:
+        if not await self._has_replied(result, vehicle, replied, limit_s):
             problem = f"{vehicle}'s agent did not answer within {limit_s:g} s"
             if direct == "kill" and self._views()[vehicle].is_airborne:  # an agent that accepts says this itself
                 order = result.planned.orders[vehicle]
@@ -157,6 +159,26 @@ class OpenOrders:
             is_silent = not replied.is_set()
             await self._send_to_px4(result, self._fleet.vehicles[vehicle], direct, problem, is_silent=is_silent)
 
+    async def _has_replied(self, result: OrderResult, vehicle: str, replied: asyncio.Event, limit_s: float) -> bool:
+        """Wait for a reply; a wait in which this ground itself stood still begins again.
+
+        Returns:
+            Whether the agent has replied, or shows by its telemetry that it follows the order: a stall loses replies.
+        """
+        kind, has_stalled = result.planned.orders[vehicle].kind, False
+        while True:
+            begin_ns, stall_begin_ns = self._feed.now_ns(), self._stall_clock_ns()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(limit_s):
+                    await replied.wait()
+            view = self._views()[vehicle]
+            follows = view.telemetry is not None and view.received_ns > begin_ns and view.telemetry.order_kind == kind
+            if replied.is_set() or result.results[vehicle].is_final or (has_stalled and follows):
+                return True
+            if (self._stall_clock_ns() - stall_begin_ns) * 1e-9 < limit_s + OWN_STALL_S:
+                return False
+            has_stalled = True
+
     async def _missing_effect(self, result: OrderResult, vehicle: str, kind: DirectKind) -> str:
         """Watch an accepted land or kill.
 
@@ -166,11 +188,14 @@ class OpenOrders:
         Returns:
             The reason to go straight to PX4; empty when the order has ended, or was refused.
         """
-        loop = asyncio.get_running_loop()
+        loop, stall = asyncio.get_running_loop(), OwnStall(self._stall_clock_ns)
         accepted_s, accepted_ns = loop.time(), self._feed.now_ns()
         accepted = f"{vehicle}'s agent accepted {kind}"
+        stall.look()
         while not result.results[vehicle].is_final:
             await asyncio.sleep(_WATCH_PERIOD_S)
+            if stall.look():  # what PX4 showed meanwhile is still to be read
+                accepted_s, accepted_ns = loop.time(), self._feed.now_ns()
             view = self._views()[vehicle]
             telemetry = view.telemetry if view.received_ns > accepted_ns else None
             if telemetry is not None and telemetry.is_armed and telemetry.autopilot_age_s > _LINK_SILENT_S:

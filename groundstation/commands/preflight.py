@@ -14,7 +14,8 @@ import asyncio
 from collections.abc import Sequence
 from json import dumps
 
-from groundstation.client.client import FleetClient, session
+from groundstation.client.client import FleetClient
+from groundstation.client.ground_node import session
 from groundstation.client.preflight_page import VehiclePage, as_mapping, as_text, ask, exit_status
 from groundstation.commands.parameters import FleetFile, Names, Seconds
 from onboard.bus.authority import WATCHER

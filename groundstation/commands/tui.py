@@ -13,7 +13,8 @@ import asyncio
 import os
 import sys
 
-from groundstation.client.client import FleetClient, session
+from groundstation.client.client import FleetClient
+from groundstation.client.ground_node import session
 from groundstation.client.read_only import ReadOnlyClient
 from groundstation.commands.parameters import FleetFile
 from onboard.bus.authority import WATCHER

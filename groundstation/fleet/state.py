@@ -24,6 +24,7 @@ from onboard.bus.topics import TOPICS, Topic
 from onboard.config.fleet import FleetConfig
 
 MAX_EVENTS = 500
+GROUND_STALLED = "ground_stalled"  # code of the ground's event: it stood still itself
 DIRECT_DISARMED = "direct_disarmed"  # code of the ground's event: PX4 itself reports it on the direct path
 TELEMETRY_STALE_NS = int(TOPICS[Topic.TELEMETRY].stale_after_s * 1e9)
 PREFLIGHT_STALE_NS = int(TOPICS[Topic.PREFLIGHT].stale_after_s * 1e9)
@@ -124,6 +125,7 @@ class FleetState(Struct, frozen=True):
     smallest_truth: Separation | None = None  # the same by ground truth; None outside simulation
     malformed: int = 0  # messages that could not be decoded
     disabled: frozenset[str] = frozenset()  # vehicles that the fleet file disables
+    stalled_ns: int = _NEVER  # this ground itself stood still until then
 
     def events_after(self, last: LoggedEvent | None) -> list[LoggedEvent]:
         """Return the events after one of them, oldest first; all events if it is not among them any more."""

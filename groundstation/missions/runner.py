@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import inspect
-import time
 import traceback
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -22,8 +21,6 @@ from onboard.config.fleet import ConfigError
 LAND_TIMEOUT_S = 40.0
 READY_TIMEOUT_SIM_S = 60.0  # for the first step, when emulator and agents start with the mission
 LAST_TELEMETRY_S = 0.5
-OWN_STALL_S = 1.0  # between two looks at the vehicles, after which this ground itself stood still
-AFTER_STALL_S = 6.0  # until silence counts again: connections come back first
 SILENT_S = 2.0  # without telemetry in flight, after which the mission ends
 
 
@@ -35,7 +32,6 @@ class MissionRun:
         client: started.
         say: progress in words.
         ready_timeout_s: how long to wait for the vehicles before the first step.
-        boot_clock_ns: a clock that goes on while this computer sleeps [ns].
     """
 
     def __init__(
@@ -45,7 +41,6 @@ class MissionRun:
         *,
         say: Callable[[str], None] = lambda line: None,
         ready_timeout_s: float = 60.0,
-        boot_clock_ns: Callable[[], int] = lambda: time.clock_gettime_ns(time.CLOCK_BOOTTIME),
     ) -> None:
         self.mission = mission
         self.client = client
@@ -58,9 +53,6 @@ class MissionRun:
             mission.name, mission.fleet, client.state, steps, arrivals, begin_ns=now_ns, end_ns=now_ns
         )
         self._task: asyncio.Task[Any] | None = None
-        self._boot_clock_ns = boot_clock_ns
-        self._look_ns: int | None = None  # last look at the vehicles, on the boot clock
-        self._stall_ns: int | None = None  # end of this ground's last stall, on the boot clock
 
     async def run(self) -> Verdict:
         """Fly it. Cancelling this coroutine is an interruption: all vehicles land, then it returns.
@@ -127,7 +119,7 @@ class MissionRun:
         Returns:
             Whether one has.
         """
-        if self._is_after_own_stall():
+        if self.client.is_after_own_stall():
             return False
         now_ns = self.client.now_ns()
         silent = [
@@ -141,20 +133,6 @@ class MissionRun:
             self.client.publish_event("critical", "agent_silent", reason)
             self.abort(reason)
         return bool(silent)
-
-    def _is_after_own_stall(self) -> bool:
-        boot_ns = self._boot_clock_ns()
-        gap_s = 0.0 if self._look_ns is None else (boot_ns - self._look_ns) * 1e-9
-        self._look_ns = boot_ns
-        if gap_s > OWN_STALL_S:
-            self._stall_ns = boot_ns
-            self.client.publish_event(
-                "warning",
-                "ground_stalled",
-                f"This ground itself stood still for {gap_s:.1f} s: the record has a gap, and the smallest distance of "
-                f"that time is not known. Silent vehicles are waited for, {AFTER_STALL_S:g} s.",
-            )
-        return self._stall_ns is not None and boot_ns - self._stall_ns < AFTER_STALL_S * 1e9
 
     def _is_at_rest(self, state: FleetState) -> bool:
         return all(is_landed(state, name) or state.vehicles[name].is_airborne for name in self.fleet.names)

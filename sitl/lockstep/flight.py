@@ -145,9 +145,7 @@ class Lockstep:
         return self.wait_for(self._fly(mission))
 
     async def _fly(self, mission: Mission) -> Verdict:
-        run = MissionRun(
-            mission, self.client, boot_clock_ns=self.client.now_ns, say=self._tell, ready_timeout_s=READY_TIMEOUT_SIM_S
-        )
+        run = MissionRun(mission, self.client, say=self._tell, ready_timeout_s=READY_TIMEOUT_SIM_S)
         self.fleet = run.fleet
         watch = asyncio.create_task(self._watch(run))
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,10 @@ from groundstation.fleet.state import FleetState, NodeSeen, fold, fold_nodes, in
 from groundstation.missions.files import load_mission, mission_from_mapping
 from groundstation.missions.findings import refuse_unflyable
 from groundstation.missions.runner import MissionRun
+from groundstation.processes.free_ports import toml_text, with_free_ports
 from onboard.bus.schema import PreflightReport
 from onboard.bus.topics import Topic
-from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
 
 SECOND = 1_000_000_000
 ADVICE = ("record", True, "Nobody records this flight.", "Fly it with covey fly.")
@@ -138,13 +140,15 @@ def test_a_mission_that_the_law_refuses_does_not_start_and_says_why(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = Path("configs/missions/paper.toml").read_text(encoding="utf-8")
-    fleet = str(Path("configs/fleets/paper.toml").resolve())
+    data = tomllib.loads(Path("configs/fleets/paper.toml").read_text(encoding="utf-8"))
+    fleet = tmp_path / "fleet.toml"
+    fleet.write_text(toml_text(with_free_ports(data, fleet_from_mapping(data))), encoding="utf-8")
     near = tmp_path / "near.toml"
     near.write_text(
         text.replace("position_enu_m = [0.0, 1.2, 1.0]", "position_enu_m = [0.0, 3.0, 1.0]"), encoding="utf-8"
     )
     folder = tmp_path / "flight"
-    command = ["fly", str(near), "--fleet", fleet, "--sitl", "--headless", "--record", str(folder)]
+    command = ["fly", str(near), "--fleet", str(fleet), "--sitl", "--headless", "--record", str(folder)]
     assert main(command) == 2
     said = capsys.readouterr().err
     assert "the law says that this cannot be flown" in said

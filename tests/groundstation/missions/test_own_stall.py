@@ -2,35 +2,79 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
+from groundstation.alarms.alarms import conditions
+from groundstation.alarms.table import Ground
 from groundstation.client.client import FleetClient
+from groundstation.client.direct_mavlink import DirectResult
+from groundstation.fleet.own_stall import AFTER_STALL_S
 from groundstation.missions.files import mission_from_mapping
-from groundstation.missions.runner import AFTER_STALL_S, MissionRun
+from groundstation.missions.runner import MissionRun
 from onboard.config.fleet import FleetConfig
+
+STALL_NS = 25 * 10**9
+
+
+class Clock:
+    """The ground's clock, which the test moves."""
+
+    def __init__(self) -> None:
+        self.now_ns = 10**9
+
+    def __call__(self) -> int:
+        return self.now_ns
 
 
 async def test_a_ground_that_was_stopped_marks_the_gap_and_waits_before_it_calls_vehicles_silent(
     fleet: FleetConfig, bus: Any
 ) -> None:
-    now_ns = [10**9]
-
-    def clock_ns() -> int:
-        return now_ns[0]
-
-    client = FleetClient(fleet, bus=bus, clock_ns=clock_ns)
+    clock = Clock()
+    client = FleetClient(fleet, bus=bus, clock_ns=clock)
     await client.start()
     mission = mission_from_mapping({"schema": 1, "step": [{"do": "land"}]}, path="m.toml", fleet=fleet)
-    run = MissionRun(mission, client, boot_clock_ns=clock_ns)
+    run = MissionRun(mission, client)
     bus.tell("mav1", is_armed=True, is_airborne=True)
     assert await client.wait_for(lambda state: bool(state.airborne_names), 5.0)
     assert not run.abort_if_silent()
-    now_ns[0] += 25 * 10**9
+    clock.now_ns += STALL_NS
     waited_s = 0.0
     while not run.abort_if_silent():
-        now_ns[0] += 2 * 10**8
+        alarms = {alarm.kind for alarm in conditions(client.state, fleet, client.now_ns())}
+        assert Ground.SILENT not in alarms
+        clock.now_ns += 2 * 10**8
         waited_s += 0.2
         assert waited_s < 60.0
     assert waited_s >= AFTER_STALL_S
+    assert Ground.SILENT in {alarm.kind for alarm in conditions(client.state, fleet, client.now_ns())}
     assert await client.wait_for(lambda state: any(one.event.code == "ground_stalled" for one in state.events), 5.0)
     await client.stop()
+
+
+async def test_a_landing_whose_reply_a_stall_swallowed_goes_to_px4_only_when_the_agent_stays_silent(
+    fleet: FleetConfig, bus: Any
+) -> None:
+    for is_followed in (True, False):
+        clock, sent = Clock(), list[str]()
+
+        def send(endpoint: str, system_id: int, kind: str, sent: list[str] = sent, **options: Any) -> DirectResult:
+            sent.append(kind)
+            return DirectResult(True, True, "PX4 accepted it")
+
+        client = FleetClient(fleet, bus=bus, clock_ns=clock, send=send)
+        await client.start()
+        bus.misbehave["mav1"] = "silent"
+        bus.tell("mav1", is_armed=True, is_airborne=True)
+        assert await client.wait_for(lambda state: bool(state.airborne_names), 5.0)
+        result = await client.submit("land mav1")
+        await asyncio.sleep(0.05)  # the wait for the reply has begun
+        clock.now_ns += STALL_NS
+        if is_followed:
+            await asyncio.sleep(fleet.fleet.direct_command_timeout_s)
+            clock.now_ns += 10**8
+            bus.tell("mav1", is_armed=True, is_airborne=True, order_kind="land")
+        await asyncio.sleep(3.0 * fleet.fleet.direct_command_timeout_s)
+        assert sent == ([] if is_followed else ["land"]), is_followed
+        assert (result.results["mav1"].phase == "direct") is False
+        await client.stop()

@@ -1,0 +1,35 @@
+"""This ground on the bus: its node, and who sits before it."""
+
+from __future__ import annotations
+
+import getpass
+import os
+
+from groundstation.orders.plan import random_id
+from onboard.bus.authority import GROUND
+from onboard.bus.session import BusSession
+from onboard.config.fleet import FleetConfig
+
+
+def session(fleet: FleetConfig, role: str = GROUND) -> BusSession:
+    """Return a new node on the fleet's bus.
+
+    Args:
+        fleet: its agents are connected to.
+        role: whether the node may order, or only watches: without one that may, vehicles land after a while.
+    Returns:
+        the node, not started.
+    """
+    return BusSession(
+        namespace=fleet.namespace,
+        node=f"{role}-{os.getpid()}-{random_id()[:4]}",
+        connect=[*(vehicle.agent for vehicle in fleet.vehicles.values()), fleet.simulator_endpoint],
+    )
+
+
+def user_name() -> str:
+    """Return the name of the person at this computer, or their number."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return f"uid-{os.getuid()}"
