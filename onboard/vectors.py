@@ -54,6 +54,11 @@ def horizontal(a: Vec3) -> Vec2:
     return Vec2(a.x, a.y)
 
 
+def bounded(a: Vec3, bound: float) -> Vec3:
+    """Return the vector with each component within plus and minus a bound."""
+    return Vec3(min(max(a.x, -bound), bound), min(max(a.y, -bound), bound), min(max(a.z, -bound), bound))
+
+
 def length(a: Vec3) -> float:
     """Return the Euclidean length."""
     return math.sqrt(a.x * a.x + a.y * a.y + a.z * a.z)

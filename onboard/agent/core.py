@@ -223,6 +223,7 @@ class AgentCore:
         dt_s = min(max(context.period_s, _SHORTEST_S), _LONGEST_S)
         on_ground = flight.phase is Phase.GROUND or flight.step is Step.LIFTOFF
         thrust_frac = self._setpoints.sent_thrust_frac
+        self.own.is_flown = flight.is_streaming
         self.own.update(now_ns, dt_s, self._snapshot, thrust_frac, control.hover_frac, on_ground)
         state = self.own.state
         self._view = self._new_view(now_ns, state)
@@ -263,7 +264,7 @@ class AgentCore:
         if state is None:
             return FlightView(now_ns, self._view.position_enu_m, _ZERO, False, self._snapshot)
         own = self.own
-        has_position = own.age_s < POSITION_LOST_S
+        has_position = own.age_s < POSITION_LOST_S or own.is_reckoned
         thrust_share = self._setpoints.sent_thrust_frac / self.control.hover_frac
         return FlightView(
             now_ns,
@@ -274,6 +275,7 @@ class AgentCore:
             thrust_share,
             self._other_clocks(now_ns),
             self._context.period_s,
+            own.is_reckoned,
         )
 
     def _other_clocks(self, now_ns: int) -> tuple[OtherClock, ...]:

@@ -13,13 +13,13 @@ from onboard.flight.types import FlightView
 from onboard.localization.own_state import OwnState
 from onboard.px4.required_params import required_params
 from onboard.safety.failsafe_table import Action
-from onboard.safety.limits import POSITION_LOST_S
+from onboard.safety.limits import RECKONING_S
 from onboard.safety.setpoint_check import is_sendable
 from onboard.supervision.failsafe_executor import FailsafeExecutor
 
 # PX4 speaks at least every 30 ms: setpoints are for an attitude that is known now, and a thread that hangs is not known
 _PX4_FRESH_NS = 80_000_000
-_POSITION_FRESH_S = POSITION_LOST_S + 0.2
+_RECKONED_S = RECKONING_S + 0.2
 
 
 class SetpointOutput:
@@ -48,7 +48,8 @@ class SetpointOutput:
             return []
         must_be_level = self._failsafes.must_be_level or not control.is_finite
         setpoint = control.level() if flight.phase is not Phase.GROUND and must_be_level else control.tick.attitude
-        is_fresh = self._own.age_s < _POSITION_FRESH_S and now_ns - view.snapshot.last_packet_ns < _PX4_FRESH_NS
+        has_position = flight.phase is Phase.GROUND or self._own.age_s < _RECKONED_S
+        is_fresh = has_position and now_ns - view.snapshot.last_packet_ns < _PX4_FRESH_NS
         for_px4 = self._own.to_px4(setpoint)
         # what leaves is checked: a quaternion of zeros ends the attitude control of PX4 v1.18 until it restarts
         if not is_fresh or not is_sendable(for_px4, self._max_tilt_deg):

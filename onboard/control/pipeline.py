@@ -25,6 +25,7 @@ from onboard.types import GRAVITY_M_S2, AttitudeSetpoint, Goal, Neighbour, State
 from onboard.vectors import ZERO_3, Vec3, add, is_finite, length, scaled
 
 _INTENT_1_S = 1.0  # intended velocity per metre left to the goal
+_BLIND_SPEED = 1.5  # share of the top speed, with the sinking
 _ACTIVE_M_S2 = 0.05  # an intervention beyond counts as the law being active
 _NOWHERE = Vec3(math.nan, math.nan, math.nan)
 _WEIGHT = Vec3(0.0, 0.0, -GRAVITY_M_S2)
@@ -38,6 +39,7 @@ class Phase(IntEnum):
     LIFTOFF = 1  # climbing off the ground: gentle horizontally, observers frozen
     FLYING = 2
     LANDING = 3  # as flying, but the hover thrust is not learned near the ground
+    BLIND = 4  # by dead reckoning: nothing is learned, and what was learned is replaced by its mean
 
 
 class PipelineParams(NamedTuple):
@@ -168,12 +170,12 @@ def step(
     usable = state if is_usable else _at_rest(state, memory)
     observer, lift = _observed(memory, usable, phase, params, dt_s)
     predicted = oist.predict(memory.law, usable, params.law)
-    rate = clock_rate(memory, predicted.position_enu_m, goal, params, dt_s)
-    leg, setpoint = trajectory.step(memory.trajectory, goal, params.trajectory, dt_s, rate)
+    rate, leg, setpoint = _led(memory, predicted, goal, phase, params, dt_s)
     share = oist.speed_share(memory.law, params.law)
     thrust = _tracking(predicted, setpoint, share, phase == Phase.LIFTOFF, params)
     # line O: what drag and the observed disturbance take is added after the law, so that the law commands net motion
-    compensation = _compensation(predicted.velocity_enu_m_s, observer.disturbance_enu_m_s2, params)
+    known = observer.mean_enu_m_s2 if phase == Phase.BLIND else observer.disturbance_enu_m_s2
+    compensation = _compensation(predicted.velocity_enu_m_s, known, params)
     top_m_s = params.trajectory.max_speed_m_s
     baseline = interface.Baseline(thrust, compensation, intent(predicted.position_enu_m, goal, top_m_s))
     # the law must know, level out, and publish no state that is not known
@@ -199,6 +201,23 @@ def step(
     return memory, Tick(state, setpoint, thrust, law, attitude, lift.hover_thrust_frac, is_sound)
 
 
+def _led(
+    memory: PipelineMemory, predicted: Motion, goal: Goal, phase: int, params: PipelineParams, dt_s: float
+) -> tuple[float, trajectory.TrajectoryMemory, TrajectorySetpoint]:
+    """Return the rate of the trajectory's clock, the leg and the setpoint."""
+    leg, bounds = memory.trajectory, params.trajectory
+    if phase == Phase.BLIND:  # its clock waits for nobody, because each second costs accuracy
+        if goal.sequence != leg.sequence:  # it brakes from where it is, and returns to no setpoint
+            leg = trajectory.moving(predicted.position_enu_m, predicted.velocity_enu_m_s)
+        top_m_s = _BLIND_SPEED * bounds.max_speed_m_s  # it sinks and brakes at the same time
+        wider = trajectory.TrajectoryParams(top_m_s, bounds.max_acceleration_m_s2, bounds.lead_s)
+        leg, setpoint = trajectory.step(leg, goal, wider, dt_s, 1.0)
+        return 1.0, leg, setpoint
+    rate = clock_rate(memory, predicted.position_enu_m, goal, params, dt_s)
+    leg, setpoint = trajectory.step(leg, goal, bounds, dt_s, rate)
+    return rate, leg, setpoint
+
+
 def _observed(
     memory: PipelineMemory, state: State, phase: int, params: PipelineParams, dt_s: float
 ) -> tuple[disturbance_observer.ObserverMemory, hover_thrust.HoverThrustMemory]:
@@ -209,7 +228,7 @@ def _observed(
         memory.sent_enu_m_s2,
         params.observer,
         dt_s,
-        phase == Phase.LIFTOFF,
+        phase == Phase.LIFTOFF or phase == Phase.BLIND,
     )
     lift, _ = hover_thrust.step(
         memory.hover_thrust,

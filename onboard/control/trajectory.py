@@ -74,6 +74,12 @@ def initial(position_enu_m: Vec3) -> TrajectoryMemory:
     return TrajectoryMemory(p, ZERO_3, ZERO_3, p, p, 0.0, 0.0, 0.0, 1.0, _NO_SEQUENCE)
 
 
+def moving(position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> TrajectoryMemory:
+    """Return the memory in motion, ENU [m, m/s], without a leg: any goal is planned next, and begins with that."""
+    p = position_enu_m
+    return TrajectoryMemory(p, velocity_enu_m_s, ZERO_3, p, p, 1.0, 0.0, 0.0, 1.0, _NO_SEQUENCE)
+
+
 def step(
     memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams, dt_s: float, clock_rate: float
 ) -> tuple[TrajectoryMemory, TrajectorySetpoint]:

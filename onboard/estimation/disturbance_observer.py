@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from onboard.vectors import ZERO_3, Vec3
+from onboard.vectors import ZERO_3, Vec3, add_scaled, bounded, subtract
 
 HISTORY_TICKS = 8  # commands kept; longer than the delay
 
@@ -27,6 +27,8 @@ class ObserverParams(NamedTuple):
     vertical_lag_s: float = 0.06  # first order of the vertical response
     drag_1_s: float = 0.0
     max_disturbance_m_s2: float = 1.5  # per axis
+    mean_time_s: float = 2.0
+    max_mean_m_s2: float = 0.8  # per axis
 
 
 class ObserverMemory(NamedTuple):
@@ -34,6 +36,9 @@ class ObserverMemory(NamedTuple):
 
     velocity_enu_m_s: Vec3
     disturbance_enu_m_s2: Vec3  # s_b
+    mean_enu_m_s2: (
+        Vec3  # of s_b over the last seconds, bounded: worth more than its last value once nothing is measured
+    )
     response_enu_m_s2: Vec3  # acceleration that the model of the commands has now
     response_rate_enu_m_s3: Vec3
     commands_enu_m_s2: tuple[Vec3, ...]  # HISTORY_TICKS of them, newest first, without gravity
@@ -53,7 +58,7 @@ _NO_COMMANDS = (ZERO_3,) * HISTORY_TICKS
 
 def initial(velocity_enu_m_s: Vec3) -> ObserverMemory:
     """Return the memory of a vehicle at a velocity [m/s], ENU: no disturbance known, commands so far zero."""
-    return ObserverMemory(velocity_enu_m_s, ZERO_3, ZERO_3, ZERO_3, _NO_COMMANDS)
+    return ObserverMemory(velocity_enu_m_s, ZERO_3, ZERO_3, ZERO_3, ZERO_3, _NO_COMMANDS)
 
 
 def step(
@@ -73,7 +78,7 @@ def step(
             (horizontal: the attitude's; vertical: throttle less gravity); not finite: as before.
         params: model and bandwidth.
         dt_s: length of the tick.
-        is_frozen: keeps s_b (on the ground, at lift-off) while the model follows.
+        is_frozen: keeps s_b (on the ground, at lift-off, without a position) while the model follows.
     Returns:
         Memory, and s_b [m/s^2], ENU: the acceleration beside commands and drag.
     Properties: yaw-rotation-equivariant; an obedient vehicle shows no disturbance.
@@ -92,11 +97,15 @@ def step(
     z = _vertical(_Axis(v.z, s.z, a.z, r.z), measured.z, command.z, params, dt_s)
     velocity = Vec3(x.velocity_m_s, y.velocity_m_s, z.velocity_m_s)
     disturbance = Vec3(x.disturbance_m_s2, y.disturbance_m_s2, z.disturbance_m_s2)
+    mean = memory.mean_enu_m_s2
     if is_frozen:
         velocity, disturbance = measured, memory.disturbance_enu_m_s2
+    else:
+        miss = subtract(bounded(disturbance, params.max_mean_m_s2), mean)
+        mean = add_scaled(mean, dt_s / params.mean_time_s, miss)
     response = Vec3(x.response_m_s2, y.response_m_s2, z.response_m_s2)
     rate = Vec3(x.rate_m_s3, y.rate_m_s3, z.rate_m_s3)
-    return ObserverMemory(velocity, disturbance, response, rate, commands), disturbance
+    return ObserverMemory(velocity, disturbance, mean, response, rate, commands), disturbance
 
 
 def _finite_or(vector: Vec3, before: Vec3) -> Vec3:

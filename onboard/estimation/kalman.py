@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from onboard.frames import Quaternion, body_up
 from onboard.types import GRAVITY_M_S2, State
-from onboard.vectors import ZERO_3, Vec3, add, add_scaled, is_finite, scaled, subtract
+from onboard.vectors import ZERO_3, Vec3, add, add_scaled, bounded, is_finite, scaled, subtract
 
 HISTORY_TICKS = 20  # a sample older than this many ticks is ignored
 _LEAST_VARIANCE = 1e-12
@@ -206,7 +206,7 @@ def correct(memory: KalmanMemory, position_enu_m: Vec3, age_s: float, params: Ka
     return KalmanMemory(
         add_scaled(memory.position_enu_m, k_p, innovation),
         add_scaled(memory.velocity_enu_m_s, k_v, innovation),
-        _bounded(add_scaled(memory.bias_enu_m_s2, k_b, innovation), params.max_bias_m_s2),
+        bounded(add_scaled(memory.bias_enu_m_s2, k_b, innovation), params.max_bias_m_s2),
         add_scaled(memory.acceleration_enu_m_s2, k_b, innovation),
         Covariance(
             max(pp - k_p * g_p, _LEAST_VARIANCE),
@@ -236,10 +236,6 @@ def _rejected(memory: KalmanMemory) -> KalmanMemory:
         memory.rejected_count + 1,
         memory.last_age_s,
     )
-
-
-def _bounded(vector: Vec3, bound: float) -> Vec3:
-    return Vec3(min(max(vector.x, -bound), bound), min(max(vector.y, -bound), bound), min(max(vector.z, -bound), bound))
 
 
 def remembers(memory: KalmanMemory, age_s: float) -> bool:

@@ -17,6 +17,8 @@ _STILL_M = 0.02  # of height, while AGREED_S passes
 _STILL_PX4_M_S = 0.15  # for vehicles without a mocap, whose height has more noise than that
 _LOW_M = 0.06
 _STALLED_M, _STALLED_S = 0.30, 1.5
+# without poses the height is PX4's, which reads too high by up to half a metre; but it shows when the sinking ends
+_BLIND_LOW_M, _BLIND_STILL_M_S, _BLIND_STILL_S = 0.5, 0.25, 0.3
 
 
 class ContactSigns(Struct, frozen=True):
@@ -37,7 +39,9 @@ def observe(signs: ContactSigns, view: FlightView, has_mocap: bool) -> ContactSi
         has_mocap: whether the height is measured to millimetres.
     """
     now_ns, z = view.now_ns, view.position_enu_m[2]
-    if has_mocap:
+    if view.is_blind:
+        is_still, height_m = abs(view.snapshot.velocity_local_ned_m_s[2]) < _BLIND_STILL_M_S, z
+    elif has_mocap:
         is_still, height_m = abs(z - signs.height_m) < _STILL_M, signs.height_m
     else:
         is_still, height_m = abs(view.snapshot.velocity_local_ned_m_s[2]) < _STILL_PX4_M_S, z
@@ -47,6 +51,18 @@ def observe(signs: ContactSigns, view: FlightView, has_mocap: bool) -> ContactSi
         signs.light_ns if view.thrust_share < _LIGHT_SHARE else now_ns,
         signs.reported_ns if view.is_on_ground else now_ns,
     )
+
+
+def is_agreed_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) -> bool:
+    """Whether PX4's motion and height say that a vehicle without poses, which is told to sink, stands.
+
+    Args:
+        signs: as of this tick.
+        view: of this tick.
+        ground_z_m: height of the ground where it took off [m].
+    """
+    is_low = view.position_enu_m[2] - ground_z_m < _BLIND_LOW_M
+    return is_low and view.now_ns - signs.still_ns > 1e9 * _BLIND_STILL_S
 
 
 def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late: bool) -> bool:

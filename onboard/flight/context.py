@@ -25,7 +25,7 @@ _CONTACT_LIMIT_S = 8.0
 _RISEN_M = 0.5  # of a landing: more than giving way takes it up
 _NOT_YET_OFFBOARD = {Step.ARM_OFFBOARD, Step.TAKEOFF_OFFBOARD, Step.TAKEOVER}
 _NO_GOAL = Goal(ZERO_3, 0.0, 0)
-_IN_FREE_FLIGHT = {Step.LIFTOFF, Step.CLIMB, Step.LEG, Step.PATH, Step.ARRIVED, Step.HOLDING}
+_IN_FREE_FLIGHT = {Step.LIFTOFF, Step.CLIMB, Step.LEG, Step.PATH, Step.ARRIVED, Step.HOLDING, Step.COASTING}
 
 
 @dataclass(slots=True)
@@ -54,7 +54,7 @@ class FlightContext:
     @property
     def state(self) -> AgentState:
         """State that is shown to people."""
-        return self.step.state
+        return "holding" if self.step is Step.COASTING and self.order is None else self.step.state
 
     @property
     def situation(self) -> Situation:
@@ -102,7 +102,7 @@ class FlightContext:
     def is_avoiding(self, view: FlightView) -> bool:
         """Whether the others may count on it to go aside: not when it is about to touch down or has not lifted off."""
         is_low = view.position_enu_m[2] - self.ground_z_m < _AVOIDS_ABOVE_M
-        return self.is_under_law and not (is_low and self.step in (Step.LIFTOFF, Step.DESCENT))
+        return self.is_under_law and not (is_low and self.step in (Step.LIFTOFF, Step.DESCENT, Step.SINKING))
 
     def seconds(self, view: FlightView) -> float:
         """Return the time since the step began [s]."""

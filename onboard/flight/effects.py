@@ -18,6 +18,9 @@ _SINK_SPEED_M_S, _LEAST_DESCENT_S = 0.4, 1.0
 _SLOW_SHARE = 0.25  # of the top speed on average
 _PEAK_OF_MEAN = 1.9  # speed of a quintic: its peak over its mean
 _UNDER_GROUND_M, _LOWER_BY_M = 0.10, 0.3
+# without a position each second costs accuracy; and the ground may lie lower than PX4's height says
+_BLIND_SINK_M_S, _BLIND_UNDER_GROUND_M = 0.9, 0.3
+_BLIND_STOP_SHARE = 0.6  # of the way in which it stops comfortably
 _LEG_LIMIT_S, _LANDING_LIMIT_S = 30.0, 20.0
 _SLOW_PATH_S = 1.0
 _PATIENCE = 3.0  # times the duration that the way would take alone
@@ -112,6 +115,28 @@ def descend(flight: FlightContext, view: FlightView) -> None:
     duration_s = max(_LEAST_DESCENT_S, height_m / _SINK_SPEED_M_S) + braking_s
     _set_goal(flight, (x, y, flight.ground_z_m - _UNDER_GROUND_M), duration_s)
     _limit(flight, view, _LANDING_LIMIT_S + _PATIENCE * duration_s)
+
+
+def sink(flight: FlightContext, view: FlightView) -> None:
+    """Brake and go down quickly, by dead reckoning: it is good for a few seconds."""
+    expect_contact(flight, view)
+    (x, y, _), (at_x, at_y, _) = stop_point(view, flight.vehicle, flight.fleet), view.position_enu_m
+    x, y = at_x + _BLIND_STOP_SHARE * (x - at_x), at_y + _BLIND_STOP_SHARE * (y - at_y)
+    bottom_m = flight.ground_z_m - _BLIND_UNDER_GROUND_M
+    duration_s = _PEAK_OF_MEAN * max(0.0, view.position_enu_m[2] - bottom_m) / _BLIND_SINK_M_S
+    _set_goal(flight, (x, y, bottom_m), duration_s)
+
+
+def resume(flight: FlightContext, view: FlightView) -> None:
+    """Go on with the order that dead reckoning has interrupted, at its pace."""
+    order, (x, y, _) = flight.order, flight.goal_position_enu_m
+    if order is not None and order.position_enu_m is not None:
+        _set_goal(flight, order.position_enu_m, max(0.0, order.duration_s))
+        if flight.is_slow:
+            slow_down(flight, view)
+    else:
+        climb_m = takeoff_height_m(order) - view.position_enu_m[2]
+        _set_goal(flight, (x, y, takeoff_height_m(order)), max(_LEAST_CLIMB_S, climb_m / _CLIMB_SPEED_M_S))
 
 
 def descend_further(flight: FlightContext, view: FlightView) -> None:

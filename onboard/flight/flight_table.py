@@ -46,6 +46,7 @@ _STARTING = tuple(step for step in _ARMED if step is not S.ARMED)
 _FREE = (S.CLIMB, S.LEG, S.PATH, S.ARRIVED, S.HOLDING, S.TAKEOVER)
 _CAN_FOLLOW = (S.LEG, S.ARRIVED, S.HOLDING)
 _DOWN = (S.DESCENT, S.CONTACT)
+_BLIND = (S.COASTING, S.SINKING)
 _SILENT = (S.FAILED, S.FAILED_DISARMING, S.KILLING)
 _DISARMABLE = (*_START, *_ARMED, S.DISARMING, S.DISARMED, S.FAILSAFE_DISARMING, S.CONTACT, S.PX4_LANDING)
 _NO_OFFBOARD = f"PX4 did not enter OFFBOARD within {p.CONFIRM_TIMEOUT_S:.0f} s"
@@ -67,7 +68,8 @@ ORDERS = (
     Row(_STARTING, E.HOLD, p.px4_is_armed, S.DISARMING, Disarm(), reason=""),
     Row(_STARTING, E.HOLD, to=S.DISARMED, request=Disarm(), reason=""),
     Row((S.LIFTOFF, *_FREE, *_DOWN), E.LAND, to=S.DESCENT, effect=effects.descend, reason="ordered"),
-    Row((S.PX4_LANDING,), E.LAND),  # what PX4 is landing already, it lands
+    Row((S.COASTING,), E.LAND, to=S.SINKING, reason="ordered"),
+    Row((S.SINKING, S.PX4_LANDING), E.LAND),  # what lands already, lands
     Row(_SILENT, E.LAND, to=S.PX4_LANDING, request=Px4Land(), reason="ordered"),
     # without thrust first, so that it stands even if PX4 has seen it lift off meanwhile
     Row((S.LIFTOFF,), E.DISARM, to=S.CONTACT, request=Disarm(), effect=effects.expect_contact, reason="ordered"),
@@ -91,12 +93,26 @@ FAILSAFES = (
     Row((S.PATH,), E.FAILSAFE_SLOW, effect=effects.slow_path),
     Row((S.ARRIVED,), E.FAILSAFE_HOLD, p.at_goal, S.HOLDING, reason=CAUSE),
     Row((S.CLIMB, S.LEG, S.PATH, S.ARRIVED), E.FAILSAFE_HOLD, to=S.HOLDING, effect=effects.stop_here, reason=CAUSE),
+    Row((S.COASTING,), E.FAILSAFE_HOLD, p.has_order, S.COASTING, reason=CAUSE),  # and holds when it sees again
     Row((S.LIFTOFF, *_FREE), E.FAILSAFE_LAND, to=S.DESCENT, effect=effects.descend, reason=CAUSE),
-    Row((S.ARM_ARMING, S.TAKEOFF_ARMING, S.ARMED, S.LIFTOFF, *_FREE, *_DOWN), E.FAILSAFE_PX4_LAND,
+    Row((S.COASTING,), E.FAILSAFE_LAND, to=S.SINKING, reason=CAUSE),
+    Row((S.ARM_ARMING, S.TAKEOFF_ARMING, S.ARMED, S.LIFTOFF, *_FREE, *_BLIND, *_DOWN), E.FAILSAFE_PX4_LAND,
         to=S.PX4_LANDING, request=Px4Land(), reason=CAUSE),
     Row((*_ARMED, S.DISARMING), E.FAILSAFE_DISARM, to=S.FAILSAFE_DISARMING, request=Disarm(), reason=CAUSE),
-    Row((*_ARMED, S.DISARMING, S.LIFTOFF, *_FREE, *_DOWN, S.PX4_LANDING), E.FAILSAFE_STOP, to=S.FAILED, reason=CAUSE),
+    Row((*_ARMED, S.DISARMING, S.LIFTOFF, *_FREE, *_BLIND, *_DOWN, S.PX4_LANDING), E.FAILSAFE_STOP,
+        to=S.FAILED, reason=CAUSE),
 )  # fmt: skip
+
+BLIND = (
+    Row((S.CLIMB, S.LEG, S.ARRIVED, S.HOLDING), E.TICK, p.is_blind, S.COASTING, effect=effects.sink),
+    Row((S.PATH,), E.TICK, p.is_blind, S.COASTING, effect=effects.sink, ends=("failed", sentences.NO_POSE)),
+    Row((S.LIFTOFF, S.DESCENT), E.TICK, p.is_blind, S.SINKING, effect=effects.sink),
+    Row((S.COASTING,), E.TICK, p.sees_again_on_leg, S.LEG, effect=effects.resume),
+    Row((S.COASTING,), E.TICK, p.sees_again_in_climb, S.CLIMB, effect=effects.resume),
+    Row((S.COASTING,), E.TICK, p.sees_again, S.HOLDING, effect=effects.stop_here),
+    Row((S.SINKING,), E.TICK, p.sees_again, S.DESCENT, effect=effects.descend),
+    Row(_BLIND, E.TICK, p.touched_down_blind, S.CONTACT, effect=effects.expect_contact),
+)
 
 GROUND = (
     Row((S.WAITING,), E.PREFLIGHT_PASSED, to=S.READY),
@@ -179,7 +195,7 @@ LANDING = (
     Row((S.PX4_LANDING,), E.TICK, p.px4_landing_late, ends=("timed out", sentences.NOT_LANDED)),
 )  # fmt: skip
 
-ROWS = (*ORDERS, *FAILSAFES, *GROUND, *TAKEOFF, *FLYING, *LANDING)
+ROWS = (*ORDERS, *FAILSAFES, *BLIND, *GROUND, *TAKEOFF, *FLYING, *LANDING)
 
 
 def _by_step_and_event() -> dict[tuple[S, E], tuple[Row, ...]]:

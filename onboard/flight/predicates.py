@@ -16,6 +16,7 @@ _ARM_ON_ITS_WAY_S = 0.5  # an older request to arm has had its effect
 _LIFTED_M = 0.12
 _ARRIVED_S, _REST_S = 0.5, 0.3
 _CONTACT_HEIGHT_M = 0.06
+_BLIND_CONTACT_M, _BLIND_CONTACT_S, _BLIND_BEGUN_S = 0.12, 0.1, 0.6
 _BEGUN_S = 0.3  # of a descent, before which nothing counts as its end
 _FALLEN_M, _FALLING_M_S = 0.10, -0.3
 _LATE_DESCENT_S, _LOWER_FLOOR_S = 1.0, 3.0  # after the time that was planned for it
@@ -158,6 +159,37 @@ def touched_down(flight: FlightContext, view: FlightView) -> bool:
     return contact.is_agreed(flight.contact, view, flight.ground_z_m, is_late) and flight.seconds(view) > _BEGUN_S
 
 
+def touched_down_blind(flight: FlightContext, view: FlightView) -> bool:
+    """Whether it has been at the ground for a moment, as far as dead reckoning can tell, or PX4's motion says so."""
+    is_stopped = contact.is_agreed_blind(flight.contact, view, flight.ground_z_m)
+    return flight.steady_s(view) > _BLIND_CONTACT_S or (is_stopped and flight.seconds(view) > _BLIND_BEGUN_S)
+
+
+def is_blind(flight: FlightContext, view: FlightView) -> bool:
+    """Whether position and velocity come from dead reckoning."""
+    return view.is_blind
+
+
+def has_order(flight: FlightContext, view: FlightView) -> bool:
+    """Whether an order is in progress."""
+    return flight.order is not None
+
+
+def sees_again_on_leg(flight: FlightContext, view: FlightView) -> bool:
+    """Whether its position is measured again, and an order to move in progress."""
+    return not view.is_blind and flight.order is not None and flight.order.kind == "move"
+
+
+def sees_again_in_climb(flight: FlightContext, view: FlightView) -> bool:
+    """Whether its position is measured again, and an order to take off in progress."""
+    return not view.is_blind and flight.order is not None and flight.order.kind == "takeoff"
+
+
+def sees_again(flight: FlightContext, view: FlightView) -> bool:
+    """Whether its position is measured again."""
+    return not view.is_blind
+
+
 def falls(flight: FlightContext, view: FlightView) -> bool:
     """Whether it sinks from where it seemed to stand: it did not."""
     fallen_m = flight.contact_z_m - view.position_enu_m[2]
@@ -208,4 +240,6 @@ def is_steady(flight: FlightContext, view: FlightView) -> bool:
     step = flight.step
     if step in (Step.CLIMB, Step.LEG, Step.PATH):
         return at_goal(flight, view)
+    if step in (Step.COASTING, Step.SINKING):
+        return view.position_enu_m[2] - flight.ground_z_m < _BLIND_CONTACT_M
     return step is Step.HOLDING and is_at_rest(view, flight.vehicle)

@@ -11,6 +11,7 @@ from onboard.flight.types import FlightView
 LOCATED = "The tune was sent to PX4, which does not confirm it: listen, or look at the row that blinks."
 FLIES_WITHOUT_AGENT = "PX4 flies without this agent: order land or kill; or order hold, to take over from PX4's hold."
 DISARMED = "PX4 is disarmed."
+NO_POSE = "Its position is not known any more, so it left the path."
 LANDED = "Landed and disarmed."
 NO_LIFTOFF = "The vehicle did not leave the ground: check propellers, battery and hover_thrust_frac."
 NOT_LANDED = f"PX4 has not landed after {PX4_LANDING_TIMEOUT_S:.0f} s: land it with the transmitter."

@@ -39,7 +39,9 @@ class Step(Enum):
     ARRIVED = "flying", "arrived", Situation.FLYING, Phase.FLYING, True
     HOLDING = "holding", "arrived", Situation.FLYING, Phase.FLYING, True
     TAKEOVER = "holding", "taking over from PX4's hold", Situation.FLYING, Phase.FLYING, True
+    COASTING = "flying", "no pose: brakes and sinks", Situation.FLYING, Phase.BLIND, True
     DESCENT = "landing", "descent", Situation.LANDING, Phase.LANDING, True
+    SINKING = "landing", "descent without poses", Situation.LANDING, Phase.BLIND, True
     CONTACT = "landing", "on the ground, waiting for PX4", Situation.LANDING, Phase.GROUND, True
     PX4_LANDING = "landing", "PX4 lands", Situation.PX4_LANDING, Phase.GROUND, False
     LANDED = "landed", "", Situation.GROUND, Phase.GROUND, False
@@ -93,6 +95,7 @@ class FlightView(Struct, frozen=True):
     thrust_share: float = 1.0  # thrust sent last over the thrust that carries the vehicle
     other_clocks: tuple[OtherClock, ...] = ()  # of the vehicles that fly the same show
     period_s: float = TICK_S  # since the last tick
+    is_blind: bool = False  # position and velocity come from dead reckoning
 
     @property
     def is_on_ground(self) -> bool:

@@ -18,6 +18,7 @@ from onboard.estimation import kalman
 from onboard.estimation.kalman import KalmanParams
 from onboard.feasibility.bounds import ACCURACIES
 from onboard.frames import quaternion_from_yaw, quaternion_multiply, wrap_rad, yaw_from_quaternion
+from onboard.localization.dead_reckoning import DeadReckoning
 from onboard.localization.local_frame import LocalFrame
 from onboard.localization.pose_validator import PoseValidator, PoseVerdict
 from onboard.localization.px4_position_check import Px4PositionCheck
@@ -45,6 +46,8 @@ class OwnState:
     heading_offset_rad: float = 0.0  # heading of the fleet frame minus PX4's
     validator: PoseValidator = field(default_factory=PoseValidator)
     px4_check: Px4PositionCheck = field(default_factory=Px4PositionCheck)  # of vehicles with a mocap
+    is_flown: bool = False  # by this agent's setpoints: else its thrust is not known while no sample comes
+    _reckoning: DeadReckoning = field(default_factory=DeadReckoning)
     _params: KalmanParams = field(init=False)
     _memory: kalman.KalmanMemory | None = None
     _queue: list[tuple[vectors.Vec3, int, float]] = field(default_factory=list)
@@ -123,9 +126,14 @@ class OwnState:
             if self.vehicle.mocap_required:
                 self._follow_heading(yaw_rad, snapshot, dt_s)
         self._queue.clear()
+        if self._memory is not None:
+            px4 = self.px4_check.motion(now_ns)
+            height_m = None if px4 is None else px4[0][2]
+            self._memory = self._reckoning.step(self._memory, height_m, dt_s, is_on_ground)
         if self.vehicle.mocap_required:
             is_believed = not self.jumps and self.age_s < _BELIEVED_S
-            self.px4_check.update(snapshot, self.position_enu_m if is_believed else None, now_ns)
+            known_enu_m = self.position_enu_m if is_believed or self.is_reckoned else None
+            self.px4_check.update(snapshot, known_enu_m, now_ns, is_reckoned=self.is_reckoned)
 
     def _follow_heading(self, yaw_rad: float, snapshot: Snapshot, dt_s: float) -> None:
         if snapshot.attitude_ns == 0:
@@ -173,6 +181,11 @@ class OwnState:
         return math.inf if self._memory is None else self._memory.last_age_s
 
     @property
+    def is_reckoned(self) -> bool:
+        """Whether the estimate rests on dead reckoning, of which nothing is left while somebody else flies it."""
+        return self._reckoning.is_on and self.is_flown
+
+    @property
     def position_enu_m(self) -> Vec3:
         """Estimated position as of the last update; zero before the first sample."""
         return _ZERO if self._memory is None else self._memory.position_enu_m
@@ -188,7 +201,8 @@ class OwnState:
         if self._memory is None:
             return None
         state = kalman.state(self._memory, self._yaw_rad, *self._least_std)
+        std_m, std_m_s = self._reckoning.std if self.is_reckoned else (state.position_std_m, state.velocity_std_m_s)
         return state._replace(
-            position_std_m=min(state.position_std_m, LARGEST_POSITION_STD_M),
-            velocity_std_m_s=min(state.velocity_std_m_s, LARGEST_VELOCITY_STD_M_S),
+            position_std_m=min(std_m, LARGEST_POSITION_STD_M),
+            velocity_std_m_s=min(std_m_s, LARGEST_VELOCITY_STD_M_S),
         )

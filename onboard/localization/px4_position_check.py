@@ -16,8 +16,8 @@ from onboard.frames import enu_from_ned
 
 STD_M, STD_M_S = 0.3, 0.3  # published; a margin for more would push the other vehicles out of the geofence
 _FRESH_S = 0.25  # it arrives at 10 Hz
-_TRUSTED_S = 8.0  # without poses it is dead reckoning; by then most vehicles are down
-# Largest error: at first, and growing with the time without poses. Real PX4s were wrong by 0.5 to 1.3 m after 6 s.
+_TRUSTED_S = 12.0  # without poses it is dead reckoning; by then most vehicles are down
+# Largest error: at first, and growing with the time without poses, for most of which it is the own dead reckoning's.
 _ERROR_M, _ERROR_M_S2 = 0.3, 0.02
 _OFFSET_TIME_S = 1.0
 _NS = 1e-9
@@ -36,10 +36,19 @@ class Px4PositionCheck:
     _landed_m: Vec3 | None = None  # where it came down while poses were rejected, in the fleet's frame
     _blind_s: float = 0.0  # time without poses until then
 
-    def update(self, snapshot: Snapshot, believed_enu_m: Vec3 | None, now_ns: int) -> None:
-        """Take one tick; ``believed_enu_m`` is the vehicle's position, None while its poses are not believed."""
+    def update(
+        self, snapshot: Snapshot, believed_enu_m: Vec3 | None, now_ns: int, *, is_reckoned: bool = False
+    ) -> None:
+        """Take one tick.
+
+        Args:
+            snapshot: newest of PX4.
+            believed_enu_m: the vehicle's position, None while its poses are not believed.
+            now_ns: time of the tick.
+            is_reckoned: that position rests on own dead reckoning, which is better than PX4's but for the height.
+        """
         is_up = snapshot.is_armed and snapshot.landed is not Landed.ON_GROUND
-        if believed_enu_m is not None or is_up:
+        if is_up or (believed_enu_m is not None and not is_reckoned):
             self._landed_m = None
         elif self._is_up:
             motion = self.motion(now_ns)
@@ -56,6 +65,9 @@ class Px4PositionCheck:
         east, north, up = self._position_m
         offset = east - x, north - y, up - z
         known, share = self._offset_m, min(1.0, dt_s / _OFFSET_TIME_S)
+        if is_reckoned:
+            self._offset_m = None if known is None else (east - x, north - y, known[2])
+            return
         if known is None or math.dist(offset, known) > _ERROR_M:  # PX4 has moved its origin
             self._offset_m = offset
         else:

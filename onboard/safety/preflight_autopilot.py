@@ -15,7 +15,8 @@ LEAST_ATTITUDE_HZ, USUAL_ATTITUDE_HZ = 20.0, 35.0
 # conditions that another rule shows; for SHUTDOWN, the refusal of the order itself does
 _OF_OTHER_RULES = frozenset(
     {
-        *(Condition.POSITION_STALE, Condition.POSITION_LOST, Condition.AUTOPILOT_SILENT, Condition.AUTOPILOT_FROZEN),
+        *(Condition.POSITION_STALE, Condition.POSITION_LOST, Condition.POSITION_LOST_LONG),
+        *(Condition.AUTOPILOT_SILENT, Condition.AUTOPILOT_FROZEN),
         *(Condition.HEARTBEAT_LOST, Condition.TWIN, Condition.SHUTDOWN, Condition.BUS_LOST, Condition.BUS_LOST_LONG),
         *(Condition.SEPARATION_BREACHED, Condition.CONFIG_DIFFERS, Condition.BATTERY_WARNING, Condition.BATTERY_LOW),
         *(Condition.FENCE_BREACH, Condition.FENCE_BREACH_LONG),

@@ -21,22 +21,27 @@ from onboard.safety.autopilot_monitor import AutopilotMonitor
 from onboard.safety.battery_monitor import BatteryMonitor
 from onboard.safety.failsafe_table import Condition, Situation
 from onboard.safety.geofence import Fence
-from onboard.safety.limits import POSITION_LOST_S, POSITION_STALE_S
+from onboard.safety.limits import POSITION_STALE_S, RECKONING_S
 from onboard.safety.report_confirmation import CONTRADICTED_LONG_S, ReportConfirmation
 from onboard.safety.tracking_monitor import TrackingMonitor
 from onboard.supervision.neighbour_conditions import NeighbourMonitor
 from onboard.types import GRAVITY_M_S2, TICK_S, LawStatus
 
-STALE_FOR_S = 0.3  # a position that stays this old is lost, however regularly it comes
+STALE_FOR_S = 0.4  # a position that stays this old is lost, however regularly it comes
+_LOST_S = 0.58  # with the live ticks: whoever has poses again after 0.6 s does not land
 LATE_S, STALLED_S, STALLED_LONG_S = 0.005, 0.2, 0.3  # PX4 lands after COM_OF_LOSS_T = 0.3 s without setpoints
 BUS_LOST_S = 1.0
 JUMPS, SWAP_JUMPS, SWAP_RADIUS_M = 3, 2, 0.3
 CLOCK_JUMP_REPORTED_S = 5.0
 _DOWN_HEIGHT_M, _DOWN_LONG_S = 0.12, 1.0
-_TRACKING_ABOVE_M = 0.2
+_TRACKING_ABOVE_M, _TRACKING_BLIND_ABOVE_M = 0.2, 0.5  # of a height that reads too high
 _FENCE_LONG_S = 2.0
 _NOT_FINITE_LONG_S = 0.5
 _INFEASIBLE_S = 0.1
+_DETAILS = {
+    Condition.POSITION_STALE: "it brakes and sinks by dead reckoning",
+    Condition.POSITION_LOST: "by dead reckoning",
+}
 _LIVE_TICKS = 5
 _SLOW_TICKS = 5
 _BRAKE_SHARE = 0.6  # of the acceleration at the largest tilt, assumed for braking before the fence
@@ -77,7 +82,7 @@ class ConditionMonitor:
     tracking: TrackingMonitor = field(init=False)
     battery: BatteryMonitor = field(default_factory=BatteryMonitor)
     other_vehicles: NeighbourMonitor = field(init=False)
-    details: dict[Condition, str] = field(default_factory=dict)  # vehicles or numbers for a condition's sentence
+    details: dict[Condition, str] = field(init=False)  # vehicles or numbers for a condition's sentence
     _since_ns: dict[Condition, int] = field(default_factory=dict)
     _tick_counts: dict[Condition, int] = field(default_factory=dict)
     _slow: set[Condition] = field(default_factory=set)  # found by the last slow check
@@ -87,6 +92,7 @@ class ConditionMonitor:
     _fence: Fence = field(init=False)
 
     def __post_init__(self) -> None:
+        self.details = dict(_DETAILS)
         self.tracking = TrackingMonitor(self.vehicle.lag_s, MAX_THRUST_FRAC)
         self.other_vehicles = NeighbourMonitor(self.fleet, self.vehicle, self.neighbours, self.flight, self.details)
         fence = self.fleet.fleet.geofence_m
@@ -133,9 +139,11 @@ class ConditionMonitor:
         stale, stale_s = self.lasting(c.POSITION_STALE, own.age_s > POSITION_STALE_S, now_ns)
         if stale:
             active.add(c.POSITION_STALE)
-        is_lost = own.age_s > POSITION_LOST_S or stale_s > STALE_FOR_S
+        is_lost = own.age_s > _LOST_S or stale_s > STALE_FOR_S
         if self.lasting(c.POSITION_LOST, is_lost, now_ns)[0] >= _LIVE_TICKS:
             active.add(c.POSITION_LOST)
+            if own.age_s > RECKONING_S and self.flight.step is not Step.CONTACT:  # on the ground PX4 would lift it off
+                active.add(c.POSITION_LOST_LONG)
         jumps = own.jumps
         if jumps >= SWAP_JUMPS:
             jumped_to = own.jumped_to_enu_m
@@ -252,7 +260,8 @@ class ConditionMonitor:
     def _check_tracking(self, active: set[Condition], view: FlightView, context: TickContext) -> None:
         c, tracking, flight = Condition, self.tracking, self.flight
         height_m = view.position_enu_m[2] - flight.ground_z_m
-        if not flight.is_under_law or flight.step is Step.LIFTOFF or height_m < _TRACKING_ABOVE_M:
+        lowest_m = _TRACKING_BLIND_ABOVE_M if view.is_blind else _TRACKING_ABOVE_M
+        if not flight.is_under_law or flight.step is Step.LIFTOFF or height_m < lowest_m:
             tracking.reset()
             return
         tracking.update(

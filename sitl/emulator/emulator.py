@@ -289,8 +289,11 @@ class Emulator:
 
     def _apply(self, index: int, actuation: Actuation) -> None:
         commands = self.world.commands
-        # The autopilot steers in the heading it believes in; the vehicle turns in the one it has.
-        commands.attitude[index] = _turned(actuation.attitude, -0.5 * float(self.estimator.yaw_error_rad[index]))
+        # The autopilot steers in the heading and the level it believes in; the vehicle turns in those it has.
+        north, east = self.estimator.lean_rad[index].tolist()
+        w, x, y, z = actuation.attitude.tolist()
+        heading_rad = -float(self.estimator.yaw_error_rad[index])
+        commands.attitude[index] = frames.leant(frames.headed((w, x, y, z), heading_rad), north, east)
         commands.rate_rad_s[index] = actuation.rate_rad_s
         commands.is_rate[index] = actuation.is_rate
         commands.thrust_frac[index] = actuation.thrust_frac
@@ -307,10 +310,3 @@ def _compile_loops() -> None:
     states = world.vehicles.states
     estimator = Estimator(states.position_ned_m, seed=0)
     estimator.step(0.0, states.position_ned_m, states.velocity_ned_m_s, states.on_ground)
-
-
-def _turned(attitude: Array, half_rad: float) -> Array:
-    """An attitude (4,) turned about the vertical by twice `half_rad`."""
-    w, x, y, z = attitude.tolist()
-    c, s = math.cos(half_rad), math.sin(half_rad)
-    return np.array([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import math
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -183,6 +184,16 @@ class Lockstep:
         """Smallest distance so far by ground truth, while one of the two flew; infinite before."""
         smallest = self.client.state.smallest_truth
         return float("inf") if smallest is None else smallest.distance_m
+
+    def px4_position_error_m(self, vehicle: str) -> float:
+        """How far a vehicle is from where its PX4 believes it to be, in the fleet's frame."""
+        emulator, index = self.simulation.emulator, self.simulation.names.index(vehicle)
+        truth = emulator.world.vehicles.states.position_ned_m[index].tolist()
+        x, y, z = emulator.estimator.local(index).position_ned_m
+        if not self.config.vehicles[vehicle].mocap_required:  # its local frame begins where it started
+            east, north, up = self.config.vehicles[vehicle].start_enu_m
+            x, y, z = x + north, y + east, z - up
+        return math.dist(truth, (x, y, z))
 
     def close(self) -> None:
         """End it; what was recorded is finished. A second call does nothing."""

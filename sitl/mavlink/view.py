@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from sitl.emulator.emulator import Emulator
+from sitl.physics import frames
 from sitl.px4.commander import Autopilot
 from sitl.px4.estimator import HOME_ALTITUDE_M as HOME_ALTITUDE_M
 
@@ -22,7 +24,7 @@ _ACCEL_NOISE_RESTING_M_S2 = 0.05
 _NOISE_BLOCK = 4096
 
 Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
+Quaternion = frames.Quaternion
 
 
 class Sensed(NamedTuple):
@@ -178,7 +180,8 @@ class View:
         i, states = self.index, self.emulator.world.vehicles.states
         yaw_error_rad = float(self.emulator.estimator.yaw_error_rad[i])
         noise = [half_rad * self._draw() for half_rad in HALF_NOISE_RAD]
-        attitude = measured_attitude(states.attitude[i].tolist(), yaw_error_rad, noise)
+        lean_rad = self.emulator.estimator.lean_rad[i].tolist()
+        attitude = measured_attitude(states.attitude[i].tolist(), yaw_error_rad, noise, lean_rad)
         p, q = states.tilt_rate_rad_s[i].tolist()
         r = float(states.yaw_rate_rad_s[i])
         std = _GYRO_NOISE_RAD_S
@@ -192,14 +195,16 @@ class View:
         return self._noise.pop()
 
 
-def measured_attitude(attitude: list[float], yaw_error_rad: float, half_noise_rad: list[float]) -> Quaternion:
+def measured_attitude(
+    attitude: list[float], yaw_error_rad: float, half_noise_rad: list[float], lean_rad: Sequence[float] = (0.0, 0.0)
+) -> Quaternion:
     """Return the attitude NED <- FRD that an autopilot believes in, with a sample of noise.
 
-    The compass's error turns it about the vertical; the noise is small enough for a linear turn.
+    The compass's error turns it about the vertical, the filter's about north and east; the noise is small enough for a
+    linear turn.
     """
-    c, s = math.cos(0.5 * yaw_error_rad), math.sin(0.5 * yaw_error_rad)
     w, x, y, z = attitude
-    w, x, y, z = c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w
+    w, x, y, z = frames.headed(frames.leant((w, x, y, z), -lean_rad[0], -lean_rad[1]), yaw_error_rad)
     a, b, d = half_noise_rad
     w, x, y, z = (
         w - x * a - y * b - z * d,

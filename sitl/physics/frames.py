@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Quaternion = tuple[float, float, float, float]
 
 # ENU <- NED is half a turn about the horizontal diagonal; FRD <- FLU is half a turn about the nose.
 _Q_ENU_NED = np.array([0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0])
@@ -91,6 +92,26 @@ def euler(q: tuple[float, float, float, float]) -> tuple[float, float, float]:
     pitch = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
     yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return roll, pitch, yaw
+
+
+def headed(q: Quaternion, heading_rad: float) -> Quaternion:
+    """One attitude turned about the vertical."""
+    w, x, y, z = q
+    c, s = math.cos(0.5 * heading_rad), math.sin(0.5 * heading_rad)
+    return c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w
+
+
+def leant(q: Quaternion, north_rad: float, east_rad: float) -> Quaternion:
+    """One attitude turned about north and east, by little."""
+    w, x, y, z = q
+    a, b = 0.5 * north_rad, 0.5 * east_rad
+    size = math.sqrt(1.0 + a * a + b * b)
+    return (
+        (w - a * x - b * y) / size,
+        (x + a * w + b * z) / size,
+        (y + b * w - a * z) / size,
+        (z + a * y - b * x) / size,
+    )
 
 
 def swap_enu_ned(vector: Array) -> Array:

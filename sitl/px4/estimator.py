@@ -36,15 +36,18 @@ PERIOD_S = ESTIMATE_EVERY_STEPS * STEP_S
 _BLOCK = 64  # random numbers are drawn for so many periods at once
 _SELECT_EVERY = 4  # periods between looks at the sources: 31 Hz
 _HISTORY = 64
-_VISION_TIMEOUT_S = 1.0
+_VISION_TIMEOUT_S, _VISION_GAP_S = 1.0, 0.1  # after which it says that it has lost it; after which it errs
 _HEIGHT_REFUSED_S = 5.0
 _FLAGS_FADE_S = 5.0
 _FUSE_GAIN = 0.2
 _YAW_FUSE_GAIN = 0.1
 _GATE_SIGMAS, _SMALLEST_GATE_M = 5.0, 0.2
-# Dead reckoning: displacement after so many seconds, uniform between two values; it grows with the square of time.
-_DRIFT_TIME_S, _DRIFT_LEAST_M, _DRIFT_MOST_M = 6.0, 0.5, 1.3
-_DRIFT_UP = 0.3
+# Dead reckoning, measured on PX4 v1.16 that had lost its vision in flight, uniform between two values: displacement
+# after 3.5 s, error of the attitude then, and by how much height soon reads too high. On the ground the estimate
+# wanders on as fast as it did, until it sees that it rests.
+_DRIFT_M, _LEAN_DEG, _HIGH_M = (0.9, 2.0), (1.4, 3.5), (0.08, 0.34)
+_DRIFT_ACCELERATION_1_S2 = 0.214  # that leads, damped, one metre away in that time
+_RESTS_AFTER_S = 4.0
 _COMPASS_MEAN_DEG, _COMPASS_STD_DEG = (2.0, 17.0), (2.0, 7.0)
 _YAW_KEEP = math.exp(-PERIOD_S / estimator_errors.YAW_CORRELATION_S)
 # Reset counters in PX4's order, and how often its filter has jumped before it has any position: 13 on the pad.
@@ -79,6 +82,7 @@ class Estimator:
     Attributes:
         offset_ned_m: (n, 3) of the local frame against the true motion since the start.
         yaw_error_rad: (n,) believed heading minus true heading.
+        lean_rad: (n, 2) turn about north and east that takes the believed attitude to the true one.
         source: what each estimate rests on.
         has_gps, uses_vision_yaw, vision_levels, vision_noise_m: by parameters, per vehicle.
         gps_blocked: (list) satellites are not received, whatever the parameters say.
@@ -98,7 +102,7 @@ class Estimator:
     ) -> None:
         n = start_ned_m.shape[0]
         self._rng = np.random.default_rng([seed, 2])
-        self._drift_rng = np.random.default_rng([seed, 5])
+        self._drift_rngs = [np.random.default_rng([seed, 5, 0 if is_common else i]) for i in range(n)]
         self._is_common, self._scale = is_common, scale
         self._origin = np.array(start_ned_m, dtype=np.float64)
         self._errors = records(n, estimator_errors.ERRORS)
@@ -115,6 +119,7 @@ class Estimator:
         self._errors["yaw_mean"], self._errors["yaw_std"] = sign * mean, std
         self._errors["yaw_share"] = self._errors["yaw_share_goal"] = 1.0
         self.yaw_error_rad = self._errors["yaw_error"]
+        self.lean_rad = self._errors["lean"]
         self.yaw_error_rad[:] = sign * mean
         self._vision_time_s = [-math.inf] * n
         self._height_time_s = [-math.inf] * n
@@ -134,6 +139,7 @@ class Estimator:
         self.origin_altitude_m: list[float | None] = [None] * n
         self._levels: list[ErrorLevel | None] = [None] * n
         self._rests = [True] * n
+        self._rests_since_s = [-math.inf] * n
 
     def step(self, time_s: float, position_ned_m: Array, velocity_ned_m_s: Array, on_ground: NDArray[np.bool_]) -> None:
         """Advance the errors by one estimator period and form the estimates from the true motion."""
@@ -226,6 +232,7 @@ class Estimator:
         self._errors["offset"][index] = -local
         self._errors["unit_position"][index] = 0.0
         self._errors["drift_velocity"][index] = 0.0
+        self._errors["lean"][index] = 0.0
         self._history[:, index] = 0.0
         self._vision_time_s[index] = self._height_time_s[index] = self._lost_time_s[index] = -math.inf
         self._start_time_s[index] = time_s
@@ -282,6 +289,15 @@ class Estimator:
         else:
             source, level = Source.NONE, PAD if is_resting else GPS
         before = self.source[i]
+        if not is_resting:
+            self._rests_since_s[i] = time_s
+        has_flown = time_s - self._rests_since_s[i] < _RESTS_AFTER_S
+        is_aided = time_s - self._vision_time_s[i] < _VISION_GAP_S or self.sees_satellites(i, time_s)
+        was_drifting = bool(self._errors["is_drifting"][i])
+        is_drifting = has_flown and not is_aided and (was_drifting or before is not Source.NONE)
+        if is_drifting and not was_drifting:
+            self._begin_drift(i)
+        self._errors["is_drifting"][i] = is_drifting
         if source is before and level is self._levels[i] and is_resting is self._rests[i]:
             return
         self._rests[i] = is_resting
@@ -292,7 +308,6 @@ class Estimator:
                 self._errors["std_position_goal"][i] *= self._scale
                 self._errors["std_velocity_goal"][i] *= self._scale
         self._errors["is_flying"][i] = not is_resting
-        self._errors["is_drifting"][i] = source is Source.NONE and not is_resting
         if source is before:
             return
         self.source[i] = source
@@ -308,18 +323,22 @@ class Estimator:
             self.resets[i, HEADING] += 1
         if source is Source.NONE:
             self._lost_time_s[i] = time_s
-            self._errors["drift_acceleration"][i] = self._drift()
         elif before is Source.NONE:
             # A first position is a jump of everything; vision has counted its own of the position.
             counted = [VXY, VZ] if source is Source.VISION else [XY, VXY, Z, VZ]
             self.resets[i, counted] += 1
 
-    def _drift(self) -> Array:
-        heading = self._drift_rng.uniform(0.0, 2.0 * math.pi)
-        most_m = self._drift_rng.uniform(_DRIFT_LEAST_M, _DRIFT_MOST_M)
-        up = _DRIFT_UP * self._drift_rng.uniform(-1.0, 1.0)
-        direction = np.array([math.cos(heading), math.sin(heading), up])
-        return np.asarray(2.0 * most_m / _DRIFT_TIME_S**2 * direction)
+    def _begin_drift(self, i: int) -> None:
+        """The estimate runs away in one direction; the vehicle, not as level as believed, in the other."""
+        draw, errors = self._drift_rngs[i].uniform, self._errors
+        heading, far_m, lean_deg, high_m = draw(0.0, 2.0 * math.pi), draw(*_DRIFT_M), draw(*_LEAN_DEG), draw(*_HIGH_M)
+        north, east = math.cos(heading), math.sin(heading)
+        push_m_s2 = self._scale * _DRIFT_ACCELERATION_1_S2 * far_m
+        lean_rad = self._scale * math.radians(lean_deg)
+        errors["drift_acceleration"][i] = push_m_s2 * north, push_m_s2 * east, 0.0
+        errors["drift_velocity"][i] = 0.0, 0.0, -self._scale * high_m / estimator_errors.DRIFT_DAMPING_S[2]
+        errors["lean_most"][i] = -lean_rad * east, lean_rad * north
+        errors["lean"][i] = estimator_errors.LEAN_AT_FIRST * errors["lean_most"][i]
 
     def _correct(self, index: int, correction: tuple[float, float, float]) -> None:
         self._errors["offset"][index] += correction

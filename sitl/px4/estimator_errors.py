@@ -33,6 +33,8 @@ ERRORS = np.dtype(
         ("offset", "f8", 3),  # of the local frame
         ("drift_velocity", "f8", 3),  # of dead reckoning
         ("drift_acceleration", "f8", 3),
+        ("lean", "f8", 2),  # error of the attitude: true turned by this about north and east [rad]
+        ("lean_most", "f8", 2),  # up to which it grows while nothing aids the filter
         ("base", "f8", 3),  # position without errors but those of the frame
         ("position", "f8", 3),  # results
         ("velocity", "f8", 3),
@@ -54,6 +56,10 @@ ERRORS = np.dtype(
 # white noise through two such lags.
 YAW_CORRELATION_S = 6.0
 BLEND_S = 0.5  # in which one kind of error gives way to another
+# Dead reckoning: the velocity's error, growing at first, is damped; that of height ends soon, at another level. The
+# attitude's begins with a quarter of its largest value, which it reaches after 3.5 s.
+DRIFT_DAMPING_S = (4.0, 4.0, 0.5)
+LEAN_AT_FIRST, LEAN_GROWTH_S = 0.25, 3.5 / math.log(4.0)
 _ROOT_TWO = math.sqrt(2.0)
 
 
@@ -125,12 +131,22 @@ def _advance_motion(e: Record, draws: Array, dt_s: float, position: Array, veloc
         e.std_position[k] += blend * (e.std_position_goal[k] - e.std_position[k])
         e.std_velocity[k] += blend * (e.std_velocity_goal[k] - e.std_velocity[k])
         e.bias[k] += blend * (e.bias_goal[k] - e.bias[k])
-        drift = e.drift_velocity[k] + dt_s * e.drift_acceleration[k] if e.is_drifting else 0.0
+        drift = e.drift_velocity[k] + dt_s * e.drift_acceleration[k] * e.is_flying if e.is_drifting else 0.0
+        drift -= dt_s / DRIFT_DAMPING_S[k] * e.is_flying * drift
         e.drift_velocity[k] = drift
         e.offset[k] += dt_s * drift
         e.base[k] = position[k] + e.offset[k]
         e.position[k] = e.base[k] + e.bias[k] + e.std_position[k] * e.unit_position[k]
         e.velocity[k] = velocity[k] + drift + e.std_velocity[k] * unit
+
+
+@compiled
+def _advance_lean(e: Record, dt_s: float) -> None:
+    for k in range(2):
+        if not e.is_drifting:
+            e.lean[k] -= dt_s / BLEND_S * e.lean[k]
+        elif e.is_flying and abs(e.lean[k]) < abs(e.lean_most[k]):
+            e.lean[k] += dt_s / LEAN_GROWTH_S * e.lean[k]
 
 
 @compiled
@@ -154,4 +170,5 @@ def advance(errors: Records, draws: Array, dt_s: float, position: Array, velocit
     """
     for i in range(errors.shape[0]):
         _advance_motion(errors[i], draws[i], dt_s, position[i], velocity[i])
+        _advance_lean(errors[i], dt_s)
         _advance_heading(errors[i], draws[i, 3], dt_s, yaw_keep)

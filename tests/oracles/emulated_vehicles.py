@@ -21,7 +21,7 @@ from sitl.physics.step import (
     STEP_S,
     THRUST_NOISE_CORRELATION_S,
 )
-from sitl.px4.estimator_errors import BLEND_S
+from sitl.px4.estimator_errors import BLEND_S, DRIFT_DAMPING_S, LEAN_GROWTH_S
 
 Bools = NDArray[np.bool_]
 
@@ -195,7 +195,12 @@ def advance(errors: Records, draws: Array, dt_s: float, position: Array, velocit
     blend = dt_s / BLEND_S
     for name in ("std_position", "std_velocity", "bias"):
         e[name] += blend * (e[f"{name}_goal"] - e[name])
-    e["drift_velocity"] = e["is_drifting"][:, None] * (e["drift_velocity"] + dt_s * e["drift_acceleration"])
+    flying = e["is_flying"][:, None]
+    e["drift_velocity"] += dt_s * e["drift_acceleration"] * flying
+    e["drift_velocity"] *= (1.0 - dt_s / np.array(DRIFT_DAMPING_S) * flying) * e["is_drifting"][:, None]
+    grows = flying & (np.abs(e["lean"]) < np.abs(e["lean_most"]))
+    grown, faded = e["lean"] * (1.0 + dt_s / LEAN_GROWTH_S * grows), e["lean"] * (1.0 - dt_s / BLEND_S)
+    e["lean"] = np.where(e["is_drifting"][:, None], grown, faded)
     e["offset"] += dt_s * e["drift_velocity"]
     e["base"] = position + e["offset"]
     e["position"] = e["base"] + e["bias"] + e["std_position"] * e["unit_position"]

@@ -30,6 +30,7 @@ def test_a_vehicle_without_setpoints_stays_silent_and_one_on_the_ground_is_only_
 def test_a_condition_that_lasts_has_at_least_as_strong_an_action_as_one_that_has_just_begun() -> None:
     pairs = [
         (Condition.POSITION_STALE, Condition.POSITION_LOST),
+        (Condition.POSITION_LOST, Condition.POSITION_LOST_LONG),
         (Condition.BUS_LOST, Condition.BUS_LOST_LONG),
         (Condition.FENCE_BREACH, Condition.FENCE_BREACH_LONG),
         (Condition.NOT_FINITE, Condition.NOT_FINITE_LONG),
@@ -61,10 +62,10 @@ def test_on_every_path_to_the_ground_a_stronger_action_is_never_taken_back() -> 
     assert latched(Action.REFUSE, Action.GO_ON) is Action.GO_ON
 
 
-def test_level_flight_is_for_a_missing_position_or_number_only_and_never_hidden_by_a_landing() -> None:
+def test_level_flight_is_for_a_missing_number_only_and_never_hidden_by_a_landing() -> None:
     level = {condition for (_, condition), action in TABLE.items() if action is Action.LEVEL}
-    assert level == {Condition.POSITION_STALE, Condition.NOT_FINITE}
-    both = {Condition.POSITION_STALE, Condition.BATTERY_LOW}
+    assert level == {Condition.NOT_FINITE}
+    both = {Condition.NOT_FINITE, Condition.BATTERY_LOW}
     assert decide(Situation.FLYING, both)[0] is Action.LAND
     assert needs_level(Situation.FLYING, both)
 

@@ -164,7 +164,7 @@ def test_no_fault_is_left_out_of_these_cases() -> None:
 def test_every_condition_that_refuses_take_off_is_in_some_line_of_the_page() -> None:
     # which line shows those that have one of their own
     own = {
-        "position": {Condition.POSITION_STALE, Condition.POSITION_LOST},
+        "position": {Condition.POSITION_STALE, Condition.POSITION_LOST, Condition.POSITION_LOST_LONG},
         "px4": {Condition.AUTOPILOT_SILENT, Condition.AUTOPILOT_FROZEN, Condition.HEARTBEAT_LOST},
         "alone": {Condition.TWIN},
         "neighbours": {Condition.BUS_LOST, Condition.BUS_LOST_LONG},

@@ -57,6 +57,16 @@ def _fault(kind: str, duration_s: float = 0.0, **parameters: float | str) -> Inj
     return inject
 
 
+def _of_all(inject_one: Inject) -> Inject:
+    """The same for every vehicle at once: what they have in common fails."""
+
+    def inject(flight: Lockstep, _name: str) -> None:
+        for name in flight.config.enabled_names:
+            inject_one(flight, name)
+
+    return inject
+
+
 def _swap(duration_s: float) -> Inject:
     def inject(flight: Lockstep, name: str) -> None:
         names = flight.config.enabled_names
@@ -276,16 +286,19 @@ _POSITION = (C.POSITION_STALE, C.POSITION_LOST)
 _SILENT = _f(C.NEIGHBOUR_SILENT, C.NEIGHBOUR_UNSEEN, C.NEIGHBOUR_STALE)
 
 INJECTIONS: tuple[Injection, ...] = (
-    Injection("mocap lost for good", _fault("mocap_lost"), _f(*_POSITION), is_silenced=True, may_leave_fence=True),
+    Injection("mocap lost for good", _fault("mocap_lost"), _f(*_POSITION)),
+    Injection("poses of all lost for good", _of_all(_fault("mocap_lost")), _f(*_POSITION)),
+    Injection("poses of all lost for 0.5 s", _of_all(_fault("mocap_lost", 0.5)), _f(C.POSITION_STALE)),
+    Injection("poses of all lost for 1.5 s", _of_all(_fault("mocap_lost", 1.5)), _f(*_POSITION)),
     Injection("mocap lost for 0.35 s", _fault("mocap_lost", 0.35), _f(*_POSITION)),
     Injection("mocap jumps for 0.4 s", _fault("mocap_jump", 0.4, east_m=1.0), _f(C.POSITION_JUMPED, C.MOCAP_SWAPPED)),
     Injection("mocap jumps for good", _fault("mocap_jump", north_m=-0.8),
-              _f(C.POSITION_JUMPED, C.MOCAP_SWAPPED, *_POSITION), is_silenced=True, may_leave_fence=True),
+              _f(C.POSITION_JUMPED, C.MOCAP_SWAPPED, *_POSITION)),
     Injection("mocap swaps two", _swap(1.0), _f(C.MOCAP_SWAPPED, C.POSITION_JUMPED, *_POSITION), is_silenced=True,
               may_leave_fence=True),
     Injection("mocap frozen for 0.3 s", _fault("mocap_frozen", 0.3), _f(C.MOCAP_FROZEN)),
-    Injection("mocap frozen for good", _fault("mocap_frozen"), _f(C.MOCAP_FROZEN), is_silenced=True,
-              may_leave_fence=True),
+    Injection("mocap frozen for good", _fault("mocap_frozen"), _f(C.MOCAP_FROZEN)),
+    Injection("poses of all frozen for good", _of_all(_fault("mocap_frozen")), _f(C.MOCAP_FROZEN)),
     Injection("mocap 0.15 s late", _fault("mocap_late", 2.0, delay_s=0.15), _f(C.MOCAP_LATE, *_POSITION)),
     Injection("PX4 silent", _fault("link_loss", 1.0, share=1.0, direction="out"), _f(C.AUTOPILOT_SILENT),
               is_silenced=True, may_leave_fence=True),

@@ -62,8 +62,8 @@ def test_an_agent_that_hangs_for_a_moment_holds_and_one_that_hangs_for_long_leav
     mav1.resume()
     assert _wait_down(flight, ["mav1"])
     assert mav0.core.flight.state == "holding"
-    assert mav1.core.flight.state == "failed"  # PX4 had taken over: of all actions silence is the strongest
-    assert mav1.core.flight.reason.startswith("PX4 left OFFBOARD")
+    assert not mav1.core.flight.is_streaming  # PX4 had taken over
+    assert mav1.core.flight.reason.startswith(("PX4 left OFFBOARD", "Loop stalled for long"))
     assert flight.min_separation_m > 0.8
 
 
@@ -92,7 +92,7 @@ def test_without_the_ground_for_long_all_land_under_the_law(lockstep, paper):
     assert flight.min_separation_m > 0.8
 
 
-def test_an_agent_cut_off_from_everybody_loses_its_position_and_px4_lands_it(lockstep, paper):
+def test_an_agent_cut_off_from_everybody_loses_its_position_and_lands(lockstep, paper):
     flight = lockstep(paper, seed=4)
     flight.takeoff(1.0)
     flight.bus.partition(["mav1"])
@@ -102,7 +102,7 @@ def test_an_agent_cut_off_from_everybody_loses_its_position_and_px4_lands_it(loc
     assert flight.agents["mav0"].core.flight.state == "flying"
 
 
-def test_a_mocap_that_loses_a_body_is_answered_by_px4s_landing(lockstep, paper):
+def test_a_vehicle_whose_body_the_mocap_loses_lands_by_dead_reckoning(lockstep, paper):
     flight = lockstep(paper, seed=5)
     flight.takeoff(1.0)
     flight.inject(Fault("mocap_lost", "mav2", at_s=flight.time_s))

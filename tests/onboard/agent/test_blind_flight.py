@@ -1,0 +1,145 @@
+"""Poses that are lost in flight: the vehicle brakes and sinks by dead reckoning, under the law, and lands by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from onboard import events as ev
+from onboard.flight.state_machine import begin_failsafe
+from onboard.flight.types import FlightView, Step
+from onboard.safety.failsafe_table import Action
+from tests.onboard.agent.rig import Rig
+
+
+def lost(after_s: float = 1.0) -> Rig:
+    """A vehicle on its way at a metre per second whose poses have just stopped."""
+    rig = Rig()
+    rig.fly()
+    rig.order("move", order_id="away", position_enu_m=(3.0, 0.0, 1.0))
+    rig.run(after_s)
+    rig.has_mocap = False
+    return rig
+
+
+def test_it_brakes_sinks_and_lands_by_itself_and_tells_its_state_with_an_accuracy_that_does_not_grow() -> None:
+    rig = lost()
+    assert rig.state is not None
+    std_m, lost_ns, lost_m = rig.state.position_std_m, rig.now_ns, rig.position.copy()
+    rig.run(0.3)
+    assert rig.core.flight.step is Step.COASTING
+    rig.run(1.0)
+    assert rig.core.flight.step is Step.SINKING
+    assert rig.state.is_valid
+    assert rig.state.is_cooperative
+    assert rig.state.position_std_m == pytest.approx(std_m, abs=0.001)
+    assert np.linalg.norm(np.array(rig.state.position_enu_m) - rig.position) < 0.05
+    assert rig.velocity[2] > -1.1
+    rig.until("landed")
+    assert rig.now_ns - lost_ns < 9_000_000_000
+    assert rig.count(ev.Px4Land) == 0
+    assert np.hypot(*(rig.position - lost_m)[:2]) < 0.8
+
+
+def test_poses_that_are_back_within_0_6_s_let_the_order_go_on() -> None:
+    rig = lost()
+    rig.run(0.56)
+    assert rig.core.flight.step is Step.COASTING
+    rig.has_mocap = True
+    rig.run(1.0)
+    assert rig.position[2] > 0.5
+    rig.run(9.0)
+    assert rig.position == pytest.approx([3.0, 0.0, 1.0], abs=0.15)
+    assert rig.outcomes()["away"] == "done"
+
+
+@pytest.mark.parametrize("step", [Step.CLIMB, Step.ARRIVED])
+def test_a_short_loss_in_a_climb_or_in_hover_ends_where_it_was_going_to_be(step: Step) -> None:
+    rig = Rig()
+    rig.until("ready")
+    rig.order("takeoff", height_m=1.0)
+    while rig.core.flight.step is not step:
+        rig.step()
+    rig.has_mocap = False
+    rig.run(0.5)
+    rig.has_mocap = True
+    rig.run(4.0)
+    assert rig.position == pytest.approx([0.0, 0.0, 1.0], abs=0.2)
+    assert rig.outcomes() == {"o0": "done"}
+
+
+def test_what_asks_for_a_hold_meanwhile_ends_the_order() -> None:
+    rig = lost()
+    rig.run(0.3)
+    x, y, z = rig.position.tolist()
+    view = FlightView(rig.now_ns, (x, y, z), (0.0, 0.0, 0.0), True, rig.snapshot, is_blind=True)
+    begin_failsafe(rig.core.flight, view, Action.HOLD, "Bus lost: holding.")
+    rig.run(0.2)
+    rig.has_mocap = True
+    rig.run(1.0)
+    assert rig.core.flight.state == "holding"
+    assert rig.outcomes()["away"] == "failed"
+
+
+@pytest.mark.parametrize("back_s", [0.8, 1.5, 2.5, 6.5])
+def test_poses_that_are_back_later_do_not_end_the_landing_nor_hand_it_to_px4(back_s: float) -> None:
+    rig = lost()
+    rig.run(back_s)
+    rig.has_mocap = True
+    rig.until("landed")
+    assert rig.count(ev.Px4Land) == 0
+
+
+def test_in_a_landing_it_goes_on_sinking_and_an_order_to_land_changes_nothing() -> None:
+    rig = lost()
+    rig.order("land")
+    rig.run(0.3)
+    assert rig.core.flight.step is Step.SINKING
+    assert not rig.order("hold").is_accepted
+    assert "position" in rig.order("move", position_enu_m=(1.0, 0.0, 1.0)).reason
+    assert rig.order("land", order_id="down").is_accepted
+    rig.until("landed")
+    assert rig.outcomes()["down"] == "done"
+
+
+def test_px4_lands_what_is_still_in_the_air_after_six_seconds() -> None:
+    rig = lost()
+    there = rig.position.copy()
+
+    def keep_up() -> None:  # a strong updraft
+        rig.position, rig.velocity = there.copy(), rig.velocity * 0.0
+
+    rig.after_move = keep_up
+    rig.run(5.9)
+    assert rig.count(ev.Px4Land) == 0
+    rig.run(0.3)
+    assert rig.count(ev.Px4Land) == 1
+    rig.run(1.0)
+    assert rig.state is not None
+    assert rig.state.is_valid  # where PX4's own motion has led since
+    assert not rig.state.is_cooperative
+
+
+def test_on_the_ground_the_thrust_stays_off_and_nothing_is_handed_to_px4() -> None:
+    rig = lost()
+    rig.sees_ground = False  # nor does PX4 see it
+    while rig.core.flight.step is not Step.CONTACT:
+        rig.step()
+    contact_ns = rig.now_ns
+    rig.run(3.0)
+    setpoints = [command.setpoint for t, command in rig.sent if isinstance(command, ev.SendAttitude) and t > contact_ns]
+    assert len(setpoints) > 140
+    assert {setpoint.thrust_frac for setpoint in setpoints} == {0.0}
+    assert rig.count(ev.Px4Land) == 0
+
+
+def test_a_start_whose_poses_stop_at_lift_off_ends_on_the_ground() -> None:
+    rig = Rig()
+    rig.until("ready")
+    rig.order("takeoff", height_m=1.0)
+    while rig.core.flight.step is not Step.LIFTOFF:
+        rig.step()
+    rig.has_mocap = False
+    rig.until("landed")
+    assert rig.position[2] < 0.01
+    assert rig.count(ev.Px4Land) == 0

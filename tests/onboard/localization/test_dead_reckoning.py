@@ -1,0 +1,66 @@
+"""Dead reckoning between the last pose and the ground."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from onboard.estimation import kalman
+from onboard.estimation.kalman import KalmanMemory, KalmanParams
+from onboard.localization.dead_reckoning import DeadReckoning
+from onboard.vectors import ZERO_3, Vec3
+
+PARAMS = KalmanParams()
+DT = 0.02
+
+
+def seen(bias: Vec3, seconds: float, reckoning: DeadReckoning) -> KalmanMemory:
+    """Memory of a vehicle at rest whose unexplained acceleration has this value."""
+    memory = kalman.initial(Vec3(0.0, 0.0, 1.0), PARAMS)._replace(bias_enu_m_s2=bias)
+    for _ in range(round(seconds / DT)):
+        memory = reckoning.step(memory._replace(last_age_s=0.0), None, DT, False)
+    return memory
+
+
+def blind(memory: KalmanMemory, seconds: float, reckoning: DeadReckoning, height_m: float | None) -> KalmanMemory:
+    """The same, without samples."""
+    for _ in range(round(seconds / DT)):
+        memory = kalman.predict(memory, ZERO_3, PARAMS, DT)
+        memory = reckoning.step(memory, height_m, DT, False)
+    return memory
+
+
+def test_it_flies_on_with_the_bounded_mean_of_the_bias_and_not_with_its_last_value() -> None:
+    reckoning = DeadReckoning()
+    seen(Vec3(0.3, 0.0, 0.0), 12.0, reckoning)
+    memory = kalman.initial(Vec3(0.0, 0.0, 1.0), PARAMS)._replace(bias_enu_m_s2=Vec3(1.6, -1.3, 0.0))
+    memory = blind(reckoning.step(memory, None, DT, False), 1.0, reckoning, None)
+    assert memory.velocity_enu_m_s.x == pytest.approx(0.3, abs=0.02)
+    assert memory.velocity_enu_m_s.y == pytest.approx(0.0, abs=0.02)
+    assert memory.position_enu_m.x == pytest.approx(0.15, abs=0.02)
+    wild = DeadReckoning()
+    memory = blind(seen(Vec3(3.0, 0.0, 0.0), 20.0, wild), 1.0, wild, None)
+    assert memory.velocity_enu_m_s.x < 0.85
+
+
+def test_its_height_follows_px4s_and_on_the_ground_it_rests() -> None:
+    reckoning = DeadReckoning()
+    memory = seen(Vec3(0.0, 0.0, 0.4), 4.0, reckoning)
+    memory = blind(memory, 3.0, reckoning, 1.0)
+    assert memory.position_enu_m.z == pytest.approx(1.0, abs=0.06)
+    assert abs(memory.velocity_enu_m_s.z) < 0.3
+    still = reckoning.step(memory._replace(velocity_enu_m_s=Vec3(0.5, 0.0, 0.0)), 1.0, DT, True)
+    assert still.velocity_enu_m_s == ZERO_3
+
+
+def test_its_accuracy_is_that_of_the_last_sample() -> None:
+    reckoning = DeadReckoning()
+    memory = seen(ZERO_3, 1.0, reckoning)
+    before = reckoning.std
+    assert before == pytest.approx((math.sqrt(memory.covariance.pp), math.sqrt(memory.covariance.vv)))
+    assert not reckoning.is_on
+    memory = blind(memory, 2.0, reckoning, None)
+    assert reckoning.is_on
+    assert reckoning.std == before
+    assert math.sqrt(memory.covariance.pp) > 5.0 * before[0]
