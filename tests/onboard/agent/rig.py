@@ -24,7 +24,7 @@ HOVER = 0.5
 
 
 def fleet(
-    names: tuple[str, ...] = ("mav0", "mav1"), enabled: bool = True, px4_params: dict[str, float] | None = None
+    names: tuple[str, ...] = ("mav0", "mav1"), enabled: bool = False, px4_params: dict[str, float] | None = None
 ) -> FleetConfig:
     """A small fleet; neighbours need not be there."""
     vehicles = {
