@@ -61,6 +61,7 @@ class FlightData:
     safety_distance_m: float
     grid_s: Array  # (n,): common time axis
     pairs: tuple[Pair, ...]
+    take_off_s: float  # zero of all times here, in the record's own seconds, as replay and verdict count
 
     @property
     def source(self) -> str:
@@ -106,7 +107,10 @@ def from_samples(samples: Iterable[Sample], *, title: str, safety_distance_m: fl
     begin_s = max(-_LEAD_S, min(float(track.path_time_s[0]) for track in tracks))
     end_s = min(end_s, begin_s + MAX_FLIGHT_NS * 1e-9)  # vehicles' clocks may be far apart
     grid_s = np.arange(begin_s, end_s, GRID_S) if end_s > begin_s else np.array([begin_s])
-    return FlightData(title, tracks, safety_distance_m, grid_s, _pairs(tracks, grid_s))
+    record_ns = min(own[0].stamp_ns for kinds in rows.values() for own in kinds.values() if own)
+    take_off_s = (start_ns - record_ns) * 1e-9
+    title = f"{title} (take-off at {take_off_s:.1f} s of the record)"
+    return FlightData(title, tracks, safety_distance_m, grid_s, _pairs(tracks, grid_s), take_off_s)
 
 
 def _start_ns(truth: dict[str, list[Sample]], ticks: dict[str, list[Sample]]) -> int:

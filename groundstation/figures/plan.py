@@ -65,7 +65,8 @@ def draw(flight: FlightData) -> Any:
         ends = np.array([positions[pair.first], positions[pair.second]])
         ax.plot(ends[:, 0], ends[:, 1], color=LIMIT, linewidth=1.2)
         ax.set_title(
-            f"closest: {pair.first} and {pair.second}, {pair.distance_m[at]:.2f} m at {flight.grid_s[at]:.1f} s; "
+            f"closest: {pair.first} and {pair.second}, {pair.distance_m[at]:.2f} m at "
+            f"{flight.take_off_s + flight.grid_s[at]:.1f} s of the record; "
             f"circles of {flight.safety_distance_m:.2f} m around both (by {flight.source})",
             loc="left",
             fontsize=9.5,

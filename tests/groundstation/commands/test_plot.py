@@ -140,6 +140,9 @@ def test_time_counts_from_when_the_first_leaves_the_ground_and_not_from_its_moto
         height_m = np.interp(0.0, track.path_time_s, track.path_enu_m[:, 2])
         assert 0.04 < height_m < 0.08
     assert flight.grid_s[0] == pytest.approx(-1.0)
+    # and says when that was by the clock of replay and verdict
+    assert flight.take_off_s == pytest.approx((50 / 50) + LIFTED_S)
+    assert f"at {flight.take_off_s:.1f} s of the record" in flight.title
 
 
 def test_without_truth_the_estimates_are_drawn(tmp_path: Path) -> None:
