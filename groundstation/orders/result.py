@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
+from groundstation.fleet.state import FleetState
 from groundstation.orders.grammar import Intent
 from groundstation.orders.plan import PlannedOrder
 
@@ -29,6 +30,7 @@ class VehicleResult:
     phase: Phase
     sentence: str  # reason, by the agent, PX4 or the ground
     is_silent: bool = False  # neither the agent nor, on the direct path, PX4 has answered
+    place: int = 0  # vehicles whose order had ended before
 
     @property
     def is_final(self) -> bool:
@@ -49,10 +51,30 @@ class OrderFailed(RuntimeError):
 
     def __init__(self, intent: Intent, results: Results) -> None:
         self.results = results
-        reasons = [
-            f"{result.vehicle} {result.phase}: {result.sentence}" for result in results.values() if not result.is_done
-        ]
+        missing = [result for result in results.values() if not result.is_done]
+        missing.sort(key=lambda result: result.place)  # the first one may be the cause of the others
+        reasons = [f"{result.vehicle} {result.phase}: {result.sentence}" for result in missing]
         super().__init__(f"'{intent}' failed. {' '.join(reasons)}")
+
+
+def with_later_reasons(results: Results, state: FleetState) -> Results:
+    """Add to what ended an order what the vehicle has given up for since then: a dead PX4 is noticed after lost poses.
+
+    Args:
+        results: of an order that has ended.
+        state: of the fleet, now.
+
+    Returns:
+        The results, with longer sentences.
+    """
+    later = {}
+    for name, result in results.items():
+        telemetry = state.vehicles[name].telemetry
+        is_worse = telemetry is not None and telemetry.state == "failed" and telemetry.reason not in result.sentence
+        if is_worse and not result.is_done and telemetry is not None:
+            result = replace(result, sentence=f"{result.sentence} Then: {telemetry.reason}")
+        later[name] = result
+    return later
 
 
 class OrderResult:
@@ -106,7 +128,8 @@ class OrderResult:
             return
         if phase == "accepted" and old.phase == "direct":
             return
-        result = VehicleResult(vehicle, old.order_id, phase, sentence, is_silent or phase == "no answer")
+        place = sum(one.is_final for one in self.results.values())
+        result = VehicleResult(vehicle, old.order_id, phase, sentence, is_silent or phase == "no answer", place)
         self.results[vehicle] = result
         self._changed.set()
         for listener in self._listeners:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pytest
+
+from groundstation.missions.api import OrderFailed
 from onboard.config.fleet import FleetConfig
 from sitl.faults.catalogue import Fault
 
@@ -25,3 +28,24 @@ def test_a_kill_over_a_dead_link_between_agent_and_px4_stops_the_motors_within_t
         results = flight.wait_for(order.wait(10.0))
         assert results["mav1"].is_done, (case, results)
         assert "straight to PX4" in results["mav1"].sentence, case
+
+
+def test_the_vehicle_whose_px4_died_is_named_first_and_its_px4_as_well_as_its_poses(
+    lockstep, paper: FleetConfig
+) -> None:
+    """A simulated PX4 takes its vehicle's poses along, which are missed 0.2 s before PX4 is."""
+    flight = lockstep(paper, seed=3)
+    flight.wait_for(flight.fleet.ready())
+    flight.wait_for(flight.fleet.takeoff(1.0))
+
+    def die() -> None:
+        for name in ("autopilot_hang", "mocap_lost"):
+            flight.inject(Fault(name, "mav1", at_s=flight.time_s))
+
+    flight.at(flight.time_s + 1.0, die)
+    with pytest.raises(OrderFailed) as failed:
+        flight.wait_for(flight.fleet.formation("triangle", (0.0, 1.2, 1.0), timeout_s=12.0))
+    said = str(failed.value)
+    assert "failed. mav1 failed: Own position stale" in said
+    assert "Then: PX4 silent: no more setpoints are sent." in said
+    assert "Neighbour silent and not seen (mav1)" in said
