@@ -161,6 +161,23 @@ def test_a_px4_that_tells_nonsense_counts_as_silent(changes: dict[str, Any]) -> 
     assert rig.core.flight.reason.startswith("PX4 silent")
 
 
+def test_preflight_says_what_is_wrong_with_a_px4_that_is_thousands_of_kilometres_off() -> None:
+    rig = Rig()
+    handle = rig.core.handle
+
+    def far(event: ev.EventIn, now_ns: int) -> list[ev.Command]:
+        if isinstance(event, ev.SnapshotReceived):
+            event = ev.SnapshotReceived(replace(event.snapshot, position_local_ned_m=(5227321.5, 1067127.6, 0.0)))
+        return handle(event, now_ns)
+
+    rig.core.handle = far  # type: ignore[method-assign]
+    rig.run(1.0)
+    assert any("5335 km from its origin" in sentence for sentence in rig.core.preflight.not_ready)
+    rig.core.handle = handle  # type: ignore[method-assign]
+    rig.run(2.0)
+    assert not any("km from its origin" in sentence for sentence in rig.core.preflight.not_ready)
+
+
 @pytest.mark.parametrize("kind", ["state", "telemetry"])
 def test_a_neighbour_that_sends_nonsense_is_ignored_counted_and_then_silent(kind: str) -> None:
     rig = moving()
