@@ -278,9 +278,11 @@ class AgentCore:
             own.is_reckoned,
         )
 
-    def _other_clocks(self, now_ns: int) -> tuple[OtherClock, ...]:
-        show_id = self.flight.path.show_id
-        return tuple(other_clocks(self.neighbours.telemetries().values(), show_id, now_ns)) if show_id else ()
+    def _other_clocks(self, now_ns: int) -> tuple[OtherClock, ...] | None:
+        path = self.flight.path
+        if not path.show_id or now_ns < path.compare_ns:
+            return None
+        return tuple(other_clocks(self.neighbours.telemetries().values(), path.show_id, now_ns))
 
     def _supervise(self) -> None:
         """Let the failsafes and, on the ground, the preflight check decide."""

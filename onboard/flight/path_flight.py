@@ -8,7 +8,7 @@ PATIENCE_S of time; when that is used up and it is still behind, it leaves the s
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -28,7 +28,7 @@ AT_START_M = 0.5
 _RATE_SLEW_1_S = 0.5
 _RECOVERY = 0.1  # of the patience, seconds a second
 _AHEAD_GAIN_1_S, _AHEAD_S = 1.0, 0.05
-_HEARD_NS = 1_500_000_000
+_HEARD_NS, _COMPARE_NS = 1_500_000_000, 95_000_000
 _CHECK_HZ = 20.0
 _SPEED_ROOM, _REST_M_S = 1.1, 0.05
 
@@ -52,6 +52,8 @@ class PathFlight:
     on_lag: str = "land"
     time_s: float = 0.0
     rate: float = 1.0
+    target_rate: float = 1.0  # as of the last comparison with the others
+    compare_ns: int = 0  # when the next one is due
     lag_m: float = 0.0
     is_lagging: bool = False
     slow_until_ns: int = 0  # a failsafe asks for slow flight until then
@@ -83,19 +85,21 @@ class PathFlight:
     def begin(self, order: PathOrder) -> None:
         """Begin to follow the path at the ordered instant."""
         self.show_id, self.start_ns, self.on_lag = order.show_id, order.start_ns, order.on_lag
+        self.target_rate = 1.0
         self.time_s, self.rate, self.used_s = -math.inf, 1.0, 0.0
-        self.lag_m, self.is_lagging, self.slow_until_ns = 0.0, False, 0
+        self.lag_m, self.is_lagging, self.slow_until_ns, self.compare_ns = 0.0, False, 0, 0
 
-    def advance(self, now_ns: int, dt_s: float, position_enu_m: Vec3, others: Iterable[OtherClock]) -> None:
-        """Move the clock on by one tick, and measure the lag."""
+    def advance(self, now_ns: int, dt_s: float, position_enu_m: Vec3, others: Sequence[OtherClock] | None) -> None:
+        """Move the clock on by one tick, measure the lag, and sometimes compare the clock with the others'."""
         assert self.path is not None
         since_s = (now_ns - self.start_ns) * 1e-9
         if since_s <= 0.0 or not math.isfinite(self.time_s):
             self.time_s = since_s
         else:
-            target = _target_rate(self, list(others))
+            if others is not None:
+                self.target_rate, self.compare_ns = _target_rate(self, others), now_ns + _COMPARE_NS
             step = _RATE_SLEW_1_S * dt_s
-            self.rate += min(max(target - self.rate, -step), step)
+            self.rate += min(max(self.target_rate - self.rate, -step), step)
             self.time_s += self.rate * dt_s
         self.lag_m = math.dist(paths.point_at(self.path, self.time_s).position_enu_m, position_enu_m)
         self.is_lagging = self.lag_m > (CAUGHT_UP_M if self.is_lagging else BEHIND_M)
@@ -162,7 +166,7 @@ def start_refusal(flight: PathFlight, order: PathOrder | None, now_ns: int, posi
     return None
 
 
-def _target_rate(own: PathFlight, others: list[OtherClock]) -> float:
+def _target_rate(own: PathFlight, others: Sequence[OtherClock]) -> float:
     """Return the rate that the clock should have."""
     if own.is_behind or any(other.is_behind for other in others):
         return SLOWEST_RATE

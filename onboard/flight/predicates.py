@@ -238,6 +238,8 @@ def px4_landing_late(flight: FlightContext, view: FlightView) -> bool:
 def is_steady(flight: FlightContext, view: FlightView) -> bool:
     """Whether what the step waits for holds at this tick; the step counts for how long."""
     step = flight.step
+    if step is Step.PATH and flight.path.left_s > 0.0:
+        return False
     if step in (Step.CLIMB, Step.LEG, Step.PATH):
         return at_goal(flight, view)
     if step in (Step.COASTING, Step.SINKING):

@@ -93,7 +93,7 @@ class FlightView(Struct, frozen=True):
     has_position: bool
     snapshot: Snapshot
     thrust_share: float = 1.0  # thrust sent last over the thrust that carries the vehicle
-    other_clocks: tuple[OtherClock, ...] = ()  # of the vehicles that fly the same show
+    other_clocks: tuple[OtherClock, ...] | None = None  # of those that fly the same show; None: not compared now
     period_s: float = TICK_S  # since the last tick
     is_blind: bool = False  # position and velocity come from dead reckoning
 
