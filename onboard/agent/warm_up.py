@@ -66,6 +66,7 @@ class _MadeUpVehicle:
             last_packet_ns=now_ns,
             attitude_ns=now_ns,
             heartbeat_ns=now_ns,
+            landed_ns=now_ns,
             local_position_ns=now_ns,
             position_local_ned_m=ned_from_enu((x, y, z)),
         )

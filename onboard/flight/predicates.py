@@ -208,8 +208,9 @@ def landed_by_order(flight: FlightContext, view: FlightView) -> bool:
 
 
 def landed(flight: FlightContext, view: FlightView) -> bool:
-    """Whether PX4 confirms that it is disarmed on the ground."""
-    return px4_is_disarmed_on_ground(flight, view) and _is_confirmed(flight, view)
+    """Whether PX4 confirms that it is disarmed on the ground; where it tells no landed state, that it is disarmed."""
+    is_down = view.was_on_ground or not view.has_landed_report  # it disarms by itself or by order on the ground only
+    return is_down and px4_confirms_disarmed(flight, view)
 
 
 def px4_should_have_disarmed(flight: FlightContext, view: FlightView) -> bool:

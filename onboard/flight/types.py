@@ -98,10 +98,14 @@ class FlightView(Struct, frozen=True):
     is_blind: bool = False  # position and velocity come from dead reckoning
 
     @property
+    def has_landed_report(self) -> bool:
+        """Whether PX4 has told lately whether it is on the ground."""
+        return self.now_ns - self.snapshot.landed_ns < _LANDED_FRESH_NS
+
+    @property
     def is_on_ground(self) -> bool:
         """Whether PX4 says so, in a report that is not old."""
-        is_fresh = self.now_ns - self.snapshot.landed_ns < _LANDED_FRESH_NS
-        return is_fresh and self.snapshot.landed is Landed.ON_GROUND
+        return self.has_landed_report and self.snapshot.landed is Landed.ON_GROUND
 
     @property
     def was_on_ground(self) -> bool:

@@ -58,6 +58,8 @@ class Condition(Enum):
     HEARTBEAT_LOST = "PX4's heartbeat lost"
     REPORTS_CONTRADICT = "PX4's reports contradict each other"
     REPORTS_CONTRADICT_LONG = "PX4's reports contradict each other for long"
+    LANDED_UNKNOWN = "PX4 does not tell whether it is on the ground"
+    LANDED_WRONG = "PX4 reports the ground in flight"
     ATTITUDE_NOT_FOLLOWED = "attitude does not follow"
     THRUST_SATURATED = "thrust saturated"
     NOT_CLIMBING = "not climbing with full thrust"
@@ -94,6 +96,7 @@ class Condition(Enum):
     BATTERY_WARNING = "battery low"
     BATTERY_LOW = "battery at the landing level"
     BATTERY_FALLING = "battery falling fast"
+    BATTERY_UNKNOWN = "battery not told"
     FENCE_NEAR = "geofence near"
     FENCE_BREACH = "geofence crossed"
     FENCE_BREACH_LONG = "geofence crossed for long"
@@ -162,6 +165,10 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
         # one wrong datagram ends no flight; from several on nobody knows which of two senders is the PX4
         _C.REPORTS_CONTRADICT: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.REPORTS_CONTRADICT_LONG: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        # a landing under the law ends by its own signs of contact and by PX4's word that it is disarmed
+        _C.LANDED_UNKNOWN: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        # a PX4 that believes to have landed disarms soon: the lower it is by then, the better
+        _C.LANDED_WRONG: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # our setpoints do not reach the motors; PX4's own landing does not depend on them
         _C.ATTITUDE_NOT_FOLLOWED: (_A.GO_ON, _A.GO_ON, _A.PX4_LAND, _A.PX4_LAND, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
         _C.THRUST_SATURATED: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
@@ -213,6 +220,8 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
         _C.BATTERY_LOW: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # it would be empty before the vehicle is down if that waited for the landing level
         _C.BATTERY_FALLING: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        # no flight goes on whose end nobody can foresee
+        _C.BATTERY_UNKNOWN: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.FENCE_NEAR: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # the vehicle holds at a point inside
         _C.FENCE_BREACH: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),

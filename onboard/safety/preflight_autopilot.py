@@ -19,6 +19,7 @@ _OF_OTHER_RULES = frozenset(
         *(Condition.AUTOPILOT_SILENT, Condition.AUTOPILOT_FROZEN),
         *(Condition.HEARTBEAT_LOST, Condition.TWIN, Condition.SHUTDOWN, Condition.BUS_LOST, Condition.BUS_LOST_LONG),
         *(Condition.SEPARATION_BREACHED, Condition.CONFIG_DIFFERS, Condition.BATTERY_WARNING, Condition.BATTERY_LOW),
+        *(Condition.BATTERY_UNKNOWN, Condition.LANDED_UNKNOWN),
         *(Condition.FENCE_BREACH, Condition.FENCE_BREACH_LONG),
     }
 )
@@ -78,6 +79,8 @@ def _health(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judg
 def _disarmed(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not facts.has_autopilot:
         return NO_PX4
+    if not facts.is_landed_told:
+        return "untold", {}
     return ("airborne", {}) if facts.is_airborne else ("armed", {}) if facts.is_armed else FINE
 
 

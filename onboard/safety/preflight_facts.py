@@ -38,6 +38,7 @@ class PreflightFacts:
     px4_nonsense: str = ""  # what is wrong with PX4's newest numbers, as a sentence
     attitude_hz: float | None = None  # arrival rate of PX4's attitude; None in the first second
     is_armed: bool = False
+    is_landed_told: bool = True  # PX4 has reported lately whether it is on the ground
     is_failsafe: bool = False
     unhealthy: tuple[tuple[str, bool], ...] = ()  # sensors that PX4 calls unhealthy, and whether this flight needs them
     has_rc: bool | None = None  # PX4 hears a radio control; None while it is not known

@@ -35,6 +35,7 @@ JUMPS, SWAP_JUMPS, SWAP_RADIUS_M = 3, 2, 0.3
 CLOCK_JUMP_REPORTED_S = 5.0
 _DOWN_HEIGHT_M, _DOWN_LONG_S = 0.12, 1.0
 _TRACKING_ABOVE_M, _TRACKING_BLIND_ABOVE_M = 0.2, 0.5  # of a height that reads too high
+_CLEARLY_UP_M, _LANDED_WRONG_S = 0.5, 0.5
 _FENCE_LONG_S = 2.0
 _NOT_FINITE_LONG_S = 0.5
 _INFEASIBLE_S = 0.1
@@ -44,6 +45,7 @@ _DETAILS = {
 }
 _LIVE_TICKS = 5
 _SLOW_TICKS = 5
+_BATTERY_UNKNOWN_S = 5.0  # and 5 s until a report counts as old
 _BRAKE_SHARE = 0.6  # of the acceleration at the largest tilt, assumed for braking before the fence
 
 
@@ -118,6 +120,7 @@ class ConditionMonitor:
         self._check_own_motion(active, view)
         self._check_px4(active, view)
         self._check_mode(active, view)
+        self._check_landed_state(active, view)
         self._check_process(active, view, context)
         self._check_space(active, view)
         self._check_tracking(active, view, context)
@@ -182,6 +185,15 @@ class ConditionMonitor:
             self._add(active, c.REPORTS_CONTRADICT, self.reports.contradicted)
             if contradicted_s > CONTRADICTED_LONG_S:
                 self._add(active, c.REPORTS_CONTRADICT_LONG, self.reports.contradicted)
+
+    def _check_landed_state(self, active: set[Condition], view: FlightView) -> None:
+        c, now_ns = Condition, view.now_ns
+        if self.lasting(c.LANDED_UNKNOWN, not view.has_landed_report, now_ns)[0] >= _LIVE_TICKS:
+            active.add(c.LANDED_UNKNOWN)
+        is_up = view.has_position and view.position_enu_m[2] - self.flight.ground_z_m > _CLEARLY_UP_M
+        is_wrong = self.flight.situation is Situation.FLYING and is_up and view.is_on_ground
+        if self.lasting(c.LANDED_WRONG, is_wrong, now_ns)[1] > _LANDED_WRONG_S:
+            active.add(c.LANDED_WRONG)
 
     def _check_mode(self, active: set[Condition], view: FlightView) -> None:
         c, now_ns, snapshot, flight = Condition, view.now_ns, view.snapshot, self.flight
@@ -282,7 +294,10 @@ class ConditionMonitor:
     def _check_slowly(self, view: FlightView, context: TickContext) -> set[Condition]:
         c, snapshot, limits = Condition, view.snapshot, self.fleet.fleet
         active = self.other_vehicles.check_slowly(view)
-        battery_pct = 100.0 * snapshot.battery_frac
+        battery_frac, battery_voltage_v = snapshot.battery(view.now_ns)
+        battery_pct = 100.0 * battery_frac
+        if self.lasting(c.BATTERY_UNKNOWN, math.isnan(battery_frac), view.now_ns)[1] > _BATTERY_UNKNOWN_S:
+            active.add(c.BATTERY_UNKNOWN)
         if battery_pct < limits.battery_warning_pct:
             active.add(c.BATTERY_WARNING)
         if battery_pct < limits.battery_land_pct:
@@ -292,8 +307,8 @@ class ConditionMonitor:
         else:
             self.battery.update(
                 view.now_ns * 1e-9,
-                snapshot.battery_frac,
-                snapshot.battery_voltage_v,
+                battery_frac,
+                battery_voltage_v,
                 land_frac=0.01 * limits.battery_land_pct,
                 height_m=view.position_enu_m[2] - self.flight.ground_z_m,
             )

@@ -130,6 +130,7 @@ class PreflightReporter:
             px4_nonsense=nonsense(inputs.dropped) if _age_s(now_ns, inputs.dropped.last_packet_ns) < 1.0 else "",
             heartbeat_age_s=_age_s(now_ns, snapshot.heartbeat_ns),
             attitude_hz=self._attitude.rate_hz,
+            is_landed_told=view.has_landed_report,
             is_armed=snapshot.is_armed,
             is_failsafe=snapshot.is_failsafe,
             is_airborne=is_airborne,

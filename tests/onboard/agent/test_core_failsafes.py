@@ -9,6 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard import events as ev
+from onboard.autopilot import Landed
 from onboard.flight.types import Step
 from onboard.supervision.conditions import BUS_LOST_S
 from onboard.types import AttitudeSetpoint
@@ -141,6 +142,44 @@ def test_a_neighbour_under_another_law_is_not_counted_on_and_passed_slowly() -> 
     assert [event.sentence for event in rig.events if event.code == "config-differs"] == [
         "Neighbour with another fleet file or law (mav1): flying slowly."
     ]
+
+
+def test_a_battery_that_is_not_told_any_more_lands_after_ten_seconds() -> None:
+    rig = Rig()
+    rig.fly()
+    rig.sends_battery = False
+    rig.run(9.0)
+    assert rig.core.flight.state == "flying"
+    rig.run(1.5)
+    assert rig.core.flight.reason == "Battery not told: landing."
+    rig.until("landed")
+
+
+def test_a_flight_without_landed_states_is_said_and_its_landing_ends_by_px4s_word_that_it_is_disarmed() -> None:
+    rig = Rig()
+    rig.fly()
+    rig.has_landed_reports = False
+    reply = rig.order("move", position_enu_m=(0.5, 0.0, 1.0))
+    rig.run(5.0)
+    assert rig.outcomes()[reply.order_id] == "done"
+    assert "landed-unknown" in {event.code for event in rig.events}
+    landing = rig.order("land")
+    rig.until("landed")
+    assert rig.outcomes()[landing.order_id] == "done"
+    assert rig.count(ev.Px4Land) == 0
+
+
+def test_a_px4_that_reports_the_ground_in_flight_is_landed_before_it_disarms() -> None:
+    rig = Rig()
+    rig.fly()
+    rig.landed_report = Landed.ON_GROUND
+    rig.run(0.4)
+    rig.landed_report = None
+    rig.run(1.0)
+    assert rig.core.flight.state == "flying"
+    rig.landed_report = Landed.ON_GROUND
+    rig.run(0.6)
+    assert rig.core.flight.reason == "PX4 reports the ground in flight: landing."
 
 
 def test_a_low_battery_lands() -> None:

@@ -15,8 +15,8 @@ from onboard.frames import body_up
 from tests.onboard.agent.rig import Rig
 
 
-def _hover(height_m: float, rig: Rig | None = None) -> Rig:
-    rig = Rig() if rig is None else rig
+def _hover(height_m: float) -> Rig:
+    rig = Rig()
     rig.until("ready")
     rig.order("takeoff", height_m=height_m)
     rig.until("flying")
@@ -51,11 +51,14 @@ def test_a_wrong_report_of_the_ground_in_a_landing_does_not_end_the_thrust(secon
     assert rig.outcomes()["land"] == "done"
 
 
-def test_reports_of_the_ground_that_stopped_before_the_take_off_do_not_count() -> None:
+def test_reports_of_the_ground_that_stopped_at_the_take_off_do_not_count() -> None:
     rig = Rig()
     rig.until("ready")
+    rig.order("takeoff", height_m=1.8)
+    while rig.core.flight.step is not Step.LIFTOFF:
+        rig.step()
     rig.has_landed_reports = False
-    _hover(1.8, rig)
+    rig.until("flying")
     rig.order("land", order_id="land")
     assert _sink(rig, lambda: rig.position[2] <= 0.0) < 1.0
     rig.until("landed")

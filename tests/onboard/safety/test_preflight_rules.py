@@ -69,6 +69,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "sensors: gyroscope.",
     ),
     ("health", "not required"): ({"unhealthy": (("satellites", False),)}, "satellites"),
+    ("disarmed", "untold"): ({"is_landed_told": False}, "does not tell"),
     ("disarmed", "airborne"): ({"is_airborne": True, "is_armed": True}, "in the air"),
     ("disarmed", "armed"): ({"is_armed": True}, "armed already"),
     ("failsafe", "holds"): (
@@ -170,7 +171,8 @@ def test_every_condition_that_refuses_take_off_is_in_some_line_of_the_page() -> 
         "neighbours": {Condition.BUS_LOST, Condition.BUS_LOST_LONG},
         "law": {Condition.SEPARATION_BREACHED},
         "configuration": {Condition.CONFIG_DIFFERS},
-        "battery": {Condition.BATTERY_WARNING, Condition.BATTERY_LOW},
+        "battery": {Condition.BATTERY_WARNING, Condition.BATTERY_LOW, Condition.BATTERY_UNKNOWN},
+        "disarmed": {Condition.LANDED_UNKNOWN},
         "fence": {Condition.FENCE_BREACH, Condition.FENCE_BREACH_LONG},
     }
     refusing = {condition for condition in Condition if TABLE[Situation.GROUND, condition] is Action.REFUSE}

@@ -255,6 +255,21 @@ def _repeated(inject: Inject, count: int, every_s: float) -> Inject:
     return repeat
 
 
+def _stops(*names: str) -> Inject:
+    """One kind of PX4's reports stops; the last one stays."""
+
+    def inject(flight: Lockstep, vehicle: str) -> None:
+        link = flight.agents[vehicle].link
+        receive = link.receive
+
+        def filtered(fields: dict[str, Any]) -> None:
+            receive({name: value for name, value in fields.items() if name not in names})
+
+        link.receive = filtered  # type: ignore[method-assign]
+
+    return inject
+
+
 def _without_law(flight: Lockstep, name: str) -> None:
     """Let one vehicle fly without avoidance, and tell that its fleet is another one: somebody else's, or --law off."""
     shell = flight.agents[name]
@@ -346,6 +361,8 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection("PX4's own vision lost", _fault("vision_lost", 3.0)),
     Injection("PX4 reports the ground for 0.5 s", _landed_state(0.5, is_repeated=True)),
     Injection("PX4's last report of the ground stays", _landed_state(math.inf, is_repeated=False)),
+    Injection("PX4's landed state stops", _stops("landed"), _f(C.LANDED_UNKNOWN)),
+    Injection("PX4's battery reports stop", _stops("battery_frac", "battery_voltage_v")),
     Injection("one wrong report of PX4", _some_wrong_report),
     Injection("wrong reports of PX4 for 5 s", _repeated(wrong_report("another mode"), 9, 0.6),
               _f(C.REPORTS_CONTRADICT_LONG)),
