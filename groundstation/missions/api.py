@@ -16,7 +16,7 @@ from groundstation.missions.verdict import Arrival, StepResult, arrival_of, smal
 from groundstation.orders.grammar import DEFAULT_HEIGHT_M, Intent
 from groundstation.orders.path_orders import OnLag
 from groundstation.orders.result import OrderFailed as OrderFailed
-from groundstation.orders.result import Results, VehicleResult, with_later_reasons
+from groundstation.orders.result import Results, VehicleResult
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
 
@@ -303,7 +303,7 @@ class Fleet:
         self.say(f"{intent}")
         begin_ns = self.client.now_ns()
         order = await self.client.submit(intent)
-        results = with_later_reasons(await order.wait(timeout_s), self.client.state)
+        results = await order.wait(timeout_s)
         for name, message in order.planned.orders.items():
             if message.position_enu_m is not None:
                 self.add_arrival(str(intent.verb), name, message.position_enu_m)

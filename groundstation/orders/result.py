@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
-from groundstation.fleet.state import FleetState
 from groundstation.orders.grammar import Intent
 from groundstation.orders.plan import PlannedOrder
 
@@ -55,26 +54,6 @@ class OrderFailed(RuntimeError):
         missing.sort(key=lambda result: result.place)  # the first one may be the cause of the others
         reasons = [f"{result.vehicle} {result.phase}: {result.sentence}" for result in missing]
         super().__init__(f"'{intent}' failed. {' '.join(reasons)}")
-
-
-def with_later_reasons(results: Results, state: FleetState) -> Results:
-    """Add to what ended an order what the vehicle has given up for since then: a dead PX4 is noticed after lost poses.
-
-    Args:
-        results: of an order that has ended.
-        state: of the fleet, now.
-
-    Returns:
-        The results, with longer sentences.
-    """
-    later = {}
-    for name, result in results.items():
-        telemetry = state.vehicles[name].telemetry
-        is_worse = telemetry is not None and telemetry.state == "failed" and telemetry.reason not in result.sentence
-        if is_worse and not result.is_done and telemetry is not None:
-            result = replace(result, sentence=f"{result.sentence} Then: {telemetry.reason}")
-        later[name] = result
-    return later
 
 
 class OrderResult:
