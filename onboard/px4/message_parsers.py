@@ -32,7 +32,7 @@ def _local_position(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
 def _estimator_status(fields: dict[str, Any], _: int) -> dict[str, Any]:
     accuracy_m = fields["pos_horiz_accuracy"]
     is_known = isinstance(accuracy_m, float) and math.isfinite(accuracy_m) and accuracy_m >= 0.0
-    return {"position_accuracy_m": accuracy_m} if is_known else {}
+    return {"position_accuracy_m": accuracy_m if is_known else math.inf}
 
 
 def _global_origin(fields: dict[str, Any], _: int) -> dict[str, Any]:

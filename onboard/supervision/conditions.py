@@ -21,7 +21,7 @@ from onboard.safety.autopilot_monitor import AutopilotMonitor
 from onboard.safety.battery_monitor import BatteryMonitor
 from onboard.safety.failsafe_table import Condition, Situation
 from onboard.safety.geofence import Fence
-from onboard.safety.limits import POSITION_STALE_S, RECKONING_S
+from onboard.safety.limits import LARGEST_PX4_ACCURACY_M, POSITION_STALE_S, RECKONING_S
 from onboard.safety.report_confirmation import CONTRADICTED_LONG_S, ReportConfirmation
 from onboard.safety.tracking_monitor import TrackingMonitor
 from onboard.supervision.neighbour_conditions import NeighbourMonitor
@@ -39,6 +39,7 @@ _CLEARLY_UP_M, _LANDED_WRONG_S = 0.5, 0.5
 _FENCE_LONG_S = 2.0
 _NOT_FINITE_LONG_S = 0.5
 _INFEASIBLE_S = 0.1
+_INACCURATE_S = 0.5
 _DETAILS = {
     Condition.POSITION_STALE: "it brakes and sinks by dead reckoning",
     Condition.POSITION_LOST: "by dead reckoning",
@@ -294,6 +295,11 @@ class ConditionMonitor:
     def _check_slowly(self, view: FlightView, context: TickContext) -> set[Condition]:
         c, snapshot, limits = Condition, view.snapshot, self.fleet.fleet
         active = self.other_vehicles.check_slowly(view)
+        accuracy_m = snapshot.position_accuracy_m
+        is_covered = 0.0 < accuracy_m <= LARGEST_PX4_ACCURACY_M or self.vehicle.mocap_required
+        if self.lasting(c.POSITION_INACCURATE, not is_covered, view.now_ns)[1] > _INACCURATE_S:
+            told = f"PX4 says {accuracy_m:.1f} m" if accuracy_m else "PX4 does not say how accurate it is"
+            self._add(active, c.POSITION_INACCURATE, f"{told}; distances cover {LARGEST_PX4_ACCURACY_M:.1f} m")
         battery_frac, battery_voltage_v = snapshot.battery(view.now_ns)
         battery_pct = 100.0 * battery_frac
         if self.lasting(c.BATTERY_UNKNOWN, math.isnan(battery_frac), view.now_ns)[1] > _BATTERY_UNKNOWN_S:

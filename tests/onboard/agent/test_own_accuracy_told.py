@@ -1,0 +1,56 @@
+"""Vehicles that fly on PX4's position: the accuracy that PX4 tells is covered by the distances, or nobody flies."""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import pytest
+
+from onboard.agent.core import AgentCore
+from onboard.px4.message_parsers import PARSERS
+from tests.onboard.agent.rig import Rig, fleet
+
+
+def _rig(accuracy_m: float) -> Rig:
+    whole = fleet(("mav0",))
+    bare = {n: msgspec.structs.replace(v, mocap_required=False) for n, v in whole.vehicles.items()}
+    rig = Rig(AgentCore(msgspec.structs.replace(whole, vehicles=bare), "mav0", boot_id=7), has_mocap=False)
+    _tell(rig, accuracy_m)
+    return rig
+
+
+def _tell(rig: Rig, accuracy_m: float) -> None:
+    rig.snapshot = msgspec.structs.replace(rig.snapshot, position_accuracy_m=accuracy_m)
+
+
+@pytest.mark.parametrize("accuracy_m", [20.0, math.inf, 0.0, 0.8])
+def test_an_accuracy_that_no_distance_covers_refuses_the_take_off_in_words(accuracy_m: float) -> None:
+    rig = _rig(accuracy_m)
+    rig.run(4.0)
+    assert rig.core.flight.state == "waiting"
+    reply = rig.order("takeoff", height_m=1.0)
+    assert not reply.is_accepted
+    assert any("wn position inaccurate" in reason for reason in rig.core.preflight.not_ready)
+
+
+@pytest.mark.parametrize("accuracy_m", [20.0, math.inf])
+def test_a_position_that_becomes_inaccurate_in_flight_lands(accuracy_m: float) -> None:
+    rig = _rig(0.4)
+    rig.fly()
+    _tell(rig, accuracy_m)
+    rig.run(0.2)
+    _tell(rig, 0.4)
+    rig.run(1.0)
+    assert rig.core.flight.state == "flying"  # a moment is none
+    _tell(rig, accuracy_m)
+    rig.run(1.0)
+    assert rig.core.flight.state == "landing"
+    assert "position-inaccurate" in {event.code for event in rig.events}
+    rig.until("landed")
+
+
+def test_nonsense_is_no_accuracy() -> None:
+    for told in (math.nan, math.inf, -1.0, None):
+        assert PARSERS["ESTIMATOR_STATUS"]({"pos_horiz_accuracy": told}, 5) == {"position_accuracy_m": math.inf}
+    assert PARSERS["ESTIMATOR_STATUS"]({"pos_horiz_accuracy": 0.3}, 5) == {"position_accuracy_m": 0.3}
