@@ -82,7 +82,7 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     direct: str | None = None
     mocap_body: str | None = None  # name of its body in the mocap; the vehicle's own by default
     type: str = ""  # a table [types.NAME], which holds for what the vehicle does not say
-    enabled: bool = True  # false: takes no part
+    enabled: bool | Literal["scan"] = True  # false: takes no part; "scan": flies where it answers, is not waited for
     mass_kg: float = 1.0  # with battery
     hover_thrust_frac: float = 0.5  # throttle that hovers, 0 to 1; starting value: MPC_THR_HOVER of a tuned PX4, or 0.5
     attitude_delay_s: float = 0.04  # dead time of its attitude; starting value 0.04
@@ -147,7 +147,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
     @property
     def enabled_names(self) -> tuple[str, ...]:
         """Vehicles that take part, in the order of the file."""
-        return tuple(name for name, vehicle in self.vehicles.items() if vehicle.enabled)
+        return tuple(name for name, vehicle in self.vehicles.items() if vehicle.enabled is not False)
 
     @property
     def simulator_endpoint(self) -> str:

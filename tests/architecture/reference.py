@@ -49,6 +49,8 @@ def unit(name: str) -> str:
 
 def _kind(text: str) -> str:
     literal = re.findall(r'"([^"]+)"', text)
+    if text == 'bool | Literal["scan"]':
+        return 'true, false or `"scan"`'
     if "Literal" in text or text in ("LawName", "OnLag", "SystemType | None"):
         return "one of " + ", ".join(f"`{word}`" for word in literal) if literal else "one of some words"
     words = {"float": "number", "int": "whole number", "str": "text", "bool": "true or false", "Vec3": "three numbers"}

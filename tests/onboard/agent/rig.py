@@ -24,7 +24,7 @@ HOVER = 0.5
 
 
 def fleet(
-    names: tuple[str, ...] = ("mav0", "mav1"), enabled: bool = False, px4_params: dict[str, float] | None = None
+    names: tuple[str, ...] = ("mav0", "mav1"), enabled: object = "scan", px4_params: dict[str, float] | None = None
 ) -> FleetConfig:
     """A small fleet; neighbours need not be there."""
     vehicles = {
@@ -78,7 +78,7 @@ class Rig:
     tick_count: int = 0
     has_flown: bool = False
     setpoint: AttitudeSetpoint | None = None  # last one that PX4 obeys
-    snapshot: Snapshot = field(default_factory=Snapshot)
+    snapshot: Snapshot = field(default_factory=lambda: Snapshot(px4_version=(1, 17)))
     after_move: Callable[[], None] = lambda: None  # changes the motion of a tick
     _heartbeat: tuple[int, bool, str] = (0, False, "")
     _ids: itertools.count = field(default_factory=itertools.count)
