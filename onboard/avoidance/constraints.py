@@ -85,6 +85,28 @@ def distance_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
     return HalfPlane(Vec2(e.x / d, e.y / d), bound / d)
 
 
+def promised_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
+    """Return the half-plane of the promised distance alone, without any margin: given up last (line Q).
+
+    Args:
+        pair: this vehicle and the neighbour at t + L.
+    """
+    promised_m = min(pair.d_m, params.spacing.safety_distance_m)
+    bare = NeighbourPair(
+        pair.e,
+        pair.w,
+        pair.command_m_s2,
+        pair.intent_m_s,
+        promised_m,
+        pair.distance_2_m2,
+        pair.crowd_count,
+        pair.is_near,
+        pair.is_cooperative,
+        pair.table_index,
+    )
+    return distance_row(bare, params)
+
+
 def rotation_row(pair: NeighbourPair, own_velocity_m_s: Vec2, is_crowded: bool, params: LawParams) -> HalfPlane:
     """Return the soft half-plane that turns the pair about each other (line R).
 

@@ -25,6 +25,7 @@ from onboard.avoidance.constraints import (
     fence_rows,
     obstacle_rotation_row,
     obstacle_row,
+    promised_row,
     rotation_row,
     speed_row,
     violation,
@@ -58,7 +59,7 @@ from onboard.avoidance.prediction import (
     predict_own,
     remembered,
 )
-from onboard.avoidance.projection import INACTIVE, RELAXED, project
+from onboard.avoidance.projection import INACTIVE, RELAXED, fit, relaxed_in_order
 from onboard.types import LawOutput, Neighbour, State
 from onboard.vectors import ZERO_2, dot_2, length_2
 
@@ -190,13 +191,18 @@ def saturate(
     if not is_avoiding and params.policies.rotation != ROTATION_ALWAYS:
         status = INACTIVE if are_sound else INFEASIBLE
         return Answer(own.thrust_m_s2, status, 0.0, crowd_count, NOBODY)
-    hard = [c.row for c in constraints if can_bind(c.row, own.radius_m_s2)]
+    kept = [c.row for c in constraints[: len(pairs)] if can_bind(c.row, own.radius_m_s2)]
+    static = [c.row for c in constraints[len(pairs) :] if can_bind(c.row, own.radius_m_s2)]
     soft = [c.turn for c in constraints if c.is_turning]  # the last one is dropped first, the speed row never before
     if is_avoiding and length_2(own.velocity_m_s) > _STANDING_M_S:
         speed = speed_row(own.velocity_m_s, params.top_speed_m_s)
         soft = [compensated(speed, own.compensation_m_s2), *soft]
-    point, status, slack = project(own.thrust_m_s2, hard, soft, own.radius_m_s2)
-    return Answer(point, status if are_sound else INFEASIBLE, slack, crowd_count, active)
+    found = fit(own.thrust_m_s2, kept + static, soft, own.radius_m_s2)
+    if found.status == RELAXED:
+        promises = [compensated(promised_row(pair, params), own.compensation_m_s2) for pair in pairs]
+        firm = [row for row in promises if can_bind(row, own.radius_m_s2)] + static
+        found = relaxed_in_order(own.thrust_m_s2, kept, firm, own.radius_m_s2)
+    return Answer(found.point, found.status if are_sound else INFEASIBLE, found.slack, crowd_count, active)
 
 
 def neighbour_constraint(own: Own, pair: NeighbourPair, crowd_count: float, params: LawParams) -> Constraint:

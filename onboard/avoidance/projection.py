@@ -29,6 +29,7 @@ from onboard.vectors import Vec2, dot_2, length_2
 INACTIVE, SATURATED, RELAXED = int(LawStatus.INACTIVE), int(LawStatus.SATURATED), int(LawStatus.RELAXED)
 _TOLERANCE = 1e-10
 _ONE_POINT = 1e-4  # two solutions nearer than this (times the bounds) are one, seen through rounding
+_FIRMNESS = 1000.0  # of rows that others yield to: they miss their bounds by this share of the others' slack
 _WIDENINGS = (1e-12, 1e-10, 1e-8, 1e-6)  # of the slack, relative: rounding must not hide the one point that is left
 
 
@@ -54,12 +55,24 @@ def project(u: Vec2, hard: list[HalfPlane], soft: list[HalfPlane], radius: float
     Args:
         u: point to project, finite.
         hard: rows, relaxed by one common slack only where no point satisfies them all.
-        soft: rows in order of importance; the last is dropped first.
-        radius: of the disc about the origin, at least 0.
+        soft, radius: as for :func:`fit`.
     Returns:
         The projection. Without a feasible point it satisfies ``n . u >= b - slack`` with the smallest slack.
     Properties: rotation-equivariant; homogeneous; independent of the order of the hard rows; a point that satisfies
         everything comes back bit for bit.
+    """
+    found = fit(u, hard, soft, radius)
+    return relaxed(u, hard, radius, largest_bound(hard)) if found.status == RELAXED else found
+
+
+def fit(u: Vec2, hard: list[HalfPlane], soft: list[HalfPlane], radius: float) -> Projection:
+    """Return the projection of :func:`project`, or the point itself as RELAXED where the hard rows leave none.
+
+    Args:
+        u: point to project, finite.
+        hard: rows that must hold.
+        soft: rows in order of importance; the last is dropped first.
+        radius: of the disc about the origin, at least 0.
     """
     if dot_2(u, u) <= radius * radius * (1.0 + 1e-12) and largest_violation(u, hard + soft) <= _TOLERANCE:
         return Projection(u, INACTIVE, 0.0)
@@ -69,7 +82,7 @@ def project(u: Vec2, hard: list[HalfPlane], soft: list[HalfPlane], radius: float
         return Projection(found.point, SATURATED, 0.0)
     least = nearest(u, rows[: len(hard)], radius)
     if not least.is_feasible:
-        return relaxed(u, hard, radius)
+        return Projection(u, RELAXED, 0.0)
     for kept in range(len(soft) - 1, 0, -1):
         found = nearest(u, rows[: len(hard) + kept], radius)
         if found.is_feasible:
@@ -77,18 +90,48 @@ def project(u: Vec2, hard: list[HalfPlane], soft: list[HalfPlane], radius: float
     return Projection(least.point, SATURATED, 0.0)
 
 
-def relaxed(u: Vec2, hard: list[HalfPlane], radius: float) -> Projection:
+def relaxed_in_order(u: Vec2, yielding: list[HalfPlane], firm: list[HalfPlane], radius: float) -> Projection:
+    """Return the nearest point of the disc for rows that no point satisfies together: the yielding rows give way first.
+
+    They get their smallest common slack while a point satisfies the firm ones; where none does, the yielding rows are
+    left out and the firm ones get theirs. The point moves continuously from one case to the other.
+
+    Args:
+        u: point to project.
+        yielding: rows that are given up first.
+        firm: rows that are implied by the yielding ones, or of another kind.
+        radius: of the disc.
+    """
+    if not nearest(u, [unit_row(row) for row in firm], radius).is_feasible:
+        return relaxed(u, firm, radius, largest_bound(firm))
+    stiff = [
+        HalfPlane(Vec2(_FIRMNESS * row.normal.x, _FIRMNESS * row.normal.y), _FIRMNESS * row.bound_m_s2) for row in firm
+    ]
+    return relaxed(u, yielding + stiff, radius, max(largest_bound(yielding), largest_bound(firm)))
+
+
+def largest_bound(rows: list[HalfPlane]) -> float:
+    """Return the size of the largest bound, plus one: the scale of rounding.
+
+    Args:
+        rows: of any length.
+    """
+    scale = 1.0
+    for row in rows:
+        scale = max(scale, 1.0 + abs(row.bound_m_s2))
+    return scale
+
+
+def relaxed(u: Vec2, hard: list[HalfPlane], radius: float, scale: float) -> Projection:
     """Return the nearest point of the disc that satisfies the hard rows up to their smallest common slack.
 
     Args:
         u: point to project.
         hard: rows that no point of the disc satisfies together.
         radius: of the disc.
+        scale: size of the bounds.
     """
     slack, point = least_slack(hard, radius)
-    scale = 1.0
-    for row in hard:
-        scale = max(scale, 1.0 + abs(row.bound_m_s2))
     for widening in _WIDENINGS:
         widened = slack + widening * scale
         best = nearest(u, [unit_row(HalfPlane(row.normal, row.bound_m_s2 - widened)) for row in hard], radius)

@@ -175,18 +175,31 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
                 strength = min(1.0, lack / p.gains.rotation_fade_m_s2) if has_fade else 1.0
                 soft.append((normal, given + strength * (bound - given)))
         start += len(turn_normals)
-    is_hard = np.isfinite(bounds)
-    return (*projection(u, normals[is_hard], bounds[is_hard], soft, own["radius"]), crowd, active)
+    count = len(turn_parts[0][1]) if neighbours else 0
+    promised = [np.zeros((0, 2)), np.zeros(0)]
+    if neighbours:
+        bare = p._replace(spacing=p.spacing._replace(margin_m=0.0, sigma_position=0.0, uncooperative_margin_m=0.0))
+        promised = list(neighbour_rows(own, neighbours, bare, is_roundabout)[0])
+        promised[1] = promised[1] + promised[0] @ own["compensation"]
+    is_fixed = np.isfinite(bounds) & (np.arange(len(bounds)) >= count)
+    firm = [np.concatenate([a, b[is_fixed]]) for a, b in zip(promised, (normals, bounds), strict=True)]
+    return (*projection(u, normals[:count], bounds[:count], firm, soft, own["radius"]), crowd, active)
 
 
 def least_crowd(p, is_roundabout):
     return float(p.gains.crowd_count) if is_roundabout else 0.0
 
 
-def projection(u, normals, bounds, soft, radius):
-    """Line Q: point, status and slack, by trying every active set."""
-    can_bind = bounds > -radius * np.hypot(*normals.T)  # the others hold in all of the disc
-    normals, bounds = normals[can_bind], bounds[can_bind]
+def binding(normals, bounds, radius):
+    """Rows that do not hold in all of the disc."""
+    can_bind = bounds > -radius * np.hypot(*normals.T)
+    return normals[can_bind], bounds[can_bind]
+
+
+def projection(u, normals, bounds, firm, soft, radius):
+    """Line Q: point, status and slack, by trying every active set; firm: the promised distances and what stands."""
+    yielding, firm = binding(normals, bounds, radius), binding(*firm, radius)
+    normals, bounds = (np.concatenate(pair) for pair in zip(yielding, firm, strict=True))
     for kept in range(len(soft), -1, -1):
         n = np.concatenate([normals, *(row[0][None] for row in soft[:kept])])
         b = np.concatenate([bounds, [row[1] for row in soft[:kept]]])
@@ -194,5 +207,9 @@ def projection(u, normals, bounds, soft, radius):
         if point is not None:
             is_same = np.abs(point - u).max() <= 1e-10
             return point, INACTIVE if is_same else SATURATED, 0.0
+    if nearest_in_rows_and_disc(u, *firm, radius) is None:
+        normals, bounds = firm
+    else:  # a thousand times as stiff
+        normals, bounds = (np.concatenate([a, 1000.0 * b]) for a, b in zip(yielding, firm, strict=True))
     slack = least_common_slack(normals, bounds, radius)
     return nearest_in_rows_and_disc(u, normals, bounds - slack - 1e-10, radius), RELAXED, slack

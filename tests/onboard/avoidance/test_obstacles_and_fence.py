@@ -10,6 +10,8 @@ import pytest
 from onboard.config.fleet import ConfigError, fleet_from_mapping
 from onboard.rollout import closed_loop
 from onboard.rollout.vehicle_model import Perturbation
+from onboard.types import LawStatus
+from tests.onboard.avoidance.law_cases import FENCE, law_of, neighbour_of, run
 
 CALM = Perturbation(0.05, 0.02, 0.05, 0.0, 0.0, start_m=0.0)
 PILLAR = {"name": "pillar", "circle": {"center_enu_m": [0.0, 0.0], "radius_m": 0.4}}
@@ -111,3 +113,23 @@ def test_pair_that_meets_at_a_pillar_passes_both_the_pillar_and_each_other():
     assert result.is_success.all()
     assert result.min_separation_m.min() > 0.8
     assert nearest_to(fleet.obstacles[0], result.trace_enu_m) > 0.25 + 0.10
+
+
+def test_walls_win_over_the_margin_of_a_neighbour_whose_position_is_uncertain():
+    law = law_of({"fence_enu_m": FENCE})
+    position, velocity = [2.6, 0.0, 1.0], [0.2, 0.0, 0.0]
+    wall = run(position, velocity, [9.0, 0.0, 0.0], [], law).thrust.thrust_enu_m_s2.x  # all that the wall allows
+    for std_m in (0.0, 0.2, 0.5):
+        neighbour = neighbour_of([1.3, 0.1, 1.0], position_std_m=std_m)
+        out = run(position, velocity, [0.0, 0.0, 0.0], [neighbour], law)
+        assert out.thrust.thrust_enu_m_s2.x <= wall + 0.05, std_m  # walls give a thousandth of the slack
+    assert out.status == LawStatus.RELAXED  # of the margin alone
+
+
+def test_a_wall_and_the_promise_share_what_is_missing_where_both_cannot_be_kept():
+    law = law_of({"fence_enu_m": FENCE})
+    position, velocity = [2.8, 0.0, 1.0], [0.0, 0.0, 0.0]
+    wall = run(position, velocity, [9.0, 0.0, 0.0], [], law).thrust.thrust_enu_m_s2.x
+    out = run(position, velocity, [0.0, 0.0, 0.0], [neighbour_of([2.1, 0.0, 1.0], [0.5, 0.0, 0.0])], law)
+    assert out.status == LawStatus.RELAXED
+    assert out.thrust.thrust_enu_m_s2.x > wall + 0.02

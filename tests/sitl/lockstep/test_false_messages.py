@@ -36,3 +36,25 @@ def test_messages_numbered_far_ahead_stop_neither_poses_nor_states_nor_telemetry
         assert agent.core.flight.state == "flying", name
         assert not agent.core.failsafes.conditions, name
         assert flight.state.vehicles[name].telemetry.sequence < _FAR_AHEAD, name
+
+
+def test_a_neighbour_told_to_be_two_metres_uncertain_pushes_nobody_through_the_fence(lockstep, paper) -> None:
+    flight = lockstep(paper, seed=5)
+    liar = flight.bus.node("liar")
+    liar.start()
+
+    def exaggerate(topic: Topic, name: str, message: Any) -> None:
+        if message.position_std_m < 2.0:
+            worse = msgspec.structs.replace(message, position_std_m=2.0, stamp_ns=message.stamp_ns + 1)
+            liar.publish(topic, name, worse)
+
+    flight.takeoff(1.0)
+    liar.subscribe(Topic.STATE, "mav1", exaggerate)
+    liar.subscribe(Topic.FAR, "mav1", exaggerate)
+    outermost_m = 0.0
+    for _ in range(20):
+        flight.run(0.5)
+        truths = [flight.state.vehicles[name].truth.position_enu_m for name in flight.agents]
+        outermost_m = max(outermost_m, *(abs(value) for x, y, _ in truths for value in (x, y)))
+    assert 3.0 < outermost_m < 4.0  # they were pushed, and stayed inside
+    assert flight.min_separation_m > 0.8
