@@ -59,7 +59,7 @@ from onboard.avoidance.prediction import (
     predict_own,
     remembered,
 )
-from onboard.avoidance.projection import INACTIVE, RELAXED, fit, relaxed_in_order
+from onboard.avoidance.projection import INACTIVE, RELAXED, Projection, fit, relaxed_in_order
 from onboard.types import LawOutput, Neighbour, State
 from onboard.vectors import ZERO_2, dot_2, length_2
 
@@ -191,18 +191,33 @@ def saturate(
     if not is_avoiding and params.policies.rotation != ROTATION_ALWAYS:
         status = INACTIVE if are_sound else INFEASIBLE
         return Answer(own.thrust_m_s2, status, 0.0, crowd_count, NOBODY)
-    kept = [c.row for c in constraints[: len(pairs)] if can_bind(c.row, own.radius_m_s2)]
-    static = [c.row for c in constraints[len(pairs) :] if can_bind(c.row, own.radius_m_s2)]
     soft = [c.turn for c in constraints if c.is_turning]  # the last one is dropped first, the speed row never before
     if is_avoiding and length_2(own.velocity_m_s) > _STANDING_M_S:
         speed = speed_row(own.velocity_m_s, params.top_speed_m_s)
         soft = [compensated(speed, own.compensation_m_s2), *soft]
-    found = fit(own.thrust_m_s2, kept + static, soft, own.radius_m_s2)
-    if found.status == RELAXED:
-        promises = [compensated(promised_row(pair, params), own.compensation_m_s2) for pair in pairs]
-        firm = [row for row in promises if can_bind(row, own.radius_m_s2)] + static
-        found = relaxed_in_order(own.thrust_m_s2, kept, firm, own.radius_m_s2)
+    found = nearest_thrust(own, pairs, [c.row for c in constraints], soft, params)
     return Answer(found.point, found.status if are_sound else INFEASIBLE, found.slack, crowd_count, active)
+
+
+def nearest_thrust(
+    own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane], soft: list[HalfPlane], params: LawParams
+) -> Projection:
+    """Return the nearest thrust for all rows; where none fits, margins give way before promises and walls (line Q).
+
+    Args:
+        own: this vehicle at t + L.
+        pairs: with the neighbours that count.
+        rows: of these pairs in their order, then of obstacles and walls.
+        soft: rows in order of importance; the last is dropped first.
+    """
+    kept = [row for row in rows[: len(pairs)] if can_bind(row, own.radius_m_s2)]
+    static = [row for row in rows[len(pairs) :] if can_bind(row, own.radius_m_s2)]
+    found = fit(own.thrust_m_s2, kept + static, soft, own.radius_m_s2)
+    if found.status != RELAXED:
+        return found
+    promises = [compensated(promised_row(pair, params), own.compensation_m_s2) for pair in pairs]
+    firm = [row for row in promises if can_bind(row, own.radius_m_s2)] + static
+    return relaxed_in_order(own.thrust_m_s2, kept, firm, own.radius_m_s2)
 
 
 def neighbour_constraint(own: Own, pair: NeighbourPair, crowd_count: float, params: LawParams) -> Constraint:
