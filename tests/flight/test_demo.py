@@ -59,6 +59,7 @@ def test_the_papers_flight_ends_well(tmp_path: Path) -> None:
     assert left_over(folder) == []
 
 
+@pytest.mark.long  # lockstep flies the same in the quick tests
 def test_without_the_law_they_collide(tmp_path: Path) -> None:
     folder = tmp_path / "flight"
     done = demo(folder, "--law", "off")

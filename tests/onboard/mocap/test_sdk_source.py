@@ -198,7 +198,7 @@ def test_without_the_package_the_sentence_says_how_to_get_it(
     (tmp_path / "motioncapture.py").write_text("raise ModuleNotFoundError('no', name='motioncapture')\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     with _Listener(_MOCK) as heard:
-        heard.wait(lambda: "pip install 'covey[mocap]'" in heard.source.problem)
+        heard.wait(lambda: "pip install 'motioncapture" in heard.source.problem)
 
 
 def test_a_reading_process_that_writes_nonsense_is_counted_and_replaced(
