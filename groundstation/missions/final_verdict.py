@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from groundstation.missions.files import Expect
+from groundstation.missions.steps import Expect
 from groundstation.missions.verdict import FlightObservations, Verdict, judge
 from groundstation.recording.report import FlightReport, report
 from groundstation.recording.writer import write_json

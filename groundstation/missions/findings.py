@@ -5,16 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from groundstation.missions.files import (
-    FollowPathStep,
-    FormationStep,
-    LandStep,
-    Mission,
-    MoveStep,
-    OrderStep,
-    TakeoffStep,
-    intent_of,
-)
+from groundstation.missions.files import Mission, intent_of
+from groundstation.missions.steps import FollowPathStep, FormationStep, LandStep, MoveStep, OrderStep, TakeoffStep
 from groundstation.orders.grammar import default_formation
 from groundstation.orders.plan import HeldFormation, plan_order
 from groundstation.paths.checks import path_findings

@@ -14,7 +14,8 @@ from groundstation.client.fault_orders import FaultRefused
 from groundstation.client.preflight_page import advice_of
 from groundstation.fleet.state import FleetState
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
-from groundstation.missions.files import ExpectStep, FaultStep, FollowPathStep, Mission, WaitStep, intent_of
+from groundstation.missions.files import Mission, intent_of
+from groundstation.missions.steps import ExpectStep, FaultStep, FollowPathStep, WaitStep
 from groundstation.missions.verdict import FlightObservations, Verdict, check, is_landed, judge, smallest
 from onboard.config.fleet import ConfigError
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import msgspec
 
 from groundstation.fleet.state import FleetState, Separation, VehicleView
-from groundstation.missions.files import Expect
+from groundstation.missions.steps import Expect
 from groundstation.recording.report import PERIOD_NOMINAL_MS, FlightReport, LoopTiming
 from onboard.config.fleet import FleetConfig, Vec3
 from onboard.exit_status import (

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from groundstation.missions.files import EXPECT_MOST_M, STEP_BOUNDS, STEPS, Expect, OnFailure
+from groundstation.missions.steps import EXPECT_MOST_M, STEP_BOUNDS, STEPS, Expect, OnFailure
 from onboard.config import mocap, sitl
 from onboard.config.fleet_config import FleetSection, Geofence, Origin, Vehicle
 from onboard.config.law import LawConfig

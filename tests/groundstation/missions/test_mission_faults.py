@@ -12,8 +12,9 @@ from groundstation.cli import main
 from groundstation.client.client import FleetClient
 from groundstation.client.fault_orders import FaultRefused
 from groundstation.missions.api import Fleet
-from groundstation.missions.files import FaultStep, mission_from_mapping
+from groundstation.missions.files import mission_from_mapping
 from groundstation.missions.runner import MissionRun
+from groundstation.missions.steps import FaultStep
 from onboard.bus.schema import FaultOrder, OrderReply
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from sitl.lockstep.flight import Lockstep

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from groundstation.cli import main
-from groundstation.missions.files import FollowPathStep, Mission, load_mission
+from groundstation.missions.files import Mission, load_mission
 from groundstation.missions.findings import mission_findings
+from groundstation.missions.steps import FollowPathStep
 from groundstation.shows.csv_folder import read_folder
 from groundstation.shows.light_program import colours
 from groundstation.shows.output import write_show
