@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from groundstation.alarms.table import BY_TEXT, COVERED, RANKS, TABLE, Ground, Kind, Severity
-from groundstation.fleet.own_stall import AFTER_STALL_S
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
@@ -85,7 +84,7 @@ def conditions(state: FleetState, fleet: FleetConfig, now_ns: int) -> list[Alarm
         Alarms of the fleet, of pairs and of each vehicle, the worst first.
     """
     alarms = list(_of_fleet(state, fleet, now_ns))
-    is_after_stall = now_ns - state.stalled_ns < AFTER_STALL_S * 1e9
+    is_after_stall = state.is_after_stall(now_ns)
     for view in state.vehicles.values():
         alarms.extend(_of_vehicle(view, fleet, now_ns, is_after_stall))
     return sorted(alarms, key=_urgency)

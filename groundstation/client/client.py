@@ -68,7 +68,7 @@ class FleetClient:
         stall_clock_ns = clock_ns if bus.is_simulated else boot_clock_ns
         self._stall = OwnStall(stall_clock_ns)
         self._feed = BusFeed(
-            bus, self._take_batch, recorded=extra_topics, clock_ns=clock_ns, on_delivery=self.is_after_own_stall
+            bus, self._take_batch, recorded=extra_topics, clock_ns=clock_ns, on_delivery=self.notice_own_stall
         )
         self._orders = OpenOrders(
             fleet,
@@ -217,12 +217,8 @@ class FleetClient:
         self._held = planned.held
         return self._orders.send(planned)
 
-    def is_after_own_stall(self) -> bool:
-        """Look whether this ground itself stood still, and say so. Call it several times a second.
-
-        Returns:
-            Whether it did, within the last AFTER_STALL_S: silence in this time is no sign of a lost vehicle.
-        """
+    def notice_own_stall(self) -> None:
+        """Say so when this ground itself stood still, and note it in the state. Call it several times a second."""
         gap_s = self._stall.look()
         if gap_s:
             sentence = (
@@ -231,7 +227,6 @@ class FleetClient:
             )
             self._state = structs.replace(self._state, stalled_ns=self._clock_ns())
             self.publish_event("warning", GROUND_STALLED, sentence)
-        return self._stall.is_recent
 
     def may_start(self, vehicle: str) -> bool:
         """Whether a vehicle may be starting: an order of this client to arm or take off goes on, or it reports one.

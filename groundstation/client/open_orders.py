@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping
 
 from groundstation.client.bus_feed import BusFeed
 from groundstation.client.direct_mavlink import DirectKind, DirectResult
-from groundstation.fleet.own_stall import OWN_STALL_S, OwnStall
+from groundstation.fleet.own_stall import OwnStall
 from groundstation.fleet.state import DIRECT_DISARMED, VehicleView
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderResult, Phase
@@ -166,8 +166,10 @@ class OpenOrders:
             Whether the agent has replied, or shows by its telemetry that it follows the order: a stall loses replies.
         """
         kind, has_stalled = result.planned.orders[vehicle].kind, False
+        stall = OwnStall(self._stall_clock_ns)
+        stall.look()
         while True:
-            begin_ns, stall_begin_ns = self._feed.now_ns(), self._stall_clock_ns()
+            begin_ns = self._feed.now_ns()
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(limit_s):
                     await replied.wait()
@@ -175,7 +177,7 @@ class OpenOrders:
             follows = view.telemetry is not None and view.received_ns > begin_ns and view.telemetry.order_kind == kind
             if replied.is_set() or result.results[vehicle].is_final or (has_stalled and follows):
                 return True
-            if (self._stall_clock_ns() - stall_begin_ns) * 1e-9 < limit_s + OWN_STALL_S:
+            if not stall.look(limit_s):
                 return False
             has_stalled = True
 

@@ -27,19 +27,17 @@ class OwnStall:
     def __init__(self, clock_ns: Callable[[], int]) -> None:
         self._clock_ns = clock_ns
         self._look_ns: int | None = None  # last look
-        self._end_ns: int | None = None  # end of the last stall
 
-    def look(self) -> float:
-        """Return the length of the stall that has just ended [s]; 0 without one. Call it several times a second."""
+    def look(self, waited_s: float = 0.0) -> float:
+        """Look whether a stall has just ended. Call it several times a second, or after each wait.
+
+        Args:
+            waited_s: time that was meant to pass since the last look [s].
+
+        Returns:
+            Length of the stall [s]; 0 without one, and at the first look.
+        """
         now_ns, last_ns = self._clock_ns(), self._look_ns
         self._look_ns = now_ns
-        gap_s = 0.0 if last_ns is None else (now_ns - last_ns) * 1e-9
-        if gap_s <= OWN_STALL_S:
-            return 0.0
-        self._end_ns = now_ns
-        return gap_s
-
-    @property
-    def is_recent(self) -> bool:
-        """Whether the last stall ended less than AFTER_STALL_S ago."""
-        return self._end_ns is not None and self._clock_ns() - self._end_ns < AFTER_STALL_S * 1e9
+        gap_s = 0.0 if last_ns is None else (now_ns - last_ns) * 1e-9 - waited_s
+        return gap_s if gap_s > OWN_STALL_S else 0.0

@@ -17,6 +17,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from groundstation.fleet.own_stall import AFTER_STALL_S
 from groundstation.fleet.separation import closest_pair
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Event, Light, Message, PreflightReport, Telemetry, Truth, Vec3
@@ -126,6 +127,10 @@ class FleetState(Struct, frozen=True):
     malformed: int = 0  # messages that could not be decoded
     disabled: frozenset[str] = frozenset()  # vehicles that the fleet file disables
     stalled_ns: int = _NEVER  # this ground itself stood still until then
+
+    def is_after_stall(self, now_ns: int) -> bool:
+        """Whether this ground itself stood still just now: silence is then no sign of a lost vehicle."""
+        return now_ns - self.stalled_ns < AFTER_STALL_S * 1e9
 
     def events_after(self, last: LoggedEvent | None) -> list[LoggedEvent]:
         """Return the events after one of them, oldest first; all events if it is not among them any more."""

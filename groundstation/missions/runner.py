@@ -120,9 +120,10 @@ class MissionRun:
         Returns:
             Whether one has.
         """
-        if self.client.is_after_own_stall():
-            return False
+        self.client.notice_own_stall()
         now_ns = self.client.now_ns()
+        if self.client.state.is_after_stall(now_ns):
+            return False
         silent = [
             name
             for name, view in self.client.state.vehicles.items()
