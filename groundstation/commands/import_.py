@@ -12,6 +12,8 @@ input, nothing written.
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
@@ -19,12 +21,14 @@ from cyclopts import Parameter
 
 from groundstation.commands.parameters import File
 from groundstation.missions.files import load_mission
-from groundstation.missions.findings import refuse_unflyable
+from groundstation.missions.findings import refused_findings
 from groundstation.paths.checks import closest_pairs, pair_words, sample
+from groundstation.shows.conversion import Converted
 from groundstation.shows.csv_folder import read_folder
 from groundstation.shows.output import write_show
+from groundstation.shows.show import Show
 from groundstation.shows.skyc import read_skyc
-from onboard.config.fleet import ConfigError, load_fleet
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_OK
 
 
@@ -52,9 +56,7 @@ def import_(
     folder = out or Path(show.stem)
     if (folder / "fleet.toml").exists():
         raise ConfigError(f"{folder / 'fleet.toml'} exists already. Name another folder with --out.")
-    made, _ = write_show(read, folder, str(show), None if fleet is None else load_fleet(fleet), promise)
-    mission = load_mission(folder / "mission.toml")
-    refuse_unflyable(mission, is_simulated=False)
+    made = _written(read, folder, str(show), None if fleet is None else load_fleet(fleet), promise)
     seconds = max(path.duration_s for path in made.paths.values())
     print(f"'{read.title}': {len(made.paths)} drones, {seconds:.0f} s above {made.takeoff_m:g} m.")
     for line in (*read.notes, *made.notes):
@@ -68,3 +70,19 @@ def import_(
     print(f"  covey check {folder}/mission.toml")
     print(f"  covey fly {folder}/mission.toml --lockstep")
     return EXIT_OK
+
+
+def _written(show: Show, folder: Path, source: str, fleet: FleetConfig | None, promise_m: float | None) -> Converted:
+    """Write a show's files and judge them as they will be flown; what cannot be flown leaves no file behind."""
+    with tempfile.TemporaryDirectory(prefix="covey-import-") as name:
+        draft = Path(name) / "show"
+        try:
+            made, _ = write_show(show, draft, source, fleet, promise_m)
+            refused = refused_findings(load_mission(draft / "mission.toml"), is_simulated=False)
+        except ConfigError as error:
+            raise ConfigError(str(error).replace(str(draft), str(folder))) from None
+        if refused:
+            reasons = " ".join(finding.sentence for finding in refused)
+            raise ConfigError(f"{source}: the law says that this cannot be flown; nothing is written. {reasons}")
+        shutil.copytree(draft, folder, dirs_exist_ok=True)
+    return made

@@ -61,6 +61,23 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
     return worst_first(worst(group) for group in groups.values())
 
 
+def refused_findings(mission: Mission, is_simulated: bool) -> list[Finding]:
+    """Return why the law cannot fly a mission; empty when it can.
+
+    Args:
+        mission: loaded and checked.
+        is_simulated: whether the flight is simulated: other laws than Covey's may then be flown.
+    """
+    fleet = mission.fleet
+    if not fleet.enabled_names or (is_simulated and fleet.law.name != "covey"):
+        return []
+    return [
+        finding
+        for finding in (*mission_findings(mission), *fleet_findings(fleet))
+        if finding.status == "refused" and finding.name.partition(",")[0] not in _OF_THE_MISSION
+    ]
+
+
 def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
     """Refuse a mission that the law cannot fly: vehicles too near to each other, a fleet that is too large.
 
@@ -73,14 +90,7 @@ def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
     Raises:
         ConfigError: the mission cannot be flown.
     """
-    fleet = mission.fleet
-    if not fleet.enabled_names or (is_simulated and fleet.law.name != "covey"):
-        return
-    refused = [
-        finding
-        for finding in (*mission_findings(mission), *fleet_findings(fleet))
-        if finding.status == "refused" and finding.name.partition(",")[0] not in _OF_THE_MISSION
-    ]
+    refused = refused_findings(mission, is_simulated)
     if refused:
         more = f" ({len(refused)} findings are against it)" if len(refused) > 1 else ""
         raise ConfigError(

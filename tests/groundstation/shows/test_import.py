@@ -47,6 +47,19 @@ def test_a_show_becomes_a_mission_with_homes_and_paths(tmp_path: Path) -> None:
     assert main(["import", str(show), "--out", str(tmp_path / "out")]) == 2  # nothing is overwritten
 
 
+def test_a_show_that_the_fleet_cannot_fly_leaves_no_files_behind(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    show, out = write_skyc(tmp_path / "wide.skyc", line_of(3, metres=6.0), 30.0), tmp_path / "out"
+    command = ["import", str(show), "--out", str(out)]
+    assert main([*command, "--fleet", str(ROOT / "configs" / "fleets" / "paper.toml")]) == 2
+    refusal = capsys.readouterr().err
+    assert "nothing is written" in refusal
+    assert "fence" in refusal
+    assert not out.exists()
+    assert main(command) == 0  # nothing of the refused one is in the way
+
+
 def test_bezier_curves_pass_where_their_control_points_say() -> None:
     points = [[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 2.0, 1.5], [3.0, 2.0, 2.0]]
     for count, middle in ((2, (1.5, 1.0, 1.5)), (3, (1.25, 0.5, 1.25)), (4, (1.125, 1.0, 1.3125))):
