@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
 from groundstation.missions.landing import land_all
-from groundstation.missions.path_flight import Lights, Paths, follow_paths
+from groundstation.missions.path_following import Lights, Paths, follow_paths
 from groundstation.missions.readiness import NotReady as NotReady  # missions import it from here
 from groundstation.missions.readiness import is_ready, not_ready
 from groundstation.missions.verdict import Arrival, StepResult, arrival_of, smallest
