@@ -19,6 +19,7 @@ STEP_S = 0.05
 _PARKING_MORE_M = 0.10  # by which the parking distance exceeds the one at which the law begins to act
 _ENDS_M_S = 0.05
 _BLOCK = 400  # times of which all pairs are looked at together
+_LISTED = 12
 
 
 class SampledPaths(NamedTuple):
@@ -88,6 +89,12 @@ def pair_words(one: Closest) -> str:
     """Return a pair in words."""
     above = f", one {one.height_m:.1f} m above the other" if one.height_m > one.distance_m else ""
     return f"{one.first} and {one.second} {one.distance_m:.2f} m at {one.time_s:.1f} s{above}"
+
+
+def listed_words(words: Sequence[str]) -> str:
+    """Return the first of many, and how many more there are."""
+    more = f"; {len(words) - _LISTED} more" if len(words) > _LISTED else ""
+    return "; ".join(words[:_LISTED]) + more
 
 
 def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> list[Finding]:
@@ -172,7 +179,7 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
 def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str) -> Finding:
     least_m = bound_m(fleet)
     pairs = closest_pairs(flown, least_m)
-    listed = "; ".join(pair_words(one) for one in pairs[:8]) + (f"; {len(pairs) - 8} more" if len(pairs) > 8 else "")
+    listed = listed_words([pair_words(one) for one in pairs])
     return at_least(
         f"path spacing, {where}",
         pairs[0].distance_m,

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from groundstation.paths.checks import Closest, closest_pairs, pair_words, sample
+from groundstation.paths.checks import Closest, closest_pairs, listed_words, pair_words, sample
 from groundstation.paths.lights import Light
 from groundstation.paths.pieces import cut, quintic, resting, slowed
 from groundstation.shows.show import Drone, Show
@@ -27,7 +27,6 @@ _STILL_M_S = 0.02
 _ROOM = 1.005
 _SLOWEST = 4.0
 _SPREAD_STEP_S, _MOST_SPREAD_S, _SPREAD_ROUNDS = 0.5, 4.0, 24
-_LISTED = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +120,9 @@ def _check_homes(homes: Mapping[str, Vec3], spacing_m: float) -> None:
     near = [(apart[i, j], names[i], names[j]) for i, j in zip(*np.triu_indices(len(names), 1), strict=True)]
     words = [f"{first} and {second} {away:.2f} m" for away, first, second in sorted(near) if away < spacing_m - 1e-6]
     if words:
-        raise ConfigError(f"The homes of {_listed(words)} stand nearer than {spacing_m:.2f} m, which the law needs.")
+        raise ConfigError(
+            f"The homes of {listed_words(words)} stand nearer than {spacing_m:.2f} m, which the law needs."
+        )
 
 
 def _slow_down(made: Converted, limits: Limits) -> None:
@@ -170,7 +171,7 @@ def _spread_starts(made: Converted, spacing_m: float) -> None:
         if not pairs:
             break
     if pairs:
-        listed = _listed([pair_words(one) for one in first_pairs])
+        listed = listed_words([pair_words(one) for one in first_pairs])
         raise ConfigError(
             f"Paths come nearer than {spacing_m:.2f} m, which the law needs at any height, since vehicles do not fly "
             f"above each other: {listed}. Move them apart."
@@ -186,8 +187,3 @@ def _too_near(paths: Mapping[str, Path], spacing_m: float) -> list[Closest]:
     if len(paths) < 2:
         return []
     return [one for one in closest_pairs(sample(paths), spacing_m) if one.distance_m < spacing_m]
-
-
-def _listed(words: list[str]) -> str:
-    more = f"; {len(words) - _LISTED} more" if len(words) > _LISTED else ""
-    return "; ".join(words[:_LISTED]) + more
