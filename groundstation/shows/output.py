@@ -15,14 +15,13 @@ from groundstation.paths.files import write_path
 from groundstation.processes.free_ports import toml_text
 from groundstation.shows.conversion import Converted, Limits, converted
 from groundstation.shows.show import Show
-from groundstation.starter.files import Answers, law_lines, type_lines
+from groundstation.starter.files import Answers, endpoint_lines, law_lines, type_lines
 from onboard.config.fleet import ConfigError, FleetConfig, Origin, fleet_from_mapping
 from onboard.control.path import sampled
 
 DEFAULT_PROMISE_M = 0.8
 _ROOM_M, _ABOVE_M = 2.0, 1.5  # of the fence around the show
 _SPEEDS_M_S = 1.0, 1.5  # of a fleet made for the show; faster ones brake too late for each other
-_PORTS, _MANY_PORTS = (14540, 18570), (15540, 19570)  # PX4's own collide beyond ten
 _HOME_M = 0.10  # more than between paths: vehicles hover above their homes
 _NOWHERE = Origin(47.397742, 8.545594, 489.4)
 
@@ -101,7 +100,6 @@ def _fleet_text(
             data["fleet"]["safety_distance_m"] = promise_m
         return toml_text(data, f"types, endpoints and promise of {fleet.path}")
     answers = Answers(type="sih", position="gps" if show.is_outdoors else "bus")
-    ports = _PORTS if len(vehicles) <= 10 else _MANY_PORTS
     speed = f"max_speed_m_s = {_top_speed_m_s(made):g}  # of the show"
     lines = [
         "schema = 1",
@@ -130,9 +128,7 @@ def _fleet_text(
             f"[vehicles.{name}]  # {show.drones[k].name!r} of the show",
             f"system_id = {k + 1}",
             f"start_enu_m = {spot}  # its home",
-            f'agent = "tcp/127.0.0.1:{7460 + k}"',
-            f'autopilot = "udpin://127.0.0.1:{ports[0] + k}"',
-            f'direct = "udpout://127.0.0.1:{ports[1] + k}"',
+            *endpoint_lines(k),
         ]
     return "\n".join(lines) + "\n"
 

@@ -22,7 +22,11 @@ from onboard.config.mocap import SystemType
 Position = Literal["optitrack", "vicon", "qualisys", "vrpn", "motionanalysis", "bus", "gps"]
 HERE = "here"
 MOST = 200  # of MAVLink's 255 system ids; some are other programs'
-_FIRST_PORT, _FIRST_ONBOARD, _FIRST_DIRECT = 7460, 14540, 18570
+_FIRST_PORT, _FIRST_DIRECT = 7460, 18570
+_LAYOUT, _LAYOUT_FROM_TEN = (
+    (14540, 18570),
+    (15540, 19570),
+)  # of instance 0; PX4's own ports collide from the eleventh on
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -222,9 +226,7 @@ def _vehicles(answers: Answers, names: Sequence[str], spots: list[Plan]) -> list
         lines.append(f"system_id = {index + 1}  # MAV_SYS_ID of its PX4")
         lines.append(f"start_enu_m = [{x}, {y}, 0.0]")
         if answers.companions == HERE:
-            lines.append(f'agent = "tcp/127.0.0.1:{_FIRST_PORT + index}"')
-            lines.append(f'autopilot = "udpin://127.0.0.1:{_FIRST_ONBOARD + index}"')
-            lines.append(f'direct = "udpout://127.0.0.1:{_FIRST_DIRECT + index}"')
+            lines += endpoint_lines(index)
         else:
             lines.append(f"agent = {dumps(f'tcp/{host}:{_FIRST_PORT}')}  # its companion computer")
             lines.append(f"autopilot = {dumps(answers.autopilot)}  # PX4 as that computer sees it")
@@ -233,6 +235,20 @@ def _vehicles(answers: Answers, names: Sequence[str], spots: list[Plan]) -> list
             lines.append(f'mocap_body = "{name}"')
         tables.append(lines)
     return tables
+
+
+def endpoint_lines(index: int) -> list[str]:
+    """Return agent, autopilot and direct endpoint of a vehicle whose PX4 runs on this machine.
+
+    Args:
+        index: number of PX4's instance, from 0.
+    """
+    onboard, direct = _LAYOUT if index < 10 else _LAYOUT_FROM_TEN
+    return [
+        f'agent = "tcp/127.0.0.1:{_FIRST_PORT + index}"',
+        f'autopilot = "udpin://127.0.0.1:{onboard + index}"',
+        f'direct = "udpout://127.0.0.1:{direct + index}"',
+    ]
 
 
 def companion_addresses(words: str, count: int) -> list[str]:
