@@ -12,7 +12,7 @@ _ARRIVED_M, _ARRIVED_M_S = 0.12, 0.10
 _ARRIVED_PX4_M, _ARRIVED_PX4_M_S = 0.6, 0.6
 _REST_SHARE = 1.5
 _INSIDE_M = 0.05
-_CLIMB_ENDS_S = 0.15  # a climb or a descent is not braked along a leg: the baseline ends it at once
+_VERTICAL_BRAKE_S = 0.15  # a climb or a descent is not braked along a leg: the baseline ends it at once
 
 
 def is_at(view: FlightView, goal_enu_m: Vec3, vehicle: Vehicle) -> bool:
@@ -37,7 +37,7 @@ def stop_point(view: FlightView, vehicle: Vehicle, fleet: FleetConfig) -> Vec3:
         for position_m, speed_m_s, time_s, (low_m, high_m) in zip(
             view.position_enu_m,
             view.velocity_enu_m_s,
-            (brake_s, brake_s, _CLIMB_ENDS_S),
+            (brake_s, brake_s, _VERTICAL_BRAKE_S),
             (fence.x, fence.y, fence.z),
             strict=True,
         )

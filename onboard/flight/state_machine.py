@@ -16,7 +16,7 @@ from onboard.flight.types import FlightEvent, FlightView, Step
 from onboard.safety.failsafe_table import Action
 
 _REPEAT_NS = 1_200_000_000  # PX4 may have missed a request, or have refused it for now
-_CLIMB_ENDS_S = 1.0  # what it still rises when a landing begins is no sign that it does not come down
+_STILL_CLIMBING_S = 1.0  # what it still rises when a landing begins is no sign that it does not come down
 _EVENT_OF_ORDER = {event.value.removeprefix("order "): event for event in FlightEvent}
 _EVENT_OF_ACTION = {
     Action.SLOW: FlightEvent.FAILSAFE_SLOW,
@@ -86,7 +86,7 @@ def preflight_checked(flight: FlightContext, view: FlightView, is_ready: bool) -
 def advance(flight: FlightContext, view: FlightView) -> None:
     """Move on by what telemetry and estimate say now."""
     flight.contact = contact.observe(flight.contact, view, flight.vehicle.mocap_required)
-    if view.velocity_enu_m_s[2] <= 0.0 or flight.seconds(view) > _CLIMB_ENDS_S:
+    if view.velocity_enu_m_s[2] <= 0.0 or flight.seconds(view) > _STILL_CLIMBING_S:
         flight.lowest_m = min(flight.lowest_m, view.position_enu_m[2])
     if not is_steady(flight, view):
         flight.steady_ns = view.now_ns
