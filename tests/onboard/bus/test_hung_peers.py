@@ -14,6 +14,7 @@ from onboard.bus.schema import Event, Order, StateMessage, TickBatch
 from onboard.bus.session import BusSession
 from onboard.bus.sockets import let_all_close_at_once
 from onboard.bus.topics import Topic
+from tests.onboard.state_messages import state_message
 
 # Somebody's script: six peers hear everything and answer orders. Their small buffers stand for a network: what they do
 # not take is left with the sender. Six, since it is decided by chance which thread closes a socket.
@@ -36,7 +37,6 @@ time.sleep(120)
 _SCRIPTS = {f"script{number}" for number in range(6)}
 _PERIOD_S = 0.02
 _HELD_UP_S = 3.0  # between two messages; a peer that held up the others did it for ten seconds
-ZERO = 0.0, 0.0, 0.0
 
 
 def free_endpoint() -> str:
@@ -53,25 +53,7 @@ def wait_for(condition: Callable[[], Any], seconds: float = 30.0) -> None:
 
 
 def state(sequence: int) -> StateMessage:
-    return StateMessage(
-        vehicle="mav0",
-        boot_id=1,
-        sequence=sequence,
-        stamp_ns=time.monotonic_ns(),
-        is_valid=True,
-        is_airborne=True,
-        is_cooperative=True,
-        position_enu_m=ZERO,
-        velocity_enu_m_s=ZERO,
-        acceleration_enu_m_s2=ZERO,
-        predicted_position_enu_m=ZERO,
-        predicted_velocity_enu_m_s=ZERO,
-        commanded_acceleration_enu_m_s2=ZERO,
-        lead_time_s=0.2,
-        position_std_m=0.01,
-        velocity_std_m_s=0.01,
-        crowd_count=0.0,
-    )
+    return state_message(vehicle="mav0", sequence=sequence, stamp_ns=time.monotonic_ns())
 
 
 class Fleet:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from onboard import events as ev
-from onboard.bus.schema import StateMessage
 from tests.onboard.agent.rig import Rig
+from tests.onboard.state_messages import state_message
 
 
 class Held(Rig):
@@ -113,24 +113,5 @@ def test_a_vehicle_on_the_ground_is_not_taken_over() -> None:
 
 def twin(rig: Rig) -> ev.NeighbourReceived:
     """A message of another process under our name."""
-    vector = (0.0, 0.0, 0.0)
-    message = StateMessage(
-        vehicle="mav0",
-        boot_id=99,
-        sequence=1,
-        stamp_ns=rig.now_ns,
-        is_valid=True,
-        is_airborne=False,
-        is_cooperative=False,
-        position_enu_m=vector,
-        velocity_enu_m_s=vector,
-        acceleration_enu_m_s2=vector,
-        predicted_position_enu_m=vector,
-        predicted_velocity_enu_m_s=vector,
-        commanded_acceleration_enu_m_s2=vector,
-        lead_time_s=0.2,
-        position_std_m=0.01,
-        velocity_std_m_s=0.02,
-        crowd_count=0.0,
-    )
+    message = state_message(vehicle="mav0", boot_id=99, stamp_ns=rig.now_ns, is_airborne=False, is_cooperative=False)
     return ev.NeighbourReceived(message, rig.now_ns)

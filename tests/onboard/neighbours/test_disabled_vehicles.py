@@ -11,6 +11,7 @@ from onboard.config.fleet import FleetConfig
 from onboard.neighbours.table import NeighbourTable
 from sitl.lockstep.neighbour_tables import Round, Tables
 from tests.onboard.agent.rig import Rig, fleet
+from tests.onboard.state_messages import state_message
 
 S = 1_000_000_000
 
@@ -23,26 +24,7 @@ def _fleet(enabled: object = True) -> FleetConfig:
 
 
 def _state(stamp_ns: int, sequence: int = 1) -> StateMessage:
-    place, zero = (0.9, 0.0, 1.0), (0.0, 0.0, 0.0)
-    return StateMessage(
-        vehicle="mav1",
-        boot_id=1,
-        sequence=sequence,
-        stamp_ns=stamp_ns,
-        is_valid=True,
-        is_airborne=True,
-        is_cooperative=True,
-        position_enu_m=place,
-        velocity_enu_m_s=zero,
-        acceleration_enu_m_s2=zero,
-        predicted_position_enu_m=place,
-        predicted_velocity_enu_m_s=zero,
-        commanded_acceleration_enu_m_s2=zero,
-        lead_time_s=0.15,
-        position_std_m=0.01,
-        velocity_std_m_s=0.02,
-        crowd_count=0.0,
-    )
+    return state_message(stamp_ns=stamp_ns, sequence=sequence, position_enu_m=(0.9, 0.0, 1.0))
 
 
 def test_nobody_waits_for_a_disabled_vehicle() -> None:

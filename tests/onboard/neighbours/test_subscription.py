@@ -9,6 +9,7 @@ from onboard.neighbours import subscription
 from onboard.neighbours.table import NeighbourTable
 from onboard.rollout.batch import NEIGHBOUR
 from sitl.lockstep.neighbour_tables import Round, Tables
+from tests.onboard.state_messages import state_message
 from tests.sitl.square_fleets import square_fleet
 
 S = 1_000_000_000
@@ -16,14 +17,8 @@ ZERO = (0.0, 0.0, 0.0)
 
 
 def _state(name: str, x_m: float, sequence: int = 10, stamp_ns: int = S, **changes: object) -> StateMessage:
-    values: dict[str, object] = {
-        "vehicle": name, "boot_id": 1, "sequence": sequence, "stamp_ns": stamp_ns, "is_valid": True,
-        "is_airborne": True, "is_cooperative": True, "position_enu_m": (x_m, 0.0, 1.0), "velocity_enu_m_s": ZERO,
-        "acceleration_enu_m_s2": ZERO, "predicted_position_enu_m": (x_m, 0.0, 1.0), "predicted_velocity_enu_m_s": ZERO,
-        "commanded_acceleration_enu_m_s2": ZERO, "lead_time_s": 0.1, "position_std_m": 0.01, "velocity_std_m_s": 0.01,
-        "crowd_count": 0.0, "intent_enu_m_s": ZERO,
-    }  # fmt: skip
-    return StateMessage(**{**values, **changes})  # type: ignore[arg-type]
+    place = (x_m, 0.0, 1.0)
+    return state_message(vehicle=name, sequence=sequence, stamp_ns=stamp_ns, position_enu_m=place, **changes)
 
 
 def test_whoever_is_in_reach_is_followed_and_leaves_later_than_it_came() -> None:

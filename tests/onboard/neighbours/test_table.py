@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,32 +14,16 @@ from onboard.neighbours.table import SILENT_S, NeighbourTable
 from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M_S
 from sitl.lockstep.neighbour_tables import Round, Tables
 from tests.onboard.agent.rig import fleet
+from tests.onboard.state_messages import state_message
 
 S = 1_000_000_000
 
 
 def _state(**changes: object) -> StateMessage:
-    zero = (0.0, 0.0, 0.0)
-    base = StateMessage(
-        vehicle="mav1",
-        boot_id=1,
-        sequence=10,
-        stamp_ns=5 * S,
-        is_valid=True,
-        is_airborne=True,
-        is_cooperative=True,
-        position_enu_m=(2.0, 0.0, 1.0),
-        velocity_enu_m_s=(1.0, 0.0, 0.0),
-        acceleration_enu_m_s2=zero,
-        predicted_position_enu_m=zero,
-        predicted_velocity_enu_m_s=zero,
-        commanded_acceleration_enu_m_s2=zero,
-        lead_time_s=0.15,
-        position_std_m=0.01,
-        velocity_std_m_s=0.02,
-        crowd_count=0.0,
-    )
-    return msgspec.structs.replace(base, **changes)
+    moving = {
+        "sequence": 10, "stamp_ns": 5 * S, "position_enu_m": (2.0, 0.0, 1.0), "velocity_enu_m_s": (1.0, 0.0, 0.0),
+    }  # fmt: skip
+    return state_message(**{**moving, **changes})
 
 
 def _table() -> NeighbourTable:
