@@ -95,6 +95,8 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # true: it flies by the mocap and refuses to take off without; false: by PX4's own position
     mocap_required: bool = True
     px4_position: Literal["gps", "vision"] = "gps"  # what PX4's own position comes from, without a mocap
+    # of its PX4: the values of its attitude were identified with it, and the emulator flies as it
+    px4_version: Literal["1.16", "1.17", "1.18"] = "1.17"
     px4_params: dict[str, float | int] = {}  # parameters that its PX4 must have beyond the built-in ones: NAME = value
     sitl: SitlProfile = SitlProfile()  # values of the emulator only: the table below
 

@@ -26,7 +26,7 @@ _FLEET_KEYS = ("safety_distance_m", "body_diameter_m")  # what a fleet file give
 _ALIASES = {"tilt_deg": "vehicle.max_tilt_deg", "range_m": "law.range_m", "neighbours": "law.max_neighbours"}
 _NOT_A_VEHICLE_VALUE = (
     *("name", "index", "system_id", "start_enu_m", "agent", "autopilot", "direct", "mocap_body", "type", "enabled"),
-    *("px4_params", "sitl", "mocap_required"),
+    *("px4_version", "px4_params", "sitl", "mocap_required"),
 )
 
 
