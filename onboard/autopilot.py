@@ -33,6 +33,7 @@ class LinkError(RuntimeError):
 Version = tuple[int, int]  # of PX4, as it reports it: major and minor number
 MEASURED_VERSIONS: tuple[Version, Version] = ((1, 16), (1, 18))  # oldest and newest that Covey was measured with
 BATTERY_KNOWN_NS = 5_000_000_000  # PX4 sends it twice a second
+ACCURACY_KNOWN_NS = 5_000_000_000  # PX4 sends it once a second
 
 
 class Snapshot(Struct, frozen=True):
@@ -46,6 +47,7 @@ class Snapshot(Struct, frozen=True):
     velocity_local_ned_m_s: Vec3 = (0.0, 0.0, 0.0)
     local_position_ns: int = 0
     position_accuracy_m: float = 0.0  # std of PX4's horizontal position; 0 before it tells, inf for nonsense
+    position_accuracy_ns: int = 0
     global_origin: Vec3 | None = None  # of PX4's local frame: latitude [deg], longitude [deg], altitude [m]
     px4_version: Version | None = None
     px4_boot_ms: int = 0  # PX4's clock, which shows whether it stands still
@@ -69,6 +71,11 @@ class Snapshot(Struct, frozen=True):
         if self.battery_ns and now_ns - self.battery_ns > BATTERY_KNOWN_NS:
             return float("nan"), float("nan")
         return self.battery_frac, self.battery_voltage_v
+
+    def accuracy_m(self, now_ns: int) -> float:
+        """Return PX4's accuracy as far as it is known now: 0 before it tells, and once its report is 5 s old."""
+        is_known = now_ns - self.position_accuracy_ns <= ACCURACY_KNOWN_NS
+        return self.position_accuracy_m if is_known else 0.0
 
     @property
     def is_offboard(self) -> bool:

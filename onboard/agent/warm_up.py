@@ -67,6 +67,7 @@ class _MadeUpVehicle:
             attitude_ns=now_ns,
             heartbeat_ns=now_ns,
             landed_ns=now_ns,
+            position_accuracy_ns=now_ns,
             local_position_ns=now_ns,
             position_local_ned_m=ned_from_enu((x, y, z)),
         )

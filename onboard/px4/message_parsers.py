@@ -29,10 +29,10 @@ def _local_position(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
     return {"position_local_ned_m": position, "velocity_local_ned_m_s": velocity, "local_position_ns": arrival_ns}
 
 
-def _estimator_status(fields: dict[str, Any], _: int) -> dict[str, Any]:
+def _estimator_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
     accuracy_m = fields["pos_horiz_accuracy"]
     is_known = isinstance(accuracy_m, float) and math.isfinite(accuracy_m) and accuracy_m >= 0.0
-    return {"position_accuracy_m": accuracy_m if is_known else math.inf}
+    return {"position_accuracy_m": accuracy_m if is_known else math.inf, "position_accuracy_ns": arrival_ns}
 
 
 def _global_origin(fields: dict[str, Any], _: int) -> dict[str, Any]:

@@ -295,7 +295,7 @@ class ConditionMonitor:
     def _check_slowly(self, view: FlightView, context: TickContext) -> set[Condition]:
         c, snapshot, limits = Condition, view.snapshot, self.fleet.fleet
         active = self.other_vehicles.check_slowly(view)
-        accuracy_m = snapshot.position_accuracy_m
+        accuracy_m = snapshot.accuracy_m(view.now_ns)
         is_covered = 0.0 < accuracy_m <= LARGEST_PX4_ACCURACY_M or self.vehicle.mocap_required
         if self.lasting(c.POSITION_INACCURATE, not is_covered, view.now_ns)[1] > _INACCURATE_S:
             told = f"PX4 says {accuracy_m:.1f} m" if accuracy_m else "PX4 does not say how accurate it is"

@@ -205,6 +205,8 @@ class EmulatedLink:
             known["heartbeat_ns"] = now_ns
         if "landed" in fields:
             known["landed_ns"] = now_ns
+        if "position_accuracy_m" in fields:
+            known["position_accuracy_ns"] = now_ns
         if "battery_frac" in fields:
             known["battery_ns"] = now_ns
         self._snapshot = None

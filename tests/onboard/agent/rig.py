@@ -66,6 +66,7 @@ class Rig:
     floor_m: float = 0.0
     battery_frac: float = 0.9
     sends_battery: bool = True
+    sends_accuracy: bool = True
     now_ns: int = 1_000_000_000
     position: np.ndarray = field(default_factory=lambda: np.zeros(3))
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -130,6 +131,7 @@ class Rig:
                 **self._landed(landed or not self.has_flown),
                 battery_frac=self.battery_frac,
                 battery_voltage_v=15.0,
+                position_accuracy_ns=now if self.sends_accuracy else self.snapshot.position_accuracy_ns,
                 battery_ns=now if self.sends_battery else self.snapshot.battery_ns,
             )
         self.core.handle(ev.SnapshotReceived(self.snapshot), now)

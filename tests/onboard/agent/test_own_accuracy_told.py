@@ -51,6 +51,24 @@ def test_a_position_that_becomes_inaccurate_in_flight_lands(accuracy_m: float) -
 
 
 def test_nonsense_is_no_accuracy() -> None:
-    for told in (math.nan, math.inf, -1.0, None):
-        assert PARSERS["ESTIMATOR_STATUS"]({"pos_horiz_accuracy": told}, 5) == {"position_accuracy_m": math.inf}
-    assert PARSERS["ESTIMATOR_STATUS"]({"pos_horiz_accuracy": 0.3}, 5) == {"position_accuracy_m": 0.3}
+    for told, is_taken_for in (
+        (math.nan, math.inf),
+        (math.inf, math.inf),
+        (-1.0, math.inf),
+        (None, math.inf),
+        (0.3, 0.3),
+    ):
+        taken = PARSERS["ESTIMATOR_STATUS"]({"pos_horiz_accuracy": told}, 5)
+        assert taken == {"position_accuracy_m": is_taken_for, "position_accuracy_ns": 5}
+
+
+def test_an_accuracy_that_px4_stops_telling_is_none() -> None:
+    rig = _rig(0.4)
+    rig.fly()
+    rig.sends_accuracy = False
+    rig.run(4.0)
+    assert rig.core.flight.state == "flying"
+    rig.run(3.0)
+    assert rig.core.flight.state == "landing"
+    assert any("does not say how accurate" in event.sentence for event in rig.events)
+    rig.until("landed")
