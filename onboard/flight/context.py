@@ -118,7 +118,8 @@ class FlightContext:
         The sign is empty when only the time shows it.
         """
         risen_m = view.position_enu_m[2] - self.lowest_m
-        if self.step in (Step.DESCENT, Step.CONTACT) and view.has_position and risen_m > _RISEN_M:
+        is_height_known = view.has_position and not view.is_blind  # PX4's own height comes back up after the touch-down
+        if self.step in (Step.DESCENT, Step.CONTACT) and is_height_known and risen_m > _RISEN_M:
             return f"it has risen by {risen_m:.2f} m"
         if self.step is Step.CONTACT and self.seconds(view) > _CONTACT_LIMIT_S:
             return "PX4 does not see that it is down"

@@ -133,6 +133,22 @@ def test_on_the_ground_the_thrust_stays_off_and_nothing_is_handed_to_px4() -> No
     assert rig.count(ev.Px4Land) == 0
 
 
+def test_px4s_height_that_comes_back_up_on_the_ground_is_no_landing_that_rises() -> None:
+    rig = lost()
+    rig.sees_ground = False
+    while rig.core.flight.step is not Step.CONTACT:
+        rig.step()
+    heights_m = iter(np.linspace(rig.position[2], rig.position[2] + 0.8, 75))
+
+    def drift() -> None:  # its estimator corrects what it took the touch-down for
+        rig.position[2], rig.velocity[2] = next(heights_m, rig.position[2]), 0.0
+
+    rig.after_move = drift
+    rig.run(2.5)
+    assert rig.core.flight.step is Step.CONTACT
+    assert rig.count(ev.Px4Land) == 0
+
+
 def test_a_start_whose_poses_stop_at_lift_off_ends_on_the_ground() -> None:
     rig = Rig()
     rig.until("ready")
