@@ -142,9 +142,10 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
         _C.POSITION_STALE: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.POSITION_LOST: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON),
         _C.POSITION_LOST_LONG: (_A.REFUSE, _A.DISARM, _A.PX4_LAND, _A.PX4_LAND, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
-        # without these samples the estimate continues on attitude and thrust, which is good enough for the 0.2 s until
-        # it counts as stale: braking under the law is better than flying on
-        _C.POSITION_JUMPED: (_A.REFUSE, _A.GO_ON, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        # on the ground it may be believed again: a vehicle can be carried there. Nobody starts from such a place.
+        # In the air, without these samples, the estimate continues on attitude and thrust, which is good enough for
+        # the 0.2 s until it counts as stale: braking under the law is better than flying on
+        _C.POSITION_JUMPED: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.MOCAP_SWAPPED: (_A.REFUSE, _A.DISARM, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.MOCAP_FROZEN: (_A.REFUSE, _A.GO_ON, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # the estimate compensates the age, but its error grows with the speed

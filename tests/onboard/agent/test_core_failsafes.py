@@ -119,6 +119,20 @@ def test_no_start_is_completed_without_anybody(step: Step) -> None:
     assert any(event.code == "ground-lost" for event in rig.events)
 
 
+@pytest.mark.parametrize("step", [Step.TAKEOFF_OFFBOARD, Step.TAKEOFF_ARMING, Step.ARMED])
+def test_no_start_is_completed_with_a_position_that_has_jumped(step: Step) -> None:
+    rig = Rig()
+    rig.until("ready")
+    rig.order("arm" if step is Step.ARMED else "takeoff")
+    while rig.core.flight.step is not step:
+        rig.step()
+    rig.position += (1.0, -0.8, 0.0)
+    rig.run(10.0)
+    assert not rig.is_armed
+    assert rig.position[2] < 0.01
+    assert any(event.code == "position-jumped" for event in rig.events)
+
+
 def test_a_neighbour_under_another_law_is_not_counted_on_and_passed_slowly() -> None:
     rig = Rig()
     rig.fly()
