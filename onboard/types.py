@@ -6,6 +6,7 @@ them (:mod:`onboard.rollout.batch`).
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -42,10 +43,10 @@ class Goal(NamedTuple):
     position_enu_m: Vec3
     duration_s: float  # time for the leg; 0: as fast as the limits allow
     sequence: int  # changes when a new leg begins, so that the trajectory is planned anew
-    is_on_path: bool = False  # the rest is for a path only
-    velocity_enu_m_s: Vec3 = ZERO_3  # of the path, at a clock rate of 1
+    is_on_path: bool = False
+    velocity_enu_m_s: Vec3 = ZERO_3  # of the path, at a clock rate of 1; these two for a path only
     acceleration_enu_m_s2: Vec3 = ZERO_3
-    yaw_rad: float = 0.0
+    yaw_rad: float = math.nan  # heading to turn to, counterclockwise from east; NaN: as it is
     clock_rate_frac: float = 1.0  # of the path's clock
 
 

@@ -67,7 +67,7 @@ async def follow_paths(
     """
     await _load(fleet, paths)
     begins = {name: point_at(path, 0.0).position_enu_m for name, path in paths.items()}
-    await fleet.order(Intent("move", tuple(paths), goals=begins), _LATE_S)
+    await fleet.order(Intent("goto", tuple(paths), goals=begins), _LATE_S)
     longest_s = max(path.duration_s for path in paths.values())
     order = await _start(fleet, paths, on_lag)
     fleet.say(f"follow_path {','.join(paths)}: {longest_s:.0f} s, from {AHEAD_S:g} s from now on")

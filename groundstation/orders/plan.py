@@ -14,15 +14,16 @@ from dataclasses import dataclass, field, replace
 
 import msgspec
 
-from groundstation.fleet.state import FleetState
-from groundstation.orders.grammar import USAGE, Intent
+from groundstation.fleet.state import FleetState, VehicleView
+from groundstation.orders.grammar import DEFAULT_HEIGHT_M, USAGE, Intent
 from onboard.bus.schema import Order, OrderKind, Vec3
 from onboard.config.fleet import FleetConfig, parking_distance_m
 
 ORDER_LIFE_S = 2.0
 _MIN_HEIGHT_M = 0.2
 _BRINGS_DOWN = ("land", "hold", "disarm", "kill", "locate")
-_JOINT = ("move", "formation", "takeoff")  # one refusal refuses the whole order
+_TO_GOALS = ("move", "goto", "formation", "rotate", "yaw", "home")
+_JOINT = (*_TO_GOALS, "takeoff")  # one refusal refuses the whole order
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +32,7 @@ class HeldFormation:
 
     name: str | None  # in the fleet file; None when it has none
     spacing_m: float | None = None  # distance of its two nearest slots; None: as in the fleet file
+    rotation_deg: float = 0.0  # against the fleet file, counterclockwise
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,21 +78,20 @@ def plan_order(
     Returns:
         Orders for the vehicles that may be ordered, refusals for the others.
     """
-    keeps = HeldFormation(intent.formation, intent.spacing_m) if intent.formation else held
     goals: dict[str, Vec3] = {}
     barred = [name for name in intent.vehicles if not _may_be_ordered(name, intent.verb, fleet)]
     refusals = {name: _unknown(name, fleet) for name in barred}
     names = [name for name in intent.vehicles if name not in refusals]
     refusals.update({name: reason for name in names if (reason := _bad_number(intent))})
-    if not refusals and intent.verb in ("move", "formation"):
-        intent, goals, refusals = _goals(intent, fleet, state, keeps, names)
+    if not refusals and intent.verb in _TO_GOALS:
+        intent, goals, refusals = _goals(intent, fleet, state, held, names)
         if not refusals:
             refusals = _goal_refusals(goals, fleet, state, now_ns)
     if not refusals and intent.verb == "takeoff":
         refusals = _height_refusals(names, intent.height_m or 0.0, fleet)
     if intent.verb in _JOINT:
         refusals = _refuse_jointly(refusals, names)
-    kind: OrderKind = "move" if intent.verb == "formation" else intent.verb
+    kind: OrderKind = "move" if intent.verb in _TO_GOALS else intent.verb  # type: ignore[assignment]
     orders = {
         name: Order(
             order_id=new_id(),
@@ -102,11 +103,13 @@ def plan_order(
             height_m=intent.height_m if kind == "takeoff" else None,
             duration_s=intent.duration_s,
             node=node,
+            yaw_deg=intent.yaw_deg,
+            then_land=intent.verb == "home",
         )
         for name in names
         if name not in refusals
     }
-    return PlannedOrder(intent, orders, refusals, keeps if orders and intent.verb == "formation" else held)
+    return PlannedOrder(intent, orders, refusals, _kept(intent, held) if orders else held)
 
 
 def check_again(planned: PlannedOrder, fleet: FleetConfig, state: FleetState, now_ns: int) -> PlannedOrder:
@@ -131,13 +134,16 @@ def check_again(planned: PlannedOrder, fleet: FleetConfig, state: FleetState, no
     return replace(planned, orders=orders, refusals={**planned.refusals, **refusals})
 
 
-def slots_of(fleet: FleetConfig, formation: str, spacing_m: float | None = None) -> dict[str, Vec3]:
-    """Return the offsets of a formation, stretched in the plane.
+def slots_of(
+    fleet: FleetConfig, formation: str, spacing_m: float | None = None, rotation_deg: float = 0.0
+) -> dict[str, Vec3]:
+    """Return the offsets of a formation, stretched and turned in the plane.
 
     Args:
         fleet: the fleet file.
         formation: its name.
         spacing_m: distance [m] of its two nearest slots; None leaves the formation as it is.
+        rotation_deg: counterclockwise.
 
     Returns:
         Offset of each vehicle from the formation's position, metres ENU.
@@ -145,7 +151,8 @@ def slots_of(fleet: FleetConfig, formation: str, spacing_m: float | None = None)
     slots = fleet.formations[formation]
     nearest_m = min((math.dist(p[:2], q[:2]) for p, q in itertools.combinations(slots.values(), 2)), default=0.0)
     scale = 1.0 if spacing_m is None or nearest_m <= 0.0 else spacing_m / nearest_m
-    return {name: (scale * x, scale * y, z) for name, (x, y, z) in slots.items()}
+    c, s = scale * math.cos(math.radians(rotation_deg)), scale * math.sin(math.radians(rotation_deg))
+    return {name: (c * x - s * y, s * x + c * y, z) for name, (x, y, z) in slots.items()}
 
 
 def formation_position(slots: Mapping[str, Vec3], state: FleetState, names: Sequence[str]) -> Vec3 | None:
@@ -196,9 +203,10 @@ def _unknown(name: str, fleet: FleetConfig) -> str:
 
 
 def _bad_number(intent: Intent) -> str | None:
-    values = [*(intent.position_enu_m or ()), intent.duration_s, intent.height_m or 0.0, intent.spacing_m or 0.0]
+    numbers = (intent.height_m, intent.spacing_m, intent.yaw_deg, intent.rotation_deg)
+    values = [*(intent.position_enu_m or ()), intent.duration_s, *(value or 0.0 for value in numbers)]
     if not all(math.isfinite(value) for value in values):
-        return "A number of this order is not finite. Give metres in the fleet's frame, and seconds."
+        return "A number of this order is not finite. Give metres in the fleet's frame, seconds and degrees."
     if not 0.0 <= intent.duration_s <= 600.0:
         return f"A duration of {intent.duration_s:g} s is outside 0 to 600 s."
     if intent.spacing_m is not None and not 0.0 < intent.spacing_m <= 1000.0:
@@ -206,26 +214,42 @@ def _bad_number(intent: Intent) -> str | None:
     return None
 
 
+def _kept(intent: Intent, held: HeldFormation) -> HeldFormation:
+    """Return the formation that holds once this order is sent."""
+    if intent.verb == "rotate":
+        return replace(held, rotation_deg=math.remainder(held.rotation_deg + (intent.rotation_deg or 0.0), 360.0))
+    if intent.formation is None:
+        return held
+    return HeldFormation(intent.formation, intent.spacing_m, intent.rotation_deg or 0.0)
+
+
+def _slots_of(fleet: FleetConfig, held: HeldFormation) -> dict[str, Vec3]:
+    return {} if held.name is None else slots_of(fleet, held.name, held.spacing_m, held.rotation_deg)
+
+
 def _goals(
-    intent: Intent, fleet: FleetConfig, state: FleetState | None, keeps: HeldFormation, names: list[str]
+    intent: Intent, fleet: FleetConfig, state: FleetState | None, held: HeldFormation, names: list[str]
 ) -> tuple[Intent, dict[str, Vec3], dict[str, str]]:
     """The intent with its position, the goal of each vehicle, and refusals."""
-    position = intent.position_enu_m
-    slots = slots_of(fleet, keeps.name, keeps.spacing_m) if keeps.name is not None else {}
-    if intent.verb == "formation" and position is None:
-        position = formation_position(slots, state, names) if state is not None else None
+    if intent.verb in ("goto", "home", "yaw"):
+        return intent, *_own_goals(intent, fleet, state, names)
+    keeps = _kept(intent, held)
+    position, slots = intent.position_enu_m, _slots_of(fleet, keeps)
+    if position is None and intent.verb in ("formation", "rotate"):
+        if intent.verb == "rotate" and state is None:
+            return intent, {}, {}  # judged when it is flown
+        before = slots if intent.verb == "formation" else _slots_of(fleet, held)
+        position = formation_position(before, state, names) if state is not None else None
         if position is None:
             reason = "the formation's position is not known, because no vehicle reports one. Write it: {}"
-            return intent, {}, {name: reason.format(USAGE["formation"]) for name in names}
+            return intent, {}, dict.fromkeys(names, reason.format(USAGE["formation"]))
         intent = replace(intent, position_enu_m=position)
-    if intent.goals is not None:
-        return intent, {name: intent.goals[name] for name in names}, {}
     if position is None:
         return intent, {}, dict.fromkeys(names, "a move needs a position: X Y Z in metres.")
     if intent.verb == "move" and len(names) == 1:
         return intent, {names[0]: position}, {}
     if keeps.name is None:
-        reason = "this fleet file has no formation, so several vehicles cannot share one order. Move them one by one."
+        reason = f"this fleet file has no formation, so give each vehicle its own goal: {USAGE['goto']}"
         return intent, {}, dict.fromkeys(names, reason)
     goals, refusals = {}, {}
     for name in names:
@@ -235,6 +259,40 @@ def _goals(
         else:
             refusals[name] = f"{name} has no slot in formation '{keeps.name}' (slots: {', '.join(slots) or 'none'})."
     return intent, goals, refusals
+
+
+def _own_goals(
+    intent: Intent, fleet: FleetConfig, state: FleetState | None, names: list[str]
+) -> tuple[dict[str, Vec3], dict[str, str]]:
+    """The goals of an order in which each vehicle has its own, and refusals."""
+    if intent.verb == "goto":
+        given = intent.goals or {}
+        goals = {name: given[name] for name in names if name in given}
+        return goals, {name: f"{name}: this order has no goal for it." for name in names if name not in given}
+    if state is None:
+        if intent.verb == "yaw":
+            return {}, {}  # judged when it is flown
+        spots = dict.fromkeys(names, (0.0, 0.0, DEFAULT_HEIGHT_M))
+    else:
+        known = {name: _spot(state.vehicles.get(name)) for name in names}
+        unknown = [name for name, spot in known.items() if spot is None]
+        if unknown:
+            return {}, {name: f"{name} does not report where it is." for name in unknown}
+        spots = {name: spot for name, spot in known.items() if spot is not None}
+    if intent.verb == "yaw":
+        return spots, {}
+    pads = {name: fleet.vehicles[name].start_enu_m for name in names}
+    height_m = intent.height_m
+    return {name: (x, y, spots[name][2] if height_m is None else height_m) for name, (x, y, _) in pads.items()}, {}
+
+
+def _spot(view: VehicleView | None) -> Vec3 | None:
+    """Return where a vehicle is going to, or else where it is."""
+    telemetry = None if view is None else view.telemetry
+    if telemetry is None or not telemetry.is_position_valid:
+        return None
+    has_goal = telemetry.state in ("flying", "holding") and all(map(math.isfinite, telemetry.goal_position_enu_m))
+    return telemetry.goal_position_enu_m if has_goal else telemetry.position_enu_m
 
 
 def _goal_refusals(

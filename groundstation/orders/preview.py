@@ -12,7 +12,7 @@ from groundstation.orders.grammar import Intent
 from groundstation.orders.plan import PlannedOrder
 from onboard.bus.schema import Order, Telemetry, Vec3
 
-PREVIEWED = ("arm", "takeoff", "move", "formation")
+PREVIEWED = ("arm", "takeoff", "move", "goto", "formation", "rotate", "home")
 _STARTS = ("arm", "takeoff")
 _CAN_START = ("waiting", "ready", "landed", "armed")
 _CAN_MOVE = _HAS_GOAL = ("flying", "holding", "taking off")

@@ -276,6 +276,7 @@ class AgentCore:
             self._other_clocks(now_ns),
             self._context.period_s,
             own.is_reckoned,
+            state.yaw_rad,
         )
 
     def _other_clocks(self, now_ns: int) -> tuple[OtherClock, ...] | None:

@@ -205,6 +205,8 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
     duration_s: float = 0.0  # 0: as fast as the limits allow
     node: str = ""  # the sender on the bus, by which the operator is known
     path: PathOrder | None = None  # load_path and follow_path only
+    yaw_deg: float | None = None  # move only: heading to turn to, counterclockwise from east; None: as it is
+    then_land: bool = False  # move only: lands at the goal, and has ended when it is down
 
 
 class FaultOrder(Message, frozen=True, array_like=True, kw_only=True):

@@ -59,7 +59,7 @@ class PipelineParams(NamedTuple):
     clock_stop_m: float = 1.5  # lag at which it stands still
     activity_time_s: float = 0.5
     clock_time_s: float = 0.2
-    yaw_rad: float = 0.0  # heading to hold, counterclockwise from east, until a path turns it: the paper's psi_d
+    yaw_rad: float = 0.0  # heading to hold, counterclockwise from east, until a goal turns it: the paper's psi_d
     max_yaw_rate_rad_s: float = 1.0
 
 
@@ -315,8 +315,8 @@ def _activity(activity: float, intervention_m_s2: float, params: PipelineParams,
 
 
 def _turned(yaw_rad: float, goal: Goal, params: PipelineParams, dt_s: float) -> float:
-    """Return the heading to hold after this tick: it turns towards that of a path, the shorter way, not too fast."""
-    if not goal.is_on_path:
+    """Return the heading to hold after this tick: it turns towards that of the goal, the shorter way, not too fast."""
+    if not math.isfinite(goal.yaw_rad):
         return yaw_rad
     left_rad = goal.yaw_rad - yaw_rad
     left_rad -= 2.0 * math.pi * math.floor(left_rad / (2.0 * math.pi) + 0.5)

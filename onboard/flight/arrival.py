@@ -10,6 +10,7 @@ from onboard.flight.types import FlightView
 _ARRIVED_M, _ARRIVED_M_S = 0.12, 0.10
 # PX4's own estimate in hover: .08-.18 m and .12-.19 m/s std per axis measured: stillness shows no better
 _ARRIVED_PX4_M, _ARRIVED_PX4_M_S = 0.6, 0.6
+_TURNED_RAD = math.radians(10.0)
 _REST_SHARE = 1.5
 _INSIDE_M = 0.05
 _VERTICAL_BRAKE_S = 0.15  # a climb or a descent is not braked along a leg: the baseline ends it at once
@@ -20,6 +21,12 @@ def is_at(view: FlightView, goal_enu_m: Vec3, vehicle: Vehicle) -> bool:
     has_mocap = vehicle.mocap_required
     near_m, slow_m_s = (_ARRIVED_M, _ARRIVED_M_S) if has_mocap else (_ARRIVED_PX4_M, _ARRIVED_PX4_M_S)
     return math.dist(goal_enu_m, view.position_enu_m) < near_m and math.hypot(*view.velocity_enu_m_s) < slow_m_s
+
+
+def has_turned(view: FlightView, yaw_rad: float) -> bool:
+    """Whether the vehicle has a heading, as far as both are known."""
+    away_rad = math.remainder(view.yaw_rad - yaw_rad, 2.0 * math.pi)
+    return not abs(away_rad) > _TURNED_RAD
 
 
 def is_at_rest(view: FlightView, vehicle: Vehicle) -> bool:

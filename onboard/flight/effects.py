@@ -51,7 +51,7 @@ def fly_leg(flight: FlightContext, view: FlightView) -> None:
     assert order is not None
     assert order.position_enu_m is not None
     duration_s = max(0.0, order.duration_s)
-    _set_goal(flight, order.position_enu_m, duration_s)
+    _set_goal(flight, order.position_enu_m, duration_s, _ordered_yaw_rad(order))
     flight.leg_count += 1
     alone_s = _PEAK_OF_MEAN * math.dist(order.position_enu_m, view.position_enu_m) / flight.vehicle.max_speed_m_s
     _limit(flight, view, _LEG_LIMIT_S + _PATIENCE * max(duration_s, alone_s))
@@ -89,7 +89,7 @@ def slow_down(flight: FlightContext, view: FlightView) -> None:
     flight.is_slow = True
     left_m = math.dist(flight.goal_position_enu_m, view.position_enu_m)
     duration_s = left_m / (_SLOW_SHARE * flight.vehicle.max_speed_m_s)
-    _set_goal(flight, flight.goal_position_enu_m, duration_s)
+    _set_goal(flight, flight.goal_position_enu_m, duration_s, flight.goal.yaw_rad)
     flight.deadline_ns += round(_PATIENCE * duration_s * 1e9)
 
 
@@ -131,7 +131,7 @@ def resume(flight: FlightContext, view: FlightView) -> None:
     """Go on with the order that dead reckoning has interrupted, at its pace."""
     order, (x, y, _) = flight.order, flight.goal_position_enu_m
     if order is not None and order.position_enu_m is not None:
-        _set_goal(flight, order.position_enu_m, max(0.0, order.duration_s))
+        _set_goal(flight, order.position_enu_m, max(0.0, order.duration_s), _ordered_yaw_rad(order))
         if flight.is_slow:
             slow_down(flight, view)
     else:
@@ -150,8 +150,12 @@ def expect_contact(flight: FlightContext, view: FlightView) -> None:
     flight.lowest_m, flight.contact_z_m = math.inf, view.position_enu_m[2]
 
 
-def _set_goal(flight: FlightContext, position_enu_m: Vec3, duration_s: float) -> None:
-    flight.goal = Goal(Point(*position_enu_m), duration_s, flight.goal.sequence + 1)
+def _ordered_yaw_rad(order: Order) -> float:
+    return math.nan if order.yaw_deg is None else math.radians(order.yaw_deg)
+
+
+def _set_goal(flight: FlightContext, position_enu_m: Vec3, duration_s: float, yaw_rad: float = math.nan) -> None:
+    flight.goal = Goal(Point(*position_enu_m), duration_s, flight.goal.sequence + 1, yaw_rad=yaw_rad)
 
 
 def _limit(flight: FlightContext, view: FlightView, limit_s: float) -> None:

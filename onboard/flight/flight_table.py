@@ -161,6 +161,7 @@ TAKEOFF = (
 )  # fmt: skip
 
 FLYING = (
+    Row((S.LEG,), E.TICK, p.arrived_to_land, S.DESCENT, effect=effects.descend, reason="ordered"),
     Row((S.LEG,), E.TICK, p.arrived, S.ARRIVED, ends=("done", sentences.at_position)),
     Row((S.PATH,), E.TICK, p.left_behind_to_land, S.DESCENT, effect=effects.descend, reason=sentences.left_behind,
         ends=("failed", sentences.left_behind)),

@@ -125,6 +125,8 @@ def _move(order: Order, facts: OrderFacts) -> str | None:
         return "A move needs a finite position [x, y, z] in metres."
     if not order.duration_s <= _LONGEST_MOVE_S:
         return f"A move cannot take {order.duration_s:g} s: give up to {_LONGEST_MOVE_S:.0f} s, or 0 for the shortest."
+    if order.yaw_deg is not None and not math.isfinite(order.yaw_deg):
+        return "A heading needs a finite number of degrees, counterclockwise from east."
     text = "(" + ", ".join(f"{value:.2f}" for value in goal) + ") m"
     if not limits.geofence_m.contains(goal) or goal[2] < limits.geofence_m.z[0] + _LOWEST_GOAL_M:
         return f"Goal {text} lies outside the geofence, or less than {_LOWEST_GOAL_M} m above its floor."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from onboard.flight import contact
-from onboard.flight.arrival import is_at, is_at_rest
+from onboard.flight.arrival import has_turned, is_at, is_at_rest
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
 
@@ -105,6 +105,11 @@ def arrived(flight: FlightContext, view: FlightView) -> bool:
     return flight.steady_s(view) > _ARRIVED_S
 
 
+def arrived_to_land(flight: FlightContext, view: FlightView) -> bool:
+    """Whether it has arrived where its order has it land."""
+    return arrived(flight, view) and flight.order is not None and flight.order.then_land
+
+
 def path_ended(flight: FlightContext, view: FlightView) -> bool:
     """Whether the path is over and the vehicle has been at its end for half a second."""
     return flight.path.left_s <= 0.0 and arrived(flight, view)
@@ -204,7 +209,8 @@ def floor_is_lower(flight: FlightContext, view: FlightView) -> bool:
 
 def landed_by_order(flight: FlightContext, view: FlightView) -> bool:
     """Whether PX4 confirms the end of a landing that an operator ordered; so do a hold and a disarm during lift-off."""
-    return landed(flight, view) and flight.order is not None and flight.order.kind in ("land", "hold", "disarm")
+    order = flight.order
+    return landed(flight, view) and order is not None and (order.then_land or order.kind in ("land", "hold", "disarm"))
 
 
 def landed(flight: FlightContext, view: FlightView) -> bool:
@@ -242,7 +248,7 @@ def is_steady(flight: FlightContext, view: FlightView) -> bool:
     if step is Step.PATH and flight.path.left_s > 0.0:
         return False
     if step in (Step.CLIMB, Step.LEG, Step.PATH):
-        return at_goal(flight, view)
+        return at_goal(flight, view) and (step is not Step.LEG or has_turned(view, flight.goal.yaw_rad))
     if step in (Step.COASTING, Step.SINKING):
         return view.position_enu_m[2] - flight.ground_z_m < _BLIND_CONTACT_M
     return step is Step.HOLDING and is_at_rest(view, flight.vehicle)

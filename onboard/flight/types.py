@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import Enum
 
 from msgspec import Struct
@@ -96,6 +97,7 @@ class FlightView(Struct, frozen=True):
     other_clocks: tuple[OtherClock, ...] | None = None  # of those that fly the same show; None: not compared now
     period_s: float = TICK_S  # since the last tick
     is_blind: bool = False  # position and velocity come from dead reckoning
+    yaw_rad: float = math.nan  # heading, counterclockwise from east; NaN: not known
 
     @property
     def has_landed_report(self) -> bool:

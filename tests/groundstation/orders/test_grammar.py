@@ -12,6 +12,7 @@ from groundstation.fleet.state import FleetState, fold, initial
 from groundstation.orders.grammar import Intent, OrderError, parse
 from groundstation.orders.plan import HeldFormation, PlannedOrder, check_again, plan_order, slots_of
 from onboard.config.fleet import FleetConfig
+from tests.groundstation.conftest import telemetry
 
 ALL = ("mav0", "mav1", "mav2")
 NONE = HeldFormation(None)
@@ -19,6 +20,14 @@ NONE = HeldFormation(None)
 
 def planned(intent: Intent, fleet: FleetConfig, state: FleetState | None = None) -> PlannedOrder:
     return plan_order(intent, fleet, state, held=HeldFormation("triangle"), author="tester", now_ns=5)
+
+
+def flying_at(fleet: FleetConfig, spots: dict[str, Any]) -> FleetState:
+    state = initial(fleet)
+    for name, at in spots.items():
+        message = telemetry(name, state="flying", is_airborne=True, position_enu_m=at, goal_position_enu_m=at)
+        state = fold(state, message, 0)
+    return state
 
 
 WELL_FORMED = [
@@ -39,6 +48,27 @@ WELL_FORMED = [
         "formation triangle 0-1 0 1 1",
         Intent("formation", ("mav0", "mav1"), position_enu_m=(0.0, 1.0, 1.0), formation="triangle"),
     ),
+    (
+        "goto mav0 2 0 1 1 0 2 1 yaw -90 in 8 s",
+        Intent("goto", ("mav0", "mav1"), goals={"mav0": (2, 0, 1), "mav1": (0, 2, 1)}, yaw_deg=-90.0, duration_s=8.0),
+    ),
+    (
+        "formation triangle 1.6 0 1 1 turned 30 yaw 90",
+        Intent(
+            "formation",
+            ALL,
+            position_enu_m=(0.0, 1.0, 1.0),
+            formation="triangle",
+            spacing_m=1.6,
+            rotation_deg=30.0,
+            yaw_deg=90.0,
+        ),
+    ),
+    ("rotate 90", Intent("rotate", ALL, rotation_deg=90.0)),
+    ("rotate 0-1 -45 in 5", Intent("rotate", ("mav0", "mav1"), rotation_deg=-45.0, duration_s=5.0)),
+    ("yaw mav1 -90", Intent("yaw", ("mav1",), yaw_deg=-90.0)),
+    ("home", Intent("home", ALL)),
+    ("home 0,2 1.5", Intent("home", ("mav0", "mav2"), height_m=1.5)),
     ("land mav2", Intent("land", ("mav2",))),
     ("hold", Intent("hold", ALL)),
     ("arm", Intent("arm", ALL)),
@@ -67,6 +97,19 @@ NO_ORDERS = [
     "move all 1 2 1 in fast",
     "move all 1 2 1 in -3",
     "land all in 3",
+    "goto",
+    "goto all 1 2 1",
+    "goto mav0 1 2",
+    "goto mav0 1 2 1 mav0 2 2 1",
+    "goto mav0 1 2 nan",
+    "move all 1 2 1 turned 90",
+    "move all 1 2 1 yaw",
+    "move all 1 2 1 yaw 90 yaw 90",
+    "move all 1 2 1 yaw inf",
+    "rotate all",
+    "rotate all 90 yaw 90",
+    "yaw mav0",
+    "home all 1 2",
     "formation",
     "formation square 0 0 1",
     "land mav9",
@@ -87,6 +130,41 @@ def test_a_line_that_is_no_order_is_refused_in_words_and_never_guessed(fleet: Fl
         sentence = str(caught.value)
         assert 20 < len(sentence) < 300, text
         assert sentence.isprintable(), text
+
+
+def test_an_order_written_out_is_the_same_order(fleet: FleetConfig) -> None:
+    for text, intent in WELL_FORMED:
+        again = parse(str(intent), fleet)
+        assert again == intent, (text, str(intent))
+
+
+def test_goals_of_one_order_are_judged_together_and_the_way_home_leads_over_the_pads(fleet: FleetConfig) -> None:
+    state = flying_at(fleet, {"mav0": (0.0, 0.0, 1.0), "mav1": (1.5, 0.0, 1.2), "mav2": (0.0, 2.0, 1.0)})
+    swap = planned(parse("goto mav0 1.5 0 1 mav1 0 0 1", fleet), fleet, state)
+    assert not swap.refusals
+    assert {name: order.position_enu_m for name, order in swap.orders.items()} == swap.intent.goals
+    alone = planned(parse("goto mav0 1.5 0 1", fleet), fleet, state)
+    assert "mav1's goal" in alone.refusals["mav0"]
+    close = planned(parse("goto mav0 1 0 1 mav1 1.2 0 1", fleet), fleet, state)
+    assert not close.orders
+    home = planned(parse("home", fleet), fleet, state)
+    assert home.orders["mav1"].position_enu_m == (0.0, -1.5, 1.2)
+    assert all(order.kind == "move" and order.then_land for order in home.orders.values())
+    turned = planned(parse("yaw mav1 45", fleet), fleet, state)
+    assert turned.orders["mav1"].position_enu_m == (1.5, 0.0, 1.2)
+    assert turned.orders["mav1"].yaw_deg == 45.0
+
+
+def test_a_turned_formation_is_remembered_and_turned_further(fleet: FleetConfig) -> None:
+    first = planned(parse("formation triangle 0 0 1 turned 350", fleet), fleet)
+    assert first.held.rotation_deg == 350.0
+    spots = {name: order.position_enu_m for name, order in first.orders.items()}
+    state = flying_at(fleet, spots)
+    second = plan_order(parse("rotate 100", fleet), fleet, state, held=first.held, author="tester", now_ns=5)
+    assert second.held.rotation_deg == pytest.approx(90.0)
+    slots = slots_of(fleet, "triangle", None, 90.0)
+    for name, order in second.orders.items():
+        assert order.position_enu_m == pytest.approx((slots[name][0], slots[name][1], 1.0))
 
 
 def test_a_joint_move_adds_each_vehicles_slot(fleet: FleetConfig) -> None:

@@ -25,6 +25,7 @@ FLYING: list[tuple[str, dict[str, object], str]] = [
     ("move", {"position_enu_m": (math.nan, 0.0, 1.0)}, "finite"),
     ("move", {"position_enu_m": None}, "finite"),
     ("move", {"position_enu_m": (1.0, 0.0, 1.0), "duration_s": math.inf}, "cannot take"),
+    ("move", {"position_enu_m": (1.0, 0.0, 1.0), "yaw_deg": math.nan}, "finite number of degrees"),
     ("takeoff", {"height_m": 1.0}, "cannot start now"),
     ("arm", {}, "cannot start now"),
     ("disarm", {}, "in the air"),
