@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from groundstation.orders.grammar import Intent
@@ -40,6 +40,10 @@ class VehicleResult:
     def is_done(self) -> bool:
         """Whether the vehicle did what was ordered."""
         return self.phase == "done"
+
+    def with_more(self, words: str) -> VehicleResult:
+        """Return the same result with more words in its sentence."""
+        return replace(self, sentence=f"{self.sentence} {words}".strip())
 
 
 Results = dict[str, VehicleResult]

@@ -20,7 +20,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from groundstation.paths.pieces import fitted
+from groundstation.paths.pieces import fitted, through
 from onboard.arrays import Array
 from onboard.config.fleet import ConfigError
 from onboard.control.path import NUMBERS, Path, path_of
@@ -53,7 +53,7 @@ def load_path(file: str | os.PathLike[str]) -> Path:
         if columns[:4] == ("t", "x", "y", "z"):
             return _timed(name, columns, numbers)
         if columns[:4] == ("x", "y", "z", "speed"):
-            return _waypoints(name, columns, numbers)
+            return _waypoints(columns, numbers)
     except ValueError as error:
         raise ConfigError(f"{name}: {error}") from None
     raise ConfigError(
@@ -131,21 +131,8 @@ def _timed(name: str, columns: Sequence[str], numbers: Array) -> Path:
     return fitted(times_s - times_s[0], _values(columns, numbers[:, 1:4], numbers))
 
 
-def _waypoints(name: str, columns: Sequence[str], numbers: Array) -> Path:
-    points, speeds = numbers[:, :3], numbers[:, 3].copy()
-    ways_m = np.sqrt((np.diff(points, axis=0) ** 2).sum(-1))
-    if len(points) < 2 or (ways_m < 1e-3).any():
-        raise ValueError("waypoints must be at least two, and each away from the one before.")
-    if (speeds[1:-1] <= 0.0).any():
-        raise ValueError("each waypoint between the first and the last needs a speed above 0.")
-    speeds[[0, -1]] = 0.0
-    mean_m_s = 0.5 * (speeds[:-1] + speeds[1:])
-    if len(points) == 2:
-        mean_m_s[:] = 0.5 * max(numbers[0, 3], numbers[1, 3])
-        if mean_m_s[0] <= 0.0:
-            raise ValueError("two waypoints need a speed above 0.")
-    times_s = np.concatenate([[0.0], np.cumsum(ways_m / mean_m_s)])
-    return fitted(times_s, _values(columns, points, numbers))
+def _waypoints(columns: Sequence[str], numbers: Array) -> Path:
+    return through(_values(columns, numbers[:, :3], numbers), numbers[:, 3])
 
 
 def _values(columns: Sequence[str], points: Array, numbers: Array) -> Array:

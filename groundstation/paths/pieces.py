@@ -41,6 +41,31 @@ def fitted(times_s: Array, values: Array) -> Path:
     return path_of(_merged(*_smoothed(p, step_s), step_s))
 
 
+def through(points: Array, speeds_m_s: Array) -> Path:
+    """Return the path through waypoints, from rest to rest.
+
+    Args:
+        points: (T, 4) of x, y, z [m] and yaw [rad].
+        speeds_m_s: (T,) at the waypoints; at the first and the last it rests.
+
+    Raises:
+        ValueError: fewer than two waypoints, two in one spot, or a speed that is not positive.
+    """
+    ways_m = np.sqrt((np.diff(points[:, :3], axis=0) ** 2).sum(-1))
+    if len(points) < 2 or (ways_m < 1e-3).any():
+        raise ValueError("waypoints must be at least two, and each away from the one before.")
+    if (speeds_m_s[1:-1] <= 0.0).any():
+        raise ValueError("each waypoint between the first and the last needs a speed above 0.")
+    speeds = speeds_m_s.copy()
+    speeds[[0, -1]] = 0.0
+    mean_m_s = 0.5 * (speeds[:-1] + speeds[1:])
+    if len(points) == 2:
+        mean_m_s[:] = 0.5 * max(speeds_m_s)
+        if mean_m_s[0] <= 0.0:
+            raise ValueError("two waypoints need a speed above 0.")
+    return fitted(np.concatenate([[0.0], np.cumsum(ways_m / mean_m_s)]), points)
+
+
 def quintic(duration_s: float, begin: Array, end: Array) -> Array:
     """Return the piece (33,) between two motions (3, 4) of value, first and second derivative."""
     t = duration_s

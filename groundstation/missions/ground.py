@@ -1,0 +1,97 @@
+"""The ground of one flight, as its mission sees it: the client, what was ordered, and how it went."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from groundstation.client.client import FleetClient
+from groundstation.missions.verdict import Arrival, StepResult, arrival_of, smallest
+from groundstation.orders.grammar import Intent
+from groundstation.orders.obstruction import in_the_way
+from groundstation.orders.result import OrderFailed, Results
+from onboard.config.fleet import Vec3
+
+_BLOCKED = ("unfinished", "timed out")
+
+
+class MissionGround:
+    """Gives a mission's orders and keeps their results.
+
+    Args:
+        client: started.
+        say: progress in words, one line a call.
+    """
+
+    def __init__(self, client: FleetClient, *, say: Callable[[str], None] = lambda line: None) -> None:
+        self.client = client
+        self.say = say
+        self.steps: list[StepResult] = []
+        self.arrivals: list[Arrival] = []
+        self.left_out: set[str] = set()  # vehicles that the mission goes on without
+        self.goes_on_without = False  # a vehicle that fails is left out; the others go on
+
+    async def order(self, intent: Intent, timeout_s: float) -> Results:
+        """Give an order, wait for its end and log the results.
+
+        Args:
+            intent: the order.
+            timeout_s: longest wait for its end [s].
+
+        Returns:
+            One result per vehicle.
+
+        Raises:
+            ConfigError: the order is none.
+            OrderFailed: a vehicle did not do it, and the mission does not go on without it.
+        """
+        self.say(f"{intent}")
+        client = self.client
+        begin_ns = client.now_ns()
+        order = await client.submit(intent)
+        results = await order.wait(timeout_s)
+        for name, message in order.planned.orders.items():
+            goal = message.position_enu_m
+            if goal is not None and not message.then_land:
+                self.add_arrival(str(intent.verb), name, goal)
+            if goal is not None and results[name].phase in _BLOCKED:
+                words = in_the_way(client.fleet, client.state, name, goal, client.now_ns())
+                results[name] = results[name].with_more(words)
+        step = StepResult(
+            step=str(intent),
+            duration_s=round((client.now_ns() - begin_ns) * 1e-9, 2),
+            vehicles={name: result.phase for name, result in results.items()},
+            sentences={name: result.sentence for name, result in results.items()},
+        )
+        self.steps.append(step)
+        if step.is_done:
+            self.say(f"  done in {step.duration_s:.1f} s{self._closest_words()}")
+        for name, result in results.items():
+            if not result.is_done:
+                self.say(f"  {name} {result.phase}: {result.sentence}")
+        missing = [name for name, result in results.items() if not result.is_done and name not in self.left_out]
+        if missing and self.goes_on_without and len(missing) < len(results):
+            self.leave_out(*missing)
+        elif missing:
+            raise OrderFailed(intent, results)
+        return results
+
+    def leave_out(self, *names: str) -> None:
+        """Go on without these vehicles: "all" does not mean them any more, and their results fail nothing.
+
+        Args:
+            names: of vehicles. They do what their last order or their failsafe says, and land with the mission's end.
+        """
+        new = [name for name in names if name not in self.left_out]
+        self.left_out.update(new)
+        if new:
+            self.say(f"The mission goes on without {', '.join(new)}.")
+
+    def add_arrival(self, step: str, name: str, goal: Vec3) -> None:
+        """Note how far a vehicle is from its goal now."""
+        self.arrivals.append(arrival_of(step, self.client.state.vehicles[name], goal, self.client.now_ns()))
+
+    def _closest_words(self) -> str:
+        near = smallest(self.client.state)
+        return (
+            "" if near is None else f"; smallest distance so far {near.distance_m:.2f} m ({near.first}, {near.second})"
+        )

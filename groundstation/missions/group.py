@@ -1,0 +1,372 @@
+"""Verbs for one, some or all vehicles of a fleet, each with results per vehicle; and waiting for conditions."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+
+import numpy as np
+
+from groundstation.client.client import FleetClient
+from groundstation.fleet.state import FleetState
+from groundstation.missions.conditions import Condition, ConditionTimeout, Moment
+from groundstation.missions.ground import MissionGround
+from groundstation.missions.path_following import Lights, Paths, follow_paths
+from groundstation.orders.grammar import DEFAULT_HEIGHT_M, Intent, OrderError
+from groundstation.orders.path_orders import OnLag
+from groundstation.orders.result import Results
+from groundstation.paths.checks import path_findings, refusals
+from groundstation.paths.pieces import through
+from onboard.bus.schema import Vec3
+from onboard.config.fleet import ConfigError, FleetConfig
+
+Vehicles = str | Sequence[str]  # "all", names or indices: "mav0,mav2", "0-1", or a list of names
+Goals = Vec3 | Mapping[str, Vec3]
+
+
+class Group:
+    """Vehicles of a fleet. Every verb waits for the end of its order and returns one result per vehicle.
+
+    Each raises ``OrderFailed``, with the results, when a vehicle did not do it; and ``ConfigError`` when the order
+    makes no sense. ``vehicles`` narrows the group down; ``timeout_s`` is the longest wait [s], in vehicle time.
+
+    Args:
+        ground: of the flight.
+        names: of the vehicles.
+    """
+
+    def __init__(self, ground: MissionGround, names: Sequence[str]) -> None:
+        self.ground = ground
+        self._names = tuple(names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Vehicles of this group that take part."""
+        return tuple(name for name in self._names if name not in self.ground.left_out)
+
+    @property
+    def client(self) -> FleetClient:
+        """The ground's end of the bus."""
+        return self.ground.client
+
+    @property
+    def config(self) -> FleetConfig:
+        """The fleet file."""
+        return self.ground.client.fleet
+
+    @property
+    def state(self) -> FleetState:
+        """The fleet as known now."""
+        return self.ground.client.state
+
+    def select(self, vehicles: Vehicles) -> tuple[str, ...]:
+        """Return the vehicles of this group that are meant.
+
+        Args:
+            vehicles: "all", names or indices.
+
+        Raises:
+            ConfigError: somebody is not in this group.
+        """
+        if vehicles in ("all", ["all"]):
+            return self.names
+        chosen = self.config.select(vehicles)
+        strange = [name for name in chosen if name not in self._names]
+        if strange:
+            raise ConfigError(f"{', '.join(strange)} is not among {', '.join(self._names)}. Order the whole fleet.")
+        return chosen
+
+    async def arm(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
+        """Arm on the ground."""
+        return await self.order(Intent("arm", self.select(vehicles)), timeout_s)
+
+    async def disarm(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
+        """Disarm on the ground."""
+        return await self.order(Intent("disarm", self.select(vehicles)), timeout_s)
+
+    async def locate(self, vehicles: Vehicles = "all", *, timeout_s: float = 5.0) -> Results:
+        """Play a tune, so that an operator sees which vehicles these are."""
+        return await self.order(Intent("locate", self.select(vehicles)), timeout_s)
+
+    async def takeoff(
+        self, height_m: float = DEFAULT_HEIGHT_M, vehicles: Vehicles = "all", *, timeout_s: float = 40.0
+    ) -> Results:
+        """Take off.
+
+        Args:
+            height_m: height above the fleet's origin [m].
+            vehicles: to order.
+            timeout_s: longest wait [s].
+        """
+        return await self.order(Intent("takeoff", self.select(vehicles), height_m=height_m), timeout_s)
+
+    async def move(
+        self,
+        position_enu_m: Vec3,
+        vehicles: Vehicles = "all",
+        *,
+        yaw_deg: float | None = None,
+        duration_s: float = 0.0,
+        timeout_s: float = 40.0,
+    ) -> Results:
+        """Move one vehicle to a goal, or several in the formation that holds.
+
+        Args:
+            position_enu_m: goal of one vehicle, position of the formation of several [m], ENU.
+            vehicles: to order.
+            yaw_deg: heading to turn to, counterclockwise from east; None: as it is.
+            duration_s: of the move [s]; 0 leaves it to the vehicles' limits.
+            timeout_s: longest wait [s].
+        """
+        names = self.select(vehicles)
+        intent = Intent("move", names, position_enu_m=position_enu_m, yaw_deg=yaw_deg, duration_s=duration_s)
+        return await self.order(intent, timeout_s)
+
+    async def go_to(
+        self, goals: Goals, *, yaw_deg: float | None = None, duration_s: float = 0.0, timeout_s: float = 40.0
+    ) -> Results:
+        """Go to a goal, or each vehicle to its own: one order, judged together, so that vehicles may change places.
+
+        Args:
+            goals: a position [m], ENU, for a group of one; or a position for each name.
+            yaw_deg: heading to turn to, counterclockwise from east; None: as it is.
+            duration_s: of the move [s]; 0 leaves it to the vehicles' limits.
+            timeout_s: longest wait [s].
+
+        Raises:
+            OrderError: several vehicles would share one goal.
+        """
+        if not isinstance(goals, Mapping):
+            if len(self.names) != 1:
+                raise OrderError("Several vehicles cannot share one goal: give each its own, {name: (x, y, z)}.")
+            goals = {self.names[0]: goals}
+        names = self.select(list(goals))
+        intent = Intent("goto", names, goals=dict(goals), yaw_deg=yaw_deg, duration_s=duration_s)
+        return await self.order(intent, timeout_s)
+
+    async def formation(
+        self,
+        name: str,
+        position_enu_m: Vec3 | None = None,
+        vehicles: Vehicles = "all",
+        *,
+        spacing_m: float | None = None,
+        rotation_deg: float = 0.0,
+        yaw_deg: float | None = None,
+        duration_s: float = 0.0,
+        timeout_s: float = 40.0,
+    ) -> Results:
+        """Take up a formation.
+
+        Args:
+            name: of the formation in the fleet file.
+            position_enu_m: of the formation [m], ENU; None: where it is on average.
+            vehicles: to order.
+            spacing_m: stretches it until its two nearest slots are so far apart [m]; None: as in the fleet file.
+            rotation_deg: turns it about its position, counterclockwise.
+            yaw_deg: heading of each vehicle, counterclockwise from east; None: as it is.
+            duration_s: of the move [s]; 0 leaves it to the vehicles' limits.
+            timeout_s: longest wait [s].
+
+        Raises:
+            ConfigError: the fleet file has no such formation.
+        """
+        if name not in self.config.formations:
+            known = ", ".join(self.config.formations) or "none"
+            raise ConfigError(f"'{name}' is no formation of this fleet; it has {known}.")
+        names = self.select(vehicles)
+        if vehicles == "all":
+            names = tuple(vehicle for vehicle in names if vehicle in self.config.formations[name])
+        intent = Intent(
+            "formation",
+            names,
+            position_enu_m=position_enu_m,
+            formation=name,
+            duration_s=duration_s,
+            spacing_m=spacing_m,
+            yaw_deg=yaw_deg,
+            rotation_deg=rotation_deg or None,
+        )
+        return await self.order(intent, timeout_s)
+
+    async def rotate(
+        self, angle_deg: float, vehicles: Vehicles = "all", *, duration_s: float = 0.0, timeout_s: float = 40.0
+    ) -> Results:
+        """Turn the formation that holds about its position, each vehicle straight to its new slot.
+
+        Args:
+            angle_deg: counterclockwise, from how it is turned now.
+            vehicles: to order.
+            duration_s: of the move [s]; 0 leaves it to the vehicles' limits.
+            timeout_s: longest wait [s].
+        """
+        intent = Intent("rotate", self.select(vehicles), rotation_deg=angle_deg, duration_s=duration_s)
+        return await self.order(intent, timeout_s)
+
+    async def yaw(self, yaw_deg: float, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
+        """Turn to a heading where it is.
+
+        Args:
+            yaw_deg: counterclockwise from east.
+            vehicles: to order.
+            timeout_s: longest wait [s].
+        """
+        return await self.order(Intent("yaw", self.select(vehicles), yaw_deg=yaw_deg), timeout_s)
+
+    async def home(
+        self,
+        vehicles: Vehicles = "all",
+        *,
+        height_m: float | None = None,
+        duration_s: float = 0.0,
+        timeout_s: float = 90.0,
+    ) -> Results:
+        """Fly back over the take-off spots of the fleet file, land there and disarm: one order, judged together.
+
+        Args:
+            vehicles: to order.
+            height_m: of the way back, above the fleet's origin [m]; None: each at its own.
+            duration_s: of the way back [s]; 0 leaves it to the vehicles' limits.
+            timeout_s: longest wait [s].
+        """
+        intent = Intent("home", self.select(vehicles), height_m=height_m, duration_s=duration_s)
+        return await self.order(intent, timeout_s)
+
+    async def follow_path(
+        self, paths: Paths, *, lights: Lights | None = None, on_lag: OnLag = "land", timeout_s: float | None = None
+    ) -> Results:
+        """Have each vehicle follow its own path, all from one instant on. They go to the begins of their paths first.
+
+        Args:
+            paths: of vehicles, see :func:`groundstation.paths.files.load_path`.
+            lights: colours of vehicles, see :func:`groundstation.paths.lights.load_lights`.
+            on_lag: what a vehicle does that falls behind for too long; the others go on.
+            timeout_s: longest flight along the paths [s]; None: their own duration, and a minute.
+        """
+        self.select(list(paths))
+        if not (self.state.is_simulated and self.config.law.name != "covey"):  # what simulation may try
+            refused = refusals(path_findings(self.config, paths, "follow_path"))
+            if refused:
+                raise ConfigError(refused[0])
+        return await follow_paths(self.ground, paths, lights=lights or {}, on_lag=on_lag, timeout_s=timeout_s)
+
+    async def fly_through(
+        self, waypoints: Mapping[str, Sequence[Vec3]], *, speed_m_s: float, on_lag: OnLag = "land"
+    ) -> Results:
+        """Fly through waypoints without stopping, from where the vehicles are, and stop at the last ones.
+
+        Args:
+            waypoints: of each vehicle [m], ENU.
+            speed_m_s: at the waypoints between.
+            on_lag: what a vehicle does that falls behind for too long; the others go on.
+
+        Raises:
+            ConfigError: two waypoints are one, or a vehicle does not report where it is.
+        """
+        paths = {}
+        for name in self.select(list(waypoints)):
+            telemetry = self.state.vehicles[name].telemetry
+            if telemetry is None or not telemetry.is_airborne:
+                raise ConfigError(f"{name} does not fly: order take-off first.")
+            points = np.array([telemetry.goal_position_enu_m, *waypoints[name]], dtype=float)
+            yaw_rad = np.full(len(points), math.radians(telemetry.yaw_deg))
+            try:
+                paths[name] = through(np.column_stack([points, yaw_rad]), np.full(len(points), speed_m_s))
+            except ValueError as error:
+                raise ConfigError(f"{name}: {error}") from None
+        return await self.follow_path(paths, on_lag=on_lag)
+
+    async def hold(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
+        """Hold the present position."""
+        return await self.order(Intent("hold", self.select(vehicles)), timeout_s)
+
+    async def land(self, vehicles: Vehicles = "all", *, timeout_s: float = 40.0) -> Results:
+        """Land and disarm."""
+        return await self.order(Intent("land", self.select(vehicles)), timeout_s)
+
+    async def kill(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:
+        """Stop the motors at once, also in the air: the vehicles fall. They have to be named.
+
+        Args:
+            vehicles: to order.
+            timeout_s: longest wait [s].
+        """
+        return await self.order(Intent("kill", self.select(vehicles)), timeout_s)
+
+    async def order(self, intent: Intent, timeout_s: float) -> Results:
+        """Give an order, wait for its end and log the results.
+
+        Args:
+            intent: the order.
+            timeout_s: longest wait for its end [s].
+        """
+        return await self.ground.order(intent, timeout_s)
+
+    async def wait(self, duration_s: float) -> None:
+        """Let time pass.
+
+        Args:
+            duration_s: seconds, of vehicle time.
+        """
+        await asyncio.sleep(duration_s)
+
+    async def until(self, condition: Condition, timeout_s: float = 60.0) -> None:
+        """Wait until a condition of :mod:`groundstation.missions.conditions` holds.
+
+        Args:
+            condition: to wait for.
+            timeout_s: longest wait [s].
+
+        Raises:
+            ConditionTimeout: it does not hold in time.
+        """
+        client, begin_ns = self.client, self.client.now_ns()
+
+        def moment(state: FleetState) -> Moment:
+            return Moment(state, client.now_ns(), begin_ns)
+
+        if not await client.wait_for(lambda state: condition.holds(moment(state)), timeout_s):
+            value = condition.value(moment(client.state))
+            raise ConditionTimeout(f"Not {condition.words} within {timeout_s:g} s: {value}.")
+
+    @contextlib.asynccontextmanager
+    async def reacting(
+        self, condition: Condition, reaction: Callable[[], Awaitable[object]], *, ends: bool = False
+    ) -> AsyncIterator[None]:
+        """React as soon as a condition holds while the block below runs.
+
+        Args:
+            condition: to watch for.
+            reaction: what to do then, once: beside the block, which waits for it at its end; an exception ends both.
+            ends: break the block off first; the mission goes on after it.
+        """
+        body, has_begun = asyncio.current_task(), False
+        assert body is not None
+
+        async def watch() -> None:
+            nonlocal has_begun
+            await self.until(condition, _EVER_S)
+            has_begun = True
+            self.ground.say(f"{condition.words[0].upper()}{condition.words[1:]}.")
+            if ends:
+                body.cancel()
+            else:
+                await reaction()
+
+        async with asyncio.TaskGroup() as tasks:
+            watching = tasks.create_task(watch())
+            try:
+                yield
+            except asyncio.CancelledError:
+                if not (ends and has_begun) or body.uncancel() > 0:
+                    raise
+            finally:
+                if not has_begun:
+                    watching.cancel()
+        if ends and has_begun:
+            await reaction()
+
+
+_EVER_S = 1e9
