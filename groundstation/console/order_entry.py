@@ -19,7 +19,7 @@ from groundstation.console.widgets.notices import notices
 from groundstation.console.widgets.order_line import CONTROL_ORDERS
 from groundstation.fleet.control_authority import FORCE_WORD
 from groundstation.orders.forecast_process import Forecaster
-from groundstation.orders.grammar import USAGE, Intent, OrderError, Verb, parse
+from groundstation.orders.grammar import USAGE, Intent, OrderError, Verb, default_formation, parse
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.preview import PREVIEWED
 from groundstation.orders.result import OrderResult, VehicleResult
@@ -133,7 +133,7 @@ class OrderEntry:
         """Begin to write an order for the selected vehicles; the operator adds the numbers."""
         names = self.short(",".join(self.selected))
         if verb == "formation":
-            formation = next(iter(self._fleet.formations), "")
+            formation = default_formation(self._fleet) or ""
             names = f"{formation} {names}" if len(self.selected) > 1 else formation
         self._panels.order_line.write(f"{verb} {names} ")
         self._panels.table.keep_marks()

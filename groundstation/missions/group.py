@@ -6,11 +6,13 @@ import asyncio
 import contextlib
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
+from groundstation.formations.slots import formation_names, formation_slots
 from groundstation.missions.conditions import Condition, ConditionTimeout, Moment
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import Lights, Paths, follow_paths
@@ -23,6 +25,7 @@ from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
 
 Vehicles = str | Sequence[str]  # "all", names or indices: "mav0,mav2", "0-1", or a list of names
+Assign = Literal["ids", "nearest"]
 Goals = Vec3 | Mapping[str, Vec3]
 
 
@@ -155,6 +158,7 @@ class Group:
         spacing_m: float | None = None,
         rotation_deg: float = 0.0,
         yaw_deg: float | None = None,
+        assign: Assign = "ids",
         duration_s: float = 0.0,
         timeout_s: float = 40.0,
     ) -> Results:
@@ -167,18 +171,19 @@ class Group:
             spacing_m: stretches it until its two nearest slots are so far apart [m]; None: as in the fleet file.
             rotation_deg: turns it about its position, counterclockwise.
             yaw_deg: heading of each vehicle, counterclockwise from east; None: as it is.
+            assign: "ids": each vehicle has its own slot; "nearest": such that the longest flight is short.
             duration_s: of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
 
         Raises:
             ConfigError: the fleet file has no such formation.
         """
-        if name not in self.config.formations:
-            known = ", ".join(self.config.formations) or "none"
+        if name not in formation_names(self.config):
+            known = ", ".join(formation_names(self.config)) or "none"
             raise ConfigError(f"'{name}' is no formation of this fleet; it has {known}.")
         names = self.select(vehicles)
         if vehicles == "all":
-            names = tuple(vehicle for vehicle in names if vehicle in self.config.formations[name])
+            names = tuple(vehicle for vehicle in names if vehicle in formation_slots(self.config, name))
         intent = Intent(
             "formation",
             names,
@@ -187,6 +192,7 @@ class Group:
             duration_s=duration_s,
             spacing_m=spacing_m,
             yaw_deg=yaw_deg,
+            is_nearest=assign == "nearest",
             rotation_deg=rotation_deg or None,
         )
         return await self.order(intent, timeout_s)

@@ -6,7 +6,7 @@ Grammar (``WHO`` is ``all``, names or indices: ``mav0,mav2``, ``0-1``; left out 
     takeoff [WHO] [HEIGHT]                 takeoff all 1.0
     move WHO X Y Z [yaw DEG] [in SECONDS]  move all 2 0 1.2
     goto NAME X Y Z [NAME X Y Z ...] [yaw DEG] [in SECONDS]
-    formation NAME [WHO] [SPACING] [X Y Z] [turned DEG] [yaw DEG] [in SECONDS]
+    formation NAME [WHO] [SPACING] [X Y Z] [nearest] [turned DEG] [yaw DEG] [in SECONDS]
     rotate [WHO] DEG [in SECONDS]          rotate all 90
     yaw [WHO] DEG                          yaw mav1 -90
     home [WHO] [HEIGHT] [in SECONDS]       home all
@@ -14,9 +14,10 @@ Grammar (``WHO`` is ``all``, names or indices: ``mav0,mav2``, ``0-1``; left out 
 ``move`` for one vehicle names its own goal. For several it names the formation's position: each one's slot is added,
 so that they never get one goal together. The formation is the last one ordered, at first the first of the fleet file.
 SPACING stretches the formation until its two nearest slots are so far apart; ``turned`` turns it about its position,
-counterclockwise; ``rotate`` turns it further. ``move`` keeps both. ``goto`` names a goal for each vehicle, and all of
-them are judged together: vehicles may change places. ``home`` leads over the take-off spots of the fleet file, at the
-present heights or at HEIGHT, and lands there. ``yaw`` is the heading, counterclockwise from east.
+counterclockwise; ``rotate`` turns it further. ``nearest`` deals its slots out anew, such that the longest flight is as
+short as it can be; else each vehicle has its own slot. ``move`` keeps all that. ``goto`` names a goal for each vehicle,
+and all of them are judged together: vehicles may change places. ``home`` leads over the take-off spots of the fleet
+file, at the present heights or at HEIGHT, and lands there. ``yaw`` is the heading, counterclockwise from east.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
+from groundstation.formations.slots import formation_names, formation_slots
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
 
@@ -41,7 +43,7 @@ USAGE: dict[Verb, str] = {
     "takeoff": "takeoff [WHO] [HEIGHT], for instance: takeoff all 1.0",
     "move": "move WHO X Y Z [yaw DEG] [in SECONDS], for instance: move all 2 0 1.2",
     "goto": "goto NAME X Y Z [NAME X Y Z ...] [yaw DEG] [in SECONDS], for instance: goto mav0 2 0 1 mav1 0 2 1",
-    "formation": "formation NAME [WHO] [SPACING] [X Y Z] [turned DEG] [yaw DEG] [in SECONDS], for instance: "
+    "formation": "formation NAME [WHO] [SPACING] [X Y Z] [nearest] [turned DEG] [yaw DEG] [in SECONDS], for instance: "
     "formation triangle 1.6 0 1.2 1.0",
     "rotate": "rotate [WHO] DEG [in SECONDS], for instance: rotate all 90",
     "yaw": "yaw [WHO] DEG, for instance: yaw mav1 -90",
@@ -77,6 +79,8 @@ class Intent:
     goals: Mapping[str, Vec3] | None = None  # of goto: a goal for each vehicle
     yaw_deg: float | None = None  # heading to turn to, counterclockwise from east; None: as it is
     rotation_deg: float | None = None  # of the formation against the fleet file; of rotate: further than it is
+    is_nearest: bool = False  # the formation's slots are dealt out anew, by the vehicles' positions
+    takes: Mapping[str, str] | None = None  # for each vehicle the one whose slot it takes; None: its own
 
     def __str__(self) -> str:
         values = (self.height_m, self.spacing_m, *(self.position_enu_m or ()))
@@ -86,6 +90,7 @@ class Intent:
             words += [f"{name} {' '.join(f'{value:g}' for value in goal)}" for name, goal in self.goals.items()]
         else:
             words += [",".join(self.vehicles), *numbers]
+        words += ["nearest"] if self.is_nearest else []
         turn, yaw = self.rotation_deg, self.yaw_deg
         words += [] if turn is None else [f"{turn:g}"] if self.verb == "rotate" else [f"turned {turn:g}"]
         words += [] if yaw is None else [f"{yaw:g}"] if self.verb == "yaw" else [f"yaw {yaw:g}"]
@@ -115,7 +120,8 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
     verb = next((known for known in VERBS if known == words[0].lower()), None)
     if verb is None:
         raise OrderError(f"'{words[0][:40]}' is no order. Orders are: {', '.join(VERBS)}.")
-    options, rest = _take_options(words[1:], verb)
+    is_nearest = verb == "formation" and "nearest" in words[2:]
+    options, rest = _take_options([word for word in words[1:] if not (is_nearest and word == "nearest")], verb)
     if verb == "goto":
         goals = _take_goals(rest, fleet)
         return Intent(verb, tuple(goals), goals=goals, yaw_deg=options.get("yaw"), duration_s=options.get("in", 0.0))
@@ -124,8 +130,9 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
         if not rest:
             raise OrderError(f"Which formation? Write: {USAGE[verb]}")
         formation, rest = rest[0], rest[1:]
-        if formation not in fleet.formations:
-            raise OrderError(f"'{formation[:40]}' is no formation of this fleet: it has {_listed(fleet.formations)}.")
+        if formation not in formation_names(fleet):
+            known = ", ".join(formation_names(fleet)) or "none"
+            raise OrderError(f"'{formation[:40]}' is no formation of this fleet: it has {known}.")
     names, numbers = _take_vehicles(rest, verb, _COUNTS.get(verb, (0,)), fleet)
     if verb == "kill" and not names:
         raise OrderError("Kill stops the motors in the air, so it names its vehicles: write kill mav1, or kill all.")
@@ -136,8 +143,8 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
     if not names:
         raise OrderError(f"Fleet '{fleet.fleet.name}' has nobody to order: no vehicle is enabled in its file.")
     if verb == "formation" and len(names) == len(fleet.enabled_names):
-        names = tuple(name for name in names if name in fleet.formations[formation or ""])
-    return _with_numbers(Intent(verb, names, formation=formation), numbers, options)
+        names = _with_slots(names, fleet, formation or "")
+    return _with_numbers(Intent(verb, names, formation=formation, is_nearest=is_nearest), numbers, options)
 
 
 def _with_numbers(intent: Intent, numbers: list[float], options: Mapping[str, float]) -> Intent:
@@ -164,7 +171,7 @@ def _with_numbers(intent: Intent, numbers: list[float], options: Mapping[str, fl
 
 def default_formation(fleet: FleetConfig) -> str | None:
     """Return the formation that holds before one was ordered: the first of the fleet file."""
-    return next(iter(fleet.formations), None)
+    return next(iter(formation_names(fleet)), None)
 
 
 def _take_options(words: list[str], verb: Verb) -> tuple[dict[str, float], list[str]]:
@@ -236,12 +243,16 @@ def _is_selection(word: str, fleet: FleetConfig) -> bool:
         return False
 
 
+def _with_slots(names: tuple[str, ...], fleet: FleetConfig, formation: str) -> tuple[str, ...]:
+    try:
+        slots = formation_slots(fleet, formation)
+    except ConfigError as error:
+        raise OrderError(str(error)) from None
+    return tuple(name for name in names if name in slots)
+
+
 def _number(word: str) -> float | None:
     try:
         return float(word)
     except ValueError:
         return None
-
-
-def _listed(names: Mapping[str, object]) -> str:
-    return ", ".join(names) or "none"

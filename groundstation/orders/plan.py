@@ -6,7 +6,6 @@ then; the goals themselves stay as they were shown.
 
 from __future__ import annotations
 
-import itertools
 import math
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -15,12 +14,15 @@ from dataclasses import dataclass, field, replace
 import msgspec
 
 from groundstation.fleet.state import FleetState, VehicleView
+from groundstation.formations.assignment import nearest_slots
+from groundstation.formations.slots import formation_slots, stretched
 from groundstation.orders.grammar import DEFAULT_HEIGHT_M, USAGE, Intent
 from onboard.bus.schema import Order, OrderKind, Vec3
-from onboard.config.fleet import FleetConfig, parking_distance_m
+from onboard.config.fleet import ConfigError, FleetConfig, parking_distance_m
 
 ORDER_LIFE_S = 2.0
 _MIN_HEIGHT_M = 0.2
+_OTHER_HEIGHT_M = 0.3  # from which on a refusal says that heights do not count
 _BRINGS_DOWN = ("land", "hold", "disarm", "kill", "locate")
 _TO_GOALS = ("move", "goto", "formation", "rotate", "yaw", "home")
 _JOINT = (*_TO_GOALS, "takeoff")  # one refusal refuses the whole order
@@ -33,6 +35,7 @@ class HeldFormation:
     name: str | None  # in the fleet file; None when it has none
     spacing_m: float | None = None  # distance of its two nearest slots; None: as in the fleet file
     rotation_deg: float = 0.0  # against the fleet file, counterclockwise
+    takes: Mapping[str, str] | None = None  # for each vehicle the one whose slot it has; None: its own
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +87,10 @@ def plan_order(
     names = [name for name in intent.vehicles if name not in refusals]
     refusals.update({name: reason for name in names if (reason := _bad_number(intent))})
     if not refusals and intent.verb in _TO_GOALS:
-        intent, goals, refusals = _goals(intent, fleet, state, held, names)
+        try:
+            intent, goals, refusals = _goals(intent, fleet, state, held, names)
+        except ConfigError as error:  # a formation that cannot be made
+            refusals = dict.fromkeys(names, str(error))
         if not refusals:
             refusals = _goal_refusals(goals, fleet, state, now_ns)
     if not refusals and intent.verb == "takeoff":
@@ -148,11 +154,7 @@ def slots_of(
     Returns:
         Offset of each vehicle from the formation's position, metres ENU.
     """
-    slots = fleet.formations[formation]
-    nearest_m = min((math.dist(p[:2], q[:2]) for p, q in itertools.combinations(slots.values(), 2)), default=0.0)
-    scale = 1.0 if spacing_m is None or nearest_m <= 0.0 else spacing_m / nearest_m
-    c, s = scale * math.cos(math.radians(rotation_deg)), scale * math.sin(math.radians(rotation_deg))
-    return {name: (c * x - s * y, s * x + c * y, z) for name, (x, y, z) in slots.items()}
+    return stretched(formation_slots(fleet, formation), spacing_m, rotation_deg)
 
 
 def formation_position(slots: Mapping[str, Vec3], state: FleetState, names: Sequence[str]) -> Vec3 | None:
@@ -220,11 +222,23 @@ def _kept(intent: Intent, held: HeldFormation) -> HeldFormation:
         return replace(held, rotation_deg=math.remainder(held.rotation_deg + (intent.rotation_deg or 0.0), 360.0))
     if intent.formation is None:
         return held
-    return HeldFormation(intent.formation, intent.spacing_m, intent.rotation_deg or 0.0)
+    return HeldFormation(intent.formation, intent.spacing_m, intent.rotation_deg or 0.0, intent.takes)
 
 
-def _slots_of(fleet: FleetConfig, held: HeldFormation) -> dict[str, Vec3]:
-    return {} if held.name is None else slots_of(fleet, held.name, held.spacing_m, held.rotation_deg)
+def held_slots(fleet: FleetConfig, held: HeldFormation) -> dict[str, Vec3]:
+    """Return the offsets of the vehicles in the formation that holds.
+
+    Args:
+        fleet: the fleet file.
+        held: its name, spacing, rotation, and who has whose slot.
+
+    Returns:
+        Offset of each vehicle from the formation's position, metres ENU.
+    """
+    if held.name is None:
+        return {}
+    slots = slots_of(fleet, held.name, held.spacing_m, held.rotation_deg)
+    return slots if held.takes is None else {name: slots[taken] for name, taken in held.takes.items()}
 
 
 def _goals(
@@ -234,11 +248,11 @@ def _goals(
     if intent.verb in ("goto", "home", "yaw"):
         return intent, *_own_goals(intent, fleet, state, names)
     keeps = _kept(intent, held)
-    position, slots = intent.position_enu_m, _slots_of(fleet, keeps)
+    position, slots = intent.position_enu_m, held_slots(fleet, keeps)
     if position is None and intent.verb in ("formation", "rotate"):
         if intent.verb == "rotate" and state is None:
             return intent, {}, {}  # judged when it is flown
-        before = slots if intent.verb == "formation" else _slots_of(fleet, held)
+        before = slots if intent.verb == "formation" else held_slots(fleet, held)
         position = formation_position(before, state, names) if state is not None else None
         if position is None:
             reason = "the formation's position is not known, because no vehicle reports one. Write it: {}"
@@ -251,6 +265,12 @@ def _goals(
     if keeps.name is None:
         reason = f"this fleet file has no formation, so give each vehicle its own goal: {USAGE['goto']}"
         return intent, {}, dict.fromkeys(names, reason)
+    if intent.is_nearest and intent.takes is None:
+        spots = {name: _spot(state.vehicles.get(name)) if state else fleet.vehicles[name].start_enu_m for name in names}
+        wanted = {name: slots[name] for name in names if name in slots}
+        known = {name: spot for name, spot in spots.items() if spot is not None}
+        takes = nearest_slots(wanted, known, position)
+        intent, slots = replace(intent, takes=takes), {name: slots[taken] for name, taken in takes.items()}
     goals, refusals = {}, {}
     for name in names:
         if name in slots:
@@ -310,10 +330,13 @@ def _goal_refusals(
         for other, position, noun in _others(name, goals, state, now_ns):
             distance_m = math.dist(goal[:2], position[:2])
             if distance_m < parking_m:
+                above_m = abs(goal[2] - position[2])
+                high = f" and {above_m:.1f} m above or below it" if above_m > _OTHER_HEIGHT_M else ""
+                anyhow = ", horizontally at any height: it has no vertical separation" if high else ""
                 refusals.setdefault(
                     name,
-                    f"{name}: its goal is {distance_m:.2f} m from {other}'s {noun}; the law '{fleet.law.name}' keeps "
-                    f"{parking_m:.2f} m between parked vehicles. Choose a goal further away.",
+                    f"{name}: its goal is {distance_m:.2f} m from {other}'s {noun}{high}; the law '{fleet.law.name}' "
+                    f"keeps {parking_m:.2f} m between parked vehicles{anyhow}. Choose a goal further away.",
                 )
     return refusals
 

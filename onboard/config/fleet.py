@@ -10,7 +10,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from onboard.config import obstacles
+from onboard.config import formation_shape, obstacles
 from onboard.config.fleet_config import FleetConfig as FleetConfig
 from onboard.config.fleet_config import FleetSection as FleetSection
 from onboard.config.fleet_config import Geofence as Geofence
@@ -69,7 +69,8 @@ def fleet_from_mapping(data: Mapping[str, Any], *, path: str = "<fleet>", text: 
             raise ConfigError(f"{path}: the table '{key}' is missing. Add [{key}].")
     fleet = convert(data["fleet"], FleetSection, path, "fleet")
     law = convert(data.get("law", {}), LawConfig, path, "law")
-    formations = convert(data.get("formations", {}), dict[str, dict[str, Vec3]], path, "formations")
+    slots, shapes = formation_shape.split(table(data.get("formations", {}), path, "formations"), path)
+    formations = convert(slots, dict[str, dict[str, Vec3]], path, "formations")
     fixed = convert(data.get("obstacles", []), tuple[obstacles.Obstacle, ...], path, "obstacles")
     mocap = convert(data.get("mocap", {}), MocapConfig, path, "mocap")
     types = tables(data.get("types", {}), path, "types")
@@ -78,6 +79,6 @@ def fleet_from_mapping(data: Mapping[str, Any], *, path: str = "<fleet>", text: 
         name: vehicle_from_tables(name, index, own, types, defaults, path)
         for index, (name, own) in enumerate(tables(data["vehicles"], path, "vehicles").items())
     }
-    config = FleetConfig(path, fleet, law, formations, vehicles, text, fixed, mocap)
+    config = FleetConfig(path, fleet, law, formations, vehicles, text, fixed, mocap, shapes)
     check_fleet(config)
     return config

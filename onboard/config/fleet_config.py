@@ -11,6 +11,7 @@ from typing import Literal
 import msgspec
 
 from onboard.config import obstacles
+from onboard.config.formation_shape import FormationShape
 from onboard.config.law import LawConfig
 from onboard.config.mocap import MocapConfig
 from onboard.config.sitl import SitlProfile
@@ -127,6 +128,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
     text: str
     obstacles: tuple[obstacles.Obstacle, ...] = ()
     mocap: MocapConfig = MocapConfig()
+    shapes: dict[str, FormationShape] = {}  # further formations; slots are the ground's matter, so not in the hash
 
     @property
     def namespace(self) -> str:

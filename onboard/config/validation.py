@@ -8,8 +8,8 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+from onboard.config import formation_shape, obstacles
 from onboard.config import mocap as mocap_config
-from onboard.config import obstacles
 from onboard.config import sitl as sitl_profile
 from onboard.config.fleet_config import FleetConfig, Vehicle, parking_distance_m
 from onboard.config.law import LawConfig
@@ -157,6 +157,7 @@ def _start_problems(config: FleetConfig) -> Iterator[str]:
 
 
 def _formation_problems(config: FleetConfig) -> Iterator[str]:
+    yield from formation_shape.problems(config.shapes)
     parking = parking_distance_m(config)
     for formation, slots in config.formations.items():
         for name in slots:

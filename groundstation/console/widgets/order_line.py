@@ -13,6 +13,7 @@ from textual.suggester import Suggester
 from textual.widgets import Input
 
 from groundstation.fleet.control_authority import FORCE_WORD
+from groundstation.formations.slots import formation_names
 from groundstation.orders.grammar import VERBS
 from onboard.config.fleet import FleetConfig
 
@@ -36,7 +37,7 @@ def completions(text: str, fleet: FleetConfig) -> list[str]:
     if done[0] in ("take", "give", "keep"):
         return [order for order in CONTROL_ORDERS if order.startswith(text) and order != text]
     if done[0] == "formation" and len(done) == 1:
-        return [f"formation {name}" for name in fleet.formations if name.startswith(last) and name != last]
+        return [f"formation {name}" for name in formation_names(fleet) if name.startswith(last) and name != last]
     if len(done) != (2 if done[0] == "formation" else 1):
         return []
     before, comma, start = last.rpartition(",")

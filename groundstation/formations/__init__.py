@@ -1,0 +1,1 @@
+"""Formations: slots from shapes, texts, images and files; who takes which slot; frames that move, turn and scale."""

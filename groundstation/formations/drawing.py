@@ -1,0 +1,109 @@
+"""Slots that draw a text or an image: spread evenly over its dark part, so that thin strokes become lines."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.config.fleet import ConfigError
+
+_HEIGHT_PX = 48  # of a text
+_MOST_PX = 150  # of an image's longer side
+_ROUNDS = 40
+
+
+def text_slots(text: str, font: str | None, count: int) -> Array:
+    """Return slots (N, 3) that write a text, read from the south.
+
+    Args:
+        text: one line.
+        font: file of a font; None for the one that comes along with matplotlib.
+        count: of slots.
+
+    Raises:
+        ConfigError: matplotlib is not installed, or the font cannot be read.
+    """
+    matplotlib = _matplotlib()
+    try:
+        properties = matplotlib.font_manager.FontProperties(fname=font)
+        outline = matplotlib.textpath.TextPath((0.0, 0.0), text, size=_HEIGHT_PX, prop=properties)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise ConfigError(f"{font}: this font cannot be read ({error}). Name a .ttf or .otf.") from None
+    polygons = [matplotlib.path.Path(points) for points in outline.to_polygons()]
+    if not polygons:
+        raise ConfigError(f"The text {text!r} has no visible letter. Write another one.")
+    corners = np.concatenate([one.vertices for one in polygons])
+    low, high = np.floor(corners.min(0)), np.ceil(corners.max(0))
+    x, y = np.meshgrid(*(np.arange(low[k], high[k]) + 0.5 for k in (0, 1)))
+    pixels = np.column_stack([x.ravel(), y.ravel()])
+    inside = np.logical_xor.reduce([one.contains_points(pixels) for one in polygons])  # the hole of an O is a polygon
+    return _spread(pixels[inside], count, f"The text {text!r}")
+
+
+def image_slots(file: str, count: int) -> Array:
+    """Return slots (N, 3) over the dark part of an image, its upper edge in the north.
+
+    Args:
+        file: a PNG, or what Pillow reads.
+        count: of slots.
+
+    Raises:
+        ConfigError: matplotlib is not installed, or there is no such image.
+    """
+    matplotlib = _matplotlib()
+    try:
+        pixels = np.asarray(matplotlib.image.imread(file), dtype=float)
+    except FileNotFoundError:
+        raise ConfigError(f"{file}: there is no such image. Give the path of an existing one.") from None
+    except (OSError, ValueError, SyntaxError) as error:
+        raise ConfigError(f"{file}: this image cannot be read ({error}). Give a PNG.") from None
+    pixels /= 255.0 if pixels.max() > 1.0 else 1.0
+    grey = pixels if pixels.ndim == 2 else pixels[..., :3].mean(-1)
+    if pixels.ndim == 3 and pixels.shape[2] == 4:
+        grey = grey * pixels[..., 3] + 1.0 - pixels[..., 3]
+    step = -(-max(grey.shape) // _MOST_PX)
+    dark = grey[::step, ::step] < 0.5
+    rows, columns = np.nonzero(dark if dark.mean() <= 0.5 else ~dark)
+    return _spread(np.column_stack([columns, -rows]).astype(float), count, f"{file}")
+
+
+def _matplotlib() -> Any:
+    try:
+        import matplotlib.font_manager
+        import matplotlib.image
+        import matplotlib.path
+        import matplotlib.textpath
+    except ImportError:
+        raise ConfigError(
+            "Formations from a text or an image need matplotlib, which is not installed here. Install Covey with [all]."
+        ) from None
+    return matplotlib
+
+
+def _spread(pixels: Array, count: int, what: str) -> Array:
+    """Return pixels (N, 3) of a drawing (P, 2), each in the middle of those that are nearest to it."""
+    if len(pixels) < count:
+        raise ConfigError(f"{what} has {len(pixels)} dark pixels, too few for {count} slots. Draw it thicker.")
+    centres = pixels[[int(np.argmin(pixels @ (1.0, -0.01)))]]
+    away = ((pixels - centres) ** 2).sum(-1)
+    for _ in range(1, count):  # the farthest from all so far
+        centres = np.concatenate([centres, pixels[[int(away.argmax())]]])
+        away = np.minimum(away, ((pixels - centres[-1]) ** 2).sum(-1))
+    for _ in range(_ROUNDS):
+        nearest = ((pixels[:, None] - centres[None]) ** 2).sum(-1).argmin(-1)
+        sizes = np.bincount(nearest, minlength=count)
+        moved = np.column_stack([np.bincount(nearest, axis, minlength=count) for axis in pixels.T]) / sizes[:, None]
+        if np.abs(moved - centres).max() < 1e-3:
+            break
+        centres = moved
+    drawn = pixels[((pixels[None] - centres[:, None]) ** 2).sum(-1).argmin(-1)]
+    order = np.lexsort((-drawn[:, 1], drawn[:, 0]))
+    return np.column_stack([drawn[order], np.zeros(count)])
+
+
+def beside(path: str, file: str) -> str:
+    """Return the path of a file that another file names."""
+    return os.path.join(os.path.dirname(path), file)

@@ -1,0 +1,121 @@
+"""Slots of the shapes that a few numbers describe, of unit size; spacing and rotation come later. Pure.
+
+North is ahead. Each function takes the number of slots and returns positions (N, 3).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from onboard.arrays import Array
+
+_GOLDEN_RAD = math.pi * (3.0 - math.sqrt(5.0))
+
+
+def line(count: int) -> Array:
+    """Return slots abreast, the first in the west."""
+    return _flat([(float(k), 0.0) for k in range(count)])
+
+
+def column(count: int) -> Array:
+    """Return slots one behind the other, the first ahead."""
+    return _flat([(0.0, -float(k)) for k in range(count)])
+
+
+def v(count: int, opening_deg: float) -> Array:
+    """Return two arms behind the first slot, to its left and right in turn."""
+    half = math.radians(0.5 * opening_deg)
+    return _flat(
+        [((-1.0) ** k * math.sin(half) * ((k + 1) // 2), -math.cos(half) * ((k + 1) // 2)) for k in range(count)]
+    )
+
+
+def wedge(count: int, opening_deg: float) -> Array:
+    """Return a filled triangle: rows of 1, 2, 3 ... slots behind the first."""
+    half = math.radians(0.5 * opening_deg)
+    slots: list[tuple[float, float]] = []
+    row = 0
+    while len(slots) < count:
+        in_row = min(row + 1, count - len(slots))
+        slots += [(2.0 * math.sin(half) * (k - 0.5 * (in_row - 1)), -math.cos(half) * row) for k in range(in_row)]
+        row += 1
+    return _flat(slots)
+
+
+def circle(count: int) -> Array:
+    """Return a ring, the first slot in the north, clockwise."""
+    angles = 2.0 * math.pi * np.arange(count) / count
+    return np.column_stack([np.sin(angles), np.cos(angles), np.zeros(count)])
+
+
+def grid(count: int, columns: int | None) -> Array:
+    """Return rows from the north, each from the west; the last one is centred."""
+    width = columns or math.ceil(math.sqrt(count))
+    slots = []
+    for k in range(count):
+        row, place = divmod(k, width)
+        in_row = min(width, count - row * width)
+        slots.append((place - 0.5 * (in_row - 1), -float(row)))
+    return _flat(slots)
+
+
+def polygon(count: int, sides: int) -> Array:
+    """Return slots evenly along the sides of a regular polygon, the first on its northern corner."""
+    corners = circle(sides)
+    at = sides * np.arange(count) / count
+    side = np.floor(at + 1e-9).astype(np.int64) % sides
+    share = (at - np.floor(at + 1e-9))[:, None]
+    return np.asarray((1.0 - share) * corners[side] + share * corners[(side + 1) % sides])
+
+
+def sphere(count: int) -> Array:
+    """Return slots on a sphere, upper and lower half in turn, of which no two stand above each other."""
+    places = np.arange(count)
+    radius = np.sqrt((places + 0.5) / count)
+    angles = _GOLDEN_RAD * places
+    heights = (-1.0) ** places * np.sqrt(1.0 - radius**2)
+    return np.column_stack([radius * np.sin(angles), radius * np.cos(angles), heights])
+
+
+def nearest_m(slots: Array) -> float:
+    """Return the horizontal distance of the two nearest slots; infinite for a single one."""
+    if len(slots) < 2:
+        return math.inf
+    gaps = np.hypot(*(slots[:, None, :2] - slots[None, :, :2]).transpose(2, 0, 1))
+    return float(gaps[~np.eye(len(slots), dtype=bool)].min())
+
+
+def layered(make: Array, layers: int, height_m: float, *, is_stacked: bool, count: int) -> Array:
+    """Return slots in several heights.
+
+    Args:
+        make: slots (N, 3) of the shape, metres; of a stack the slots of one layer.
+        layers: how many heights.
+        height_m: from one to the next [m].
+        is_stacked: the whole shape in every layer, else the slots take turns.
+        count: of all slots.
+    """
+    places = np.arange(count)
+    slots, layer = (make[places % len(make)], places // len(make)) if is_stacked else (make.copy(), places % layers)
+    slots[:, 2] += height_m * layer
+    return slots
+
+
+def turned(slots: Array, rotation_deg: float) -> Array:
+    """Return slots (..., 3) turned about the vertical, counterclockwise seen from above."""
+    c, s = math.cos(math.radians(rotation_deg)), math.sin(math.radians(rotation_deg))
+    return np.asarray(slots @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
+
+
+def centred(slots: Array) -> Array:
+    """Return slots around the middle of their outline, the lowest at height 0."""
+    middle = 0.5 * (slots.min(0) + slots.max(0))
+    middle[2] = slots[:, 2].min()
+    return np.asarray(slots - middle)
+
+
+def _flat(points: Sequence[tuple[float, float]]) -> Array:
+    return np.array([(x, y, 0.0) for x, y in points])

@@ -1,0 +1,118 @@
+"""The slots of a fleet's formations, whichever way they are given; the door of this room."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from groundstation.formations import drawing, shapes
+from groundstation.paths.files import read_columns
+from onboard.arrays import Array
+from onboard.config.fleet import ConfigError, FleetConfig, Vec3, parking_distance_m
+from onboard.config.formation_shape import FormationShape
+
+_ROOM = 1.15  # of the spacing that is taken by default, times the law's least
+
+
+def formation_names(fleet: FleetConfig) -> tuple[str, ...]:
+    """Return the names of all formations, those with slots first."""
+    return (*fleet.formations, *fleet.shapes)
+
+
+def formation_slots(fleet: FleetConfig, name: str) -> dict[str, Vec3]:
+    """Return the offsets of a formation as the file gives it.
+
+    Args:
+        fleet: the fleet file.
+        name: of the formation.
+
+    Returns:
+        Offset of each vehicle from the formation's position, metres ENU.
+
+    Raises:
+        ConfigError: a shape that cannot be made: no such file, vehicles that do not exist ...
+    """
+    if name in fleet.formations:
+        return fleet.formations[name]
+    shape = fleet.shapes[name]
+    key = f"'formations.{name}'"
+    names = tuple(one for one in fleet.select(shape.vehicles) if one in fleet.enabled_names)
+    if not names:
+        raise ConfigError(f"{key} has no vehicle that is enabled. Correct its 'vehicles'.")
+    try:
+        slots = _slots(shape, len(names), fleet.path, parking_distance_m(fleet))
+    except ConfigError as error:
+        raise ConfigError(f"{key}: {error}") from None
+    return dict(zip(names, slots, strict=True))
+
+
+def stretched(slots: Mapping[str, Vec3], spacing_m: float | None, rotation_deg: float = 0.0) -> dict[str, Vec3]:
+    """Return offsets with another spacing and turned.
+
+    Args:
+        slots: offsets, metres ENU.
+        spacing_m: horizontal distance [m] of the two nearest; None leaves it.
+        rotation_deg: counterclockwise, seen from above.
+
+    Returns:
+        The offsets; heights stay.
+    """
+    if not slots:
+        return {}
+    points = np.array(list(slots.values()))
+    nearest_m = shapes.nearest_m(points)
+    if spacing_m is None and not rotation_deg:
+        return dict(slots)
+    if spacing_m is not None and 0.0 < nearest_m < math.inf:
+        points[:, :2] *= spacing_m / nearest_m
+    if rotation_deg:
+        points = shapes.turned(points, rotation_deg)
+    return {name: (x, y, z) for name, (x, y, z) in zip(slots, points.tolist(), strict=True)}
+
+
+@functools.lru_cache(maxsize=64)
+def _slots(shape: FormationShape, count: int, path: str, least_m: float) -> tuple[Vec3, ...]:
+    """Return the slots of a shape for so many vehicles."""
+    per_layer = -(-count // shape.layers) if shape.stacked else count
+    points = _outline(shape, per_layer, path)
+    nearest_m = shapes.nearest_m(points)
+    spacing_m = shape.spacing_m
+    if spacing_m is None and shape.shape != "csv":
+        spacing_m = _ROOM * least_m
+    if spacing_m is not None and nearest_m < math.inf:
+        if nearest_m < 1e-6:
+            raise ConfigError("two of its slots are at one spot. Correct its shape or its file.")
+        points = points * (spacing_m / nearest_m)
+    points = shapes.layered(points, shape.layers, shape.layer_height_m, is_stacked=shape.stacked, count=count)
+    points = points if shape.shape == "csv" else shapes.centred(points)
+    points = np.round(shapes.turned(points, shape.rotation_deg), 4)
+    return tuple((x, y, z) for x, y, z in points.tolist())
+
+
+def _outline(shape: FormationShape, count: int, path: str) -> Array:
+    """Return the slots of a shape before they are stretched, turned and layered."""
+    if shape.shape in ("line", "column", "circle", "sphere"):
+        makers = {"line": shapes.line, "column": shapes.column, "circle": shapes.circle, "sphere": shapes.sphere}
+        return makers[shape.shape](count)
+    if shape.shape in ("v", "wedge"):
+        return (shapes.v if shape.shape == "v" else shapes.wedge)(count, shape.opening_deg)
+    if shape.shape == "grid":
+        return shapes.grid(count, shape.columns)
+    if shape.shape == "polygon":
+        return shapes.polygon(count, shape.sides)
+    if shape.shape == "text":
+        return drawing.text_slots(shape.text, shape.font and drawing.beside(path, shape.font), count)
+    file = drawing.beside(path, shape.file or "")
+    return drawing.image_slots(file, count) if shape.shape == "image" else _from_csv(file, count)
+
+
+def _from_csv(file: str, count: int) -> Array:
+    columns, numbers = read_columns(file)
+    if columns[:2] != ("x", "y") or columns[2:] not in ((), ("z",)):
+        raise ConfigError(f"{file}: the columns {', '.join(columns[:6])} are no slots. Name them x,y or x,y,z.")
+    if len(numbers) != count:
+        raise ConfigError(f"{file} has {len(numbers)} slots for {count} vehicles. Give each vehicle one line.")
+    return np.column_stack([numbers, np.zeros(count)]) if len(columns) == 2 else numbers

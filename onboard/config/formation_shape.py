@@ -1,0 +1,75 @@
+"""Formations that are given by a shape instead of a slot for each vehicle: the values; the ground makes the slots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Literal
+
+import msgspec
+
+from onboard.config.toml_reading import bound_problems, convert
+
+ShapeName = Literal["line", "column", "v", "wedge", "circle", "grid", "polygon", "sphere", "text", "image", "csv"]
+BOUNDS: dict[str, tuple[float, float]] = {
+    "spacing_m": (0.05, 1000.0),
+    "rotation_deg": (-3600.0, 3600.0),
+    "sides": (3, 100),
+    "opening_deg": (20.0, 150.0),
+    "columns": (1, 255),
+    "layers": (1, 20),
+    "layer_height_m": (0.0, 50.0),
+}
+
+
+class FormationShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """``[formations.NAME]`` with a ``shape``: north is ahead, the position is its middle and its lowest slot."""
+
+    # line: abreast, column: one behind the other, v and wedge: the tip ahead (wedge is filled), sphere: seen from above
+    # no two stand above each other, text: from a font, image: its dark part, csv: columns x,y[,z]
+    shape: ShapeName
+    vehicles: str | tuple[str, ...] = "all"  # that have a slot
+    # horizontal distance of the two nearest slots; by default 1.15 times what the law needs, and a csv as it is
+    spacing_m: float | None = None
+    rotation_deg: float = 0.0  # counterclockwise, seen from above
+    columns: int | None = None  # of a grid; by default as many as rows
+    sides: int = 4  # of a polygon
+    opening_deg: float = 90.0  # between the arms of a v or a wedge
+    text: str = ""  # of a text
+    font: str | None = None  # file of a font, relative to this file; by default DejaVu Sans
+    file: str | None = None  # of an image or csv, relative to this file
+    layers: int = 1  # slots take turns in so many heights, and keep their horizontal distance
+    layer_height_m: float = 0.5  # from one height to the next
+    # true: the layers stand above each other. The law has no vertical separation yet, so such slots are refused
+    stacked: bool = False
+
+
+def split(data: dict[str, Any], path: str) -> tuple[dict[str, Any], dict[str, FormationShape]]:
+    """Separate the formations of a file: those with slots, and those with a shape.
+
+    Args:
+        data: the tables of ``[formations]``.
+        path: of the file, for the sentences.
+    Returns:
+        tables with slots, and shapes.
+    Raises:
+        ConfigError: a wrong key or value of a shape.
+    """
+    is_shape = {name: isinstance(one, dict) and "shape" in one for name, one in data.items()}
+    shapes = {
+        name: convert(one, FormationShape, path, f"formations.{name}") for name, one in data.items() if is_shape[name]
+    }
+    return {name: one for name, one in data.items() if not is_shape[name]}, shapes
+
+
+def problems(shapes: dict[str, FormationShape]) -> Iterator[str]:
+    """Yield a sentence about each mistake in the values of shapes."""
+    for name, shape in shapes.items():
+        key = f"formations.{name}"
+        for field, (low, high) in BOUNDS.items():
+            value = getattr(shape, field)
+            if value is not None:
+                yield from bound_problems(f"{key}.{field}", value, low, high)
+        if shape.shape == "text" and not 0 < len(shape.text.strip()) <= 100:
+            yield f"'{key}.text' is {shape.text!r}; a text formation needs 1 to 100 letters."
+        if shape.shape in ("image", "csv") and not shape.file:
+            yield f"'{key}.file' is missing: shape = '{shape.shape}' is read from a file. Name it."
