@@ -40,6 +40,8 @@ from sitl.mavlink.endpoints import (
 from sitl.mavlink.lossy_link import LossyLink
 from sitl.mavlink.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ
 from sitl.physics.vehicle import STEP_S, VehicleProfile
+from sitl.px4.parameters import DEFAULTS
+from sitl.px4.versions import VERSIONS
 
 # A busy machine holds the process up now and then: up to this much it catches up (below PX4's shortest COM_OF_LOSS_T in
 # use), reading its sockets in between; a longer stall is a pause of simulated time.
@@ -50,7 +52,13 @@ _REALTIME_PRIORITY = 5  # below that of the loops of agents, which they may ask 
 
 def profile_of(vehicle: Vehicle) -> VehicleProfile:
     """The emulator's profile of a vehicle of the fleet file."""
+    own, default = vehicle.px4_params, DEFAULTS[vehicle.px4_version]
+    roll_p, pitch_p, filter_rad_s = (
+        float(own.get(name, default.get(name, 0.0))) for name in ("MC_ROLL_P", "MC_PITCH_P", "MC_REF_W_N")
+    )
     return VehicleProfile(
+        attitude_p_1_s=(roll_p, pitch_p),
+        setpoint_filter_rad_s=filter_rad_s,
         mass_kg=vehicle.mass_kg,
         hover_thrust_frac=vehicle.hover_thrust_frac,
         attitude_delay_s=vehicle.attitude_delay_s,
@@ -62,10 +70,17 @@ def profile_of(vehicle: Vehicle) -> VehicleProfile:
 
 
 def emulator_of(
-    fleet: FleetConfig, vehicles: Sequence[Vehicle], *, seed: int, environment: Environment | None = None
+    fleet: FleetConfig,
+    vehicles: Sequence[Vehicle],
+    *,
+    seed: int,
+    environment: Environment | None = None,
+    px4: str | None = None,
 ) -> Emulator:
-    """Return the emulator of some vehicles of a fleet file."""
-    specs = [VehicleSpec(v.name, v.system_id, profile_of(v), v.start_enu_m) for v in vehicles]
+    """Return the emulator of some vehicles of a fleet file, each as the version that it names, or all as `px4`."""
+    specs = [
+        VehicleSpec(v.name, v.system_id, profile_of(v), v.start_enu_m, VERSIONS[px4 or v.px4_version]) for v in vehicles
+    ]
     return Emulator(specs, body_diameter_m=fleet.fleet.body_diameter_m, environment=environment, seed=seed)
 
 
@@ -162,6 +177,7 @@ class Server:
         station: ground station that every vehicle streams to; None for none.
         environment: wind, downwash and errors.
         injected: faults to come; FaultError when one is impossible.
+        px4: version of all their PX4s; None: the fleet file's.
     """
 
     def __init__(
@@ -176,10 +192,11 @@ class Server:
         station: Address | None = None,
         environment: Environment | None = None,
         injected: Sequence[Fault] = (),
+        px4: str | None = None,
     ) -> None:
         self._station = station
         self._vehicles = [fleet.vehicles[name] for name in vehicles]
-        self.emulator = emulator_of(fleet, self._vehicles, seed=seed, environment=environment)
+        self.emulator = emulator_of(fleet, self._vehicles, seed=seed, environment=environment, px4=px4)
         self.emulator.unix_start_s = time.time()
         for fault in injected:
             self.emulator.inject(fault)

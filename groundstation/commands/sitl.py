@@ -3,6 +3,7 @@
 Examples:
   covey sitl --fleet configs/fleets/paper.toml
   covey sitl --fleet fleet.toml --fault 'mav1 motor_dead at=20 motor=2' --wind-m-s 3,0
+  covey sitl --fleet fleet.toml --px4 1.18
   covey sitl --faults
 
 Exit status: 0 ended by an interrupt; 2 wrong input or a port in use, nothing was emulated.
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -53,6 +54,7 @@ def sitl(
     common_errors: bool = False,
     error_scale: float = 1.0,
     truth_offset_m: float = 0.0,
+    px4: Literal["1.16", "1.17", "1.18"] | None = None,
 ) -> int:
     """Emulate the PX4s of a fleet, with their vehicles.
 
@@ -76,6 +78,7 @@ def sitl(
         common_errors: all estimates err alike, as instances of SIH do
         error_scale: size of the estimates' errors
         truth_offset_m: falsify the published truth by this much
+        px4: version of PX4 to be (default: each vehicle's px4_version in the fleet file)
     """
     if faults:
         print(catalogue.listing())
@@ -107,6 +110,7 @@ def sitl(
             station=_station(config, names, gcs, is_silent=no_gcs),
             environment=Environment(wind, has_common_errors=common_errors, error_scale=error_scale),
             injected=[catalogue.parse(line) for line in fault],
+            px4=px4,
         )
         run(server)
     except (StartError, SpawnError, FaultError) as error:

@@ -125,6 +125,19 @@ def _descend(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     hover.to_height(2.6)
     settle(client, hover)
     since_s = _stop(client, hover)
+    _until_failsafe(client, since_s)
+    client.next_heartbeat()
+    if client.mode == "POSCTL":
+        _descend_blindly(client, report, hover, since_s)
+    else:  # it goes home, by way of a height that depends on how far that is
+        for name in ("descent", "landed", "disarmed"):
+            report.add(f"loss.{name}", math.nan)
+    report.add("loss.mode-after", client.mode)
+    report.add("loss.status-after", client.status)
+    report.add("loss.arming-after", client.command(ARM, 1.0))
+
+
+def _descend_blindly(client: VehicleClient, report: FactReport, hover: Hover, since_s: float) -> None:
     disarmed_s = client.delay_s("Disarmed by", since_s, wait_s=20.0)
     sinking = [
         packet.message.vz
@@ -136,9 +149,6 @@ def _descend(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     report.add("loss.landed", landed_s)
     report.add("loss.disarmed", disarmed_s - landed_s)
     client.next_heartbeat(2)
-    report.add("loss.mode-after", client.mode)
-    report.add("loss.status-after", client.status)
-    report.add("loss.arming-after", client.command(ARM, 1.0))
 
 
 def _on_the_ground(client: VehicleClient, report: FactReport) -> None:

@@ -25,7 +25,9 @@ from sitl.px4 import setpoints
 from sitl.px4.commander import Autopilot
 from sitl.px4.estimator import ESTIMATE_EVERY_STEPS, Estimator, Source, vision_level
 from sitl.px4.mode_control import TICK_S
+from sitl.px4.parameters import Parameters
 from sitl.px4.signals import Actuation, Setpoint, Situation
+from sitl.px4.versions import DEFAULT, Version
 
 _TICK_STEPS = round(TICK_S / STEP_S)
 
@@ -40,6 +42,7 @@ class VehicleSpec:
     system_id: int
     profile: VehicleProfile
     start_enu_m: tuple[float, float, float]
+    px4: Version = DEFAULT  # of its PX4
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,9 +102,9 @@ class Emulator:
         self._shown = np.zeros((len(specs), 4))  # newest external position and heading of each
         self._shown_resets = [0] * len(specs)
         self._late_vision: list[tuple[float, int, Array]] = []
-        self.autopilots = [Autopilot() for _ in specs]
-        for autopilot, spec in zip(self.autopilots, specs, strict=True):
-            autopilot.params.values["MAV_SYS_ID"] = spec.system_id
+        self.autopilots = [Autopilot(Parameters(spec.px4, {"MAV_SYS_ID": spec.system_id})) for spec in specs]
+        for index in range(len(specs)):
+            self._attitude_control_changed(index)
         self.has_global_origin = [False] * len(specs)
         self.unix_start_s = _SOME_DATE_S
         self._applied: list[Actuation | None] = [None] * len(specs)
@@ -190,7 +193,13 @@ class Emulator:
         """SET_ATTITUDE_TARGET as PX4 takes it."""
         yaw_rad = self.believed_yaw_rad(index)
         setpoint = setpoints.from_attitude(
-            attitude_wxyz, rate_rad_s, thrust_frac, type_mask, now_s=self.clock_s(index), yaw_rad=yaw_rad
+            attitude_wxyz,
+            rate_rad_s,
+            thrust_frac,
+            type_mask,
+            now_s=self.clock_s(index),
+            yaw_rad=yaw_rad,
+            version=self.autopilots[index].version,
         )
         if setpoint is not None:
             self.accept_setpoint(index, setpoint)
@@ -282,6 +291,12 @@ class Emulator:
         self.estimator.uses_vision_yaw[index] = bool(int(params["EKF2_EV_CTRL"]) & 8)
         self.estimator.vision_noise_m[index] = params["EKF2_EVP_NOISE"]
         self._uses_velocity(index, has_velocity=False)
+        self._attitude_control_changed(index)
+
+    def _attitude_control_changed(self, index: int) -> None:
+        params = self.autopilots[index].params
+        gains = (params["MC_ROLL_P"], params["MC_PITCH_P"])
+        self.world.vehicles.set_attitude_control(index, gains, params.values.get("MC_REF_W_N", 0.0))
 
     def _estimate(self) -> None:
         states = self.world.vehicles.states

@@ -173,7 +173,7 @@ class LinkBank:
         return {
             "global_origin": origin,
             "position_accuracy_m": POSITION_ACCURACY_M,
-            "px4_version": (1, 16),
+            "px4_version": autopilot.version.number,
             "is_armed": autopilot.is_armed,
             "mode": modes.mode_name(MODES[autopilot.mode].custom_mode),
             "is_failsafe": int(autopilot.system_status(self.emulator.clock_s(index))) == modes.STATUS_CRITICAL,
@@ -264,8 +264,9 @@ class EmulatedLink:
 
     def connect(self) -> tuple[str, ...]:
         """Set origin and parameters, as the shell does when PX4 answers; return the parameters that are still wrong."""
-        emulator, required = self._bank.emulator, required_params(self._vehicle)
+        emulator = self._bank.emulator
         params = emulator.autopilots[self._index].params
+        required = required_params(self._vehicle, params.version.number)
         if self._vehicle.mocap_required:
             emulator.has_global_origin[self._index] = True
         for name, value in required.items():

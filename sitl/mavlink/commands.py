@@ -74,12 +74,13 @@ def handle(link: CommandedLink, message: Message) -> list[bytes]:
     last = (float(f["x"]), float(f["y"]), f["z"]) if is_integer else (f["param5"], f["param6"], f["param7"])
     command = Command((f["param1"], f["param2"], f["param3"], f["param4"], *last), is_integer)
     handler = _COMMANDS.get(number)
-    if handler is None:
+    version = link.autopilot.version
+    if handler is None or number in version.unsupported_commands:
         return [link.ack(message, number, Result.UNSUPPORTED)]
     result, extra = handler(link, command)
     answers = [link.ack(message, number, result)]
-    if number == _DO_SET_MODE:
-        # PX4 answers twice: its receiver at once and always yes, then its commander with the truth.
+    if number == _DO_SET_MODE and version.mode_acks > 1:
+        # Its receiver answers at once and always yes, then its commander with the truth.
         answers.insert(0, link.ack(message, number, Result.ACCEPTED))
     return answers + extra
 

@@ -25,7 +25,15 @@ class Layout:
     fields: tuple[tuple[str, int], ...]
 
 
-_CODES = {"uint64_t": "Q", "uint32_t": "I", "int32_t": "i", "uint16_t": "H", "uint8_t": "B"}
+_CODES = {
+    "float": "f",
+    "int16_t": "h",
+    "uint64_t": "Q",
+    "uint32_t": "I",
+    "int32_t": "i",
+    "uint16_t": "H",
+    "uint8_t": "B",
+}
 
 
 def declare(message_id: int, name: str, fields: Sequence[str]) -> Layout:

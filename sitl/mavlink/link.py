@@ -16,7 +16,7 @@ import numpy as np
 from sitl.emulator.emulator import Emulator
 from sitl.mavlink import commands
 from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder, Message, text_of
-from sitl.mavlink.streams import BUILDERS, Schedule
+from sitl.mavlink.streams import BUILDERS, schedule_of
 from sitl.mavlink.view import View
 from sitl.px4 import setpoints
 from sitl.px4.commander import Autopilot
@@ -39,6 +39,7 @@ _PARAMS_PER_POLL = 4
 _LOCAL_NED, _LOCAL_FRD = 1, 20
 _MAX_POSITION_M = 1e4
 _DO_SET_MODE = 176
+_FULL_STICK = 1000.0
 _HASH_INDEX = 0xFFFF  # -1
 # MAVLink's file transfer: operation codes, and the errors of a server without files.
 _FTP_TERMINATE, _FTP_RESET, _FTP_ACK, _FTP_NAK = 1, 2, 128, 129
@@ -59,7 +60,7 @@ class Link:
         self.index = index
         self.view = View(emulator, index)
         self.encoder = Encoder(self.view.system_id)
-        self.schedule = Schedule(rates_hz)
+        self.schedule = schedule_of(self.autopilot.version, rates_hz)
         self.schedule.start(self.view.now_s, boot_s=self.autopilot.boot_time_s, phase=index)
         self._decoder = Decoder()
         self._params_to_send: deque[str] = deque()
@@ -121,7 +122,7 @@ class Link:
 
     def build(self, message_id: int) -> bytes | None:
         """One message that can be streamed, now; None when PX4 has nothing to say."""
-        builder = BUILDERS.get(message_id)
+        builder = None if message_id in self.schedule.silent else BUILDERS.get(message_id)
         values = None if builder is None else builder(self.view)
         return None if values is None else self.encoder.encode(message_id, *values)
 
@@ -232,6 +233,12 @@ class Link:
         f = message.fields
         rates = [f["body_roll_rate"], f["body_pitch_rate"], f["body_yaw_rate"]]
         self.emulator.attitude_setpoint(self.index, f["q"], rates, f["thrust"], f["type_mask"])
+
+    def _sticks(self, message: Message) -> None:
+        f = message.fields
+        if f["target"] == self.view.system_id and all(abs(f[axis]) <= _FULL_STICK for axis in "xyzr"):
+            x, y, z, r = (f[axis] / _FULL_STICK for axis in "xyzr")
+            self.autopilot.take_sticks(self.view.now_s, (x, y, z, r))
 
     def _position_target(self, message: Message) -> None:
         self.emulator.position_setpoint(self.index, message.fields)
@@ -368,6 +375,7 @@ _REACTIONS: dict[str, Reaction] = {
     "SET_POSITION_TARGET_GLOBAL_INT": Reaction(Link._global_target, Link._is_for_autopilot),
     "ODOMETRY": Reaction(Link._odometry),
     "VISION_POSITION_ESTIMATE": Reaction(Link._vision),
+    "MANUAL_CONTROL": Reaction(Link._sticks),
     "PLAY_TUNE": Reaction(Link._play_tune, Link._is_for_autopilot),
     "REQUEST_EVENT": Reaction(Link._request_event),
     "MISSION_REQUEST_LIST": Reaction(Link._mission_list),

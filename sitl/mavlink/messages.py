@@ -5,6 +5,7 @@ A builder returns None while PX4 has nothing to say.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -24,14 +25,10 @@ _PREARM_BIT = 0x10000000
 _SENSOR_BITS = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x400 | 0x800 | 0x8000 | 0x200000 | 0x2000000
 _GPS_BIT = 0x20
 _EXTENSION_BIT = 0x80000000  # there are further sensor bits in extension fields; always set
-_NO_CURRENT_CA = -100  # PX4's simulated battery measures no current and says -1 A
 _NAN = math.nan
 _UINT16_MAX = 65535
-# Upper triangle of a 6x6 covariance, row by row: PX4 fills the diagonal only.
+# Upper triangle of a 6x6 covariance, row by row.
 _DIAGONAL = frozenset({0, 6, 11, 15, 18, 20})
-_POSE_COVARIANCE = tuple(0.01 if position in _DIAGONAL else _NAN for position in range(21))
-_VELOCITY_COVARIANCE = _POSE_COVARIANCE
-_FLIGHT_VERSION = 0x011000FF  # 1.16.0, official
 # MAVLink's capability bits that PX4 shows: mission float and int, parameters float and bytewise, COMMAND_INT, FTP,
 # attitude and local position targets, flight termination, MAVLink 2, fence and rally missions.
 _CAPABILITIES = 0x1 | 0x2 | 0x4 | 0x8 | 0x10 | 0x20 | 0x40 | 0x80 | 0x800 | 0x2000 | 0x4000 | 0x8000
@@ -65,12 +62,12 @@ def _int16(value: float) -> int:
 
 def heartbeat(v: View) -> Values:
     a, now = v.autopilot, v.now_s
-    custom = MODES[a.mode].custom_mode
+    custom = MODES[a.shown_mode].custom_mode
     return (custom, _MAV_TYPE_QUADROTOR, _MAV_AUTOPILOT_PX4, a.base_mode(now), int(a.system_status(now)), 3)
 
 
 def current_mode(v: View) -> Values:
-    mode = v.autopilot.mode
+    mode = v.autopilot.shown_mode
     return (MODES[mode].custom_mode, MODES[v.autopilot.intent].custom_mode, MODES[mode].standard_mode)
 
 
@@ -84,8 +81,8 @@ def sys_status(v: View) -> Values:
     present = _SENSOR_BITS | _PREARM_BIT | _EXTENSION_BIT
     health |= _EXTENSION_BIT
     battery = autopilot.battery
-    current = _NO_CURRENT_CA
-    return (present, present, health, 100, battery.voltage_mv, current, *[0] * 6, battery.remaining_pct, 0, 0, 0)
+    current_ca = autopilot.version.no_current_ca
+    return (present, present, health, 100, battery.voltage_mv, current_ca, *[0] * 6, battery.remaining_pct, 0, 0, 0)
 
 
 def battery_status(v: View) -> Values:
@@ -96,7 +93,7 @@ def battery_status(v: View) -> Values:
         energy_consumed=-1,
         temperature=32767,
         voltages=[max(EMPTY_MV, autopilot.battery.voltage_mv)] + [_UINT16_MAX] * 9,
-        current_battery=_NO_CURRENT_CA,
+        current_battery=autopilot.version.no_current_ca,
         id=0,
         type=1,
         battery_remaining=autopilot.battery.remaining_pct,
@@ -130,12 +127,13 @@ def link_node_status(v: View) -> Values:
 
 
 def autopilot_version(v: View) -> Values:
+    version = v.autopilot.version.flight_sw_version
     return _ordered(
         "AUTOPILOT_VERSION",
         capabilities=_CAPABILITIES,
         uid=v.system_id,
-        flight_sw_version=_FLIGHT_VERSION,
-        middleware_sw_version=_FLIGHT_VERSION,
+        flight_sw_version=version,
+        middleware_sw_version=version,
         os_sw_version=0x060000FF,
         board_version=1,
         uid2=[v.system_id] + [0] * 17,
@@ -165,15 +163,21 @@ def local_position_ned(v: View) -> Values:
     return (v.boot_ms, *v.sensed.position_ned_m, *v.sensed.velocity_ned_m_s)
 
 
+@functools.cache
+def _covariance(off_diagonal: float) -> tuple[float, ...]:
+    return tuple(0.01 if position in _DIAGONAL else off_diagonal for position in range(21))
+
+
 def odometry(v: View) -> Values:
+    covariance = _covariance(v.autopilot.version.covariance_off_diagonal)
     return (
         v.boot_us,
         *v.sensed.position_ned_m,
         *v.sensed.attitude,
         *v.sensed.velocity_ned_m_s,
         *v.sensed.rates_rad_s,
-        *_POSE_COVARIANCE,
-        *_VELOCITY_COVARIANCE,
+        *covariance,
+        *covariance,
         1,  # local NED, also for the velocity
         1,
         v.reset_counter,

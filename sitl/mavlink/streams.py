@@ -9,16 +9,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 
-from sitl.mavlink import messages
+from sitl.mavlink import messages, messages_of_versions
 from sitl.mavlink.codec import ID_BY_NAME
 from sitl.mavlink.messages import Builder
+from sitl.px4.versions import Version
 
 FASTEST_HZ = 250.0  # the loop of PX4's simulator
 
 
 _TABLE = tomllib.loads(files(__package__).joinpath("streams.toml").read_text())
 _RATES: dict[int, list[float]] = {ID_BY_NAME[name]: rates for name, rates in _TABLE["rates_hz"].items()}
-BUILDERS: dict[int, Builder] = {ID_BY_NAME[name]: vars(messages)[name.lower()] for name in _TABLE["rates_hz"]}
+_BY_NAME = {**vars(messages), **vars(messages_of_versions)}
+BUILDERS: dict[int, Builder] = {ID_BY_NAME[name]: _BY_NAME[name.lower()] for name in _TABLE["rates_hz"]}
 ONBOARD_RATES_HZ: dict[int, float] = {message_id: rates[0] for message_id, rates in _RATES.items()}
 GCS_RATES_HZ: dict[int, float] = {message_id: rates[1] for message_id, rates in _RATES.items()}
 _CEILINGS_HZ: dict[int, float] = {message_id: (*rates, FASTEST_HZ)[2] for message_id, rates in _RATES.items()}
@@ -36,11 +38,23 @@ _STEP_S = 0.004
 _SPREAD_STEPS = 25
 
 
+def schedule_of(version: Version, rates_hz: Mapping[int, float]) -> Schedule:
+    """Return the streams of a link of PX4 of one version.
+
+    Args:
+        version: of PX4.
+        rates_hz: default rate of each message that some version streams.
+    """
+    silent = {ID_BY_NAME[name] for name in version.silent_streams}
+    return Schedule({key: rate for key, rate in rates_hz.items() if key not in silent}, SILENT | silent)
+
+
 @dataclass(slots=True)
 class Schedule:
     """Times at which each message of a link is due, in simulated time."""
 
     default_hz: Mapping[int, float]  # rate of each message that the link can stream
+    silent: frozenset[int] = SILENT  # those whose rate can be set, and nothing comes
     _interval_s: dict[int, float] = field(default_factory=dict)
     _due: list[tuple[float, int]] = field(default_factory=list)
 
@@ -60,7 +74,7 @@ class Schedule:
 
     def set_interval(self, message_id: int, interval_us: float, now_s: float) -> bool:
         """MAV_CMD_SET_MESSAGE_INTERVAL: below zero stops, zero is the default; False for what cannot be set."""
-        if message_id in SILENT:
+        if message_id in self.silent:
             return True
         if message_id not in self.default_hz or message_id == _HEARTBEAT or not math.isfinite(interval_us):
             return False
@@ -79,7 +93,7 @@ class Schedule:
 
     def interval_us(self, message_id: int) -> int:
         """MESSAGE_INTERVAL.interval_us: -1 when not streamed, 0 when unknown."""
-        if message_id not in self.default_hz and message_id not in SILENT:
+        if message_id not in self.default_hz and message_id not in self.silent:
             return 0
         interval_s = self._interval_s.get(message_id)
         return -1 if interval_s is None else min(round(interval_s * 1e6), 2**31 - 1)

@@ -54,10 +54,10 @@ MOTION = np.dtype(
 
 RESPONSE = np.dtype(  # constants of one vehicle, from its profile
     [
-        ("tilt_by_tilt", "f8"),  # transition of tilt and its rate over one step
-        ("tilt_by_rate", "f8"),
-        ("rate_by_tilt", "f8"),
-        ("rate_by_rate", "f8"),
+        ("tilt_by_tilt", "f8", 2),  # transition of tilt and its rate over one step, about body x and y
+        ("tilt_by_rate", "f8", 2),
+        ("rate_by_tilt", "f8", 2),
+        ("rate_by_rate", "f8", 2),
         ("gain", "f8"),
         ("bias", "f8", 2),
         ("full_lift", "f8"),  # acceleration at full thrust [m/s^2]
@@ -78,6 +78,7 @@ RESPONSE = np.dtype(  # constants of one vehicle, from its profile
         ("offset_keep", "f8"),
         ("tilt_delay", "i8"),  # dead times in steps
         ("yaw_delay", "i8"),
+        ("rate_delay", "i8"),
         ("thrust_delay", "i8"),
         ("switch_steps", "i8"),
     ],
@@ -130,11 +131,11 @@ def _commanded_tilt(q: Array, yaw: float) -> tuple[float, float]:
 
 
 @compiled
-def _tilt_axis(r: Record, tilt: float, rate: float, goal: float) -> tuple[float, float]:
-    """Tilt and its rate about one axis, one step later."""
+def _tilt_axis(r: Record, axis: int, tilt: float, rate: float, goal: float) -> tuple[float, float]:
+    """Tilt and its rate about body x (0) or y (1), one step later."""
     error, limit = tilt - goal, r.max_tilt_rate
-    moved = _within(goal + r.tilt_by_tilt * error + r.tilt_by_rate * rate - tilt, STEP_S * limit)
-    return tilt + moved, _within(r.rate_by_tilt * error + r.rate_by_rate * rate, limit)
+    moved = _within(goal + r.tilt_by_tilt[axis] * error + r.tilt_by_rate[axis] * rate - tilt, STEP_S * limit)
+    return tilt + moved, _within(r.rate_by_tilt[axis] * error + r.rate_by_rate[axis] * rate, limit)
 
 
 @compiled
@@ -188,8 +189,8 @@ def _rotate(m: Record, r: Record, by_attitude: Array, by_heading: Array, rate: A
     goal_x, goal_y = _commanded_tilt(by_attitude, m.yaw)
     m.tilt_offset[0] *= r.offset_keep
     m.tilt_offset[1] *= r.offset_keep
-    roll, p = _tilt_axis(r, m.tilt[0], m.tilt_rate[0], r.gain * goal_x + r.bias[0] + m.tilt_offset[0])
-    pitch, q = _tilt_axis(r, m.tilt[1], m.tilt_rate[1], r.gain * goal_y + r.bias[1] + m.tilt_offset[1])
+    roll, p = _tilt_axis(r, 0, m.tilt[0], m.tilt_rate[0], r.gain * goal_x + r.bias[0] + m.tilt_offset[0])
+    pitch, q = _tilt_axis(r, 1, m.tilt[1], m.tilt_rate[1], r.gain * goal_y + r.bias[1] + m.tilt_offset[1])
     yaw, yaw_rate, torque, integral = _heading(m, r, by_heading)
     is_tumbling = m.tumble[0] != 0.0 or m.tumble[1] != 0.0
     if is_tumbling or m.rate_steps > r.switch_steps:
@@ -267,8 +268,9 @@ def step(
         m, r, now = motion[i], response[i], commanded[newest, i]
         by_tilt = commanded[(newest - r.tilt_delay) % depth, i]
         by_heading = commanded[(newest - r.yaw_delay) % depth, i]
+        by_rate = commanded[(newest - r.rate_delay) % depth, i]
         by_thrust = commanded[(newest - r.thrust_delay) % depth, i]
         lift = _lift(m, r, by_thrust.thrust, now.motors_on and not m.motors_dead, draws[i, 0])
         m.rate_steps = m.rate_steps + 1 if now.is_rate else 0
-        _rotate(m, r, by_tilt.attitude, by_heading.attitude, by_tilt.rate, lift)
+        _rotate(m, r, by_tilt.attitude, by_heading.attitude, by_rate.rate, lift)
         _move(m, r, lift, air[i], push[i], draws[i])

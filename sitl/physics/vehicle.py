@@ -24,6 +24,7 @@ __all__ = ["GRAVITY_M_S2", "STEP_S", "Commands", "VehicleProfile", "VehicleState
 _YAW_DELAY_S, _YAW_P_1_S, _YAW_RATE_P_1_S, _YAW_RATE_I_1_S2 = 0.024, 2.857, 3.044, 2.51
 _YAW_FILTER_S, _YAW_DRAG_1_S, _YAW_TORQUE_RAD_S2, _YAW_WN_RAD_S = 0.156, 1.243, 7.72, 3.0
 _RATE_LAG_S = 0.03
+_TRANSITION = ("tilt_by_tilt", "tilt_by_rate", "rate_by_tilt", "rate_by_rate")  # names in RESPONSE
 _BLOCK = 64  # random numbers are drawn for so many steps at once
 _MOTORS = 4
 # Where PX4's motors 1 to 4 of a quadrotor X sit: forward and to the right, in units of arm / sqrt(2).
@@ -31,6 +32,10 @@ _MOTOR_POSITION = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
 _LARGEST_OFFSET_RAD = 0.15
 _UNCONTROLLED = 0.3  # of the torque of a dead motor: the rest is what the opposite motor gives back
 _DEAD_BELOW = 0.1
+_LONGEST_FILTER_S = 0.2  # delay of PX4's filter of attitude setpoints, at most
+_FILTER_RAD = 2.2  # its delay times its natural frequency: 2 by theory, and one step of PX4's loop
+_RATIO_BOUNDS, _LEAST_ZETA = (0.1, 10.0), 0.05
+_LAG_POWER = 0.9
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,10 +62,42 @@ class VehicleProfile:
     thrust_curve_frac: float = 0.0  # PX4's THR_MDL_FAC, 0 for a linear thrust, 1 for a quadratic one
     attitude_integral_s: float = 0.5  # time in which the attitude loop removes a constant torque; 0: never
     rate_switch_s: float = 0.26  # dead time before body rates are followed after attitudes
+    # the response above was measured with these: MC_ROLL_P and MC_PITCH_P [1/s], MC_REF_W_N (0: PX4 has no such filter)
+    attitude_p_1_s: tuple[float, float] = (6.5, 6.5)
+    setpoint_filter_rad_s: float = 0.0
+
+    def damping(self, axis: int, attitude_p_1_s: float) -> float:
+        """Damping about body x (0) or y (1) under another gain than the response was measured with.
+
+        The lag behind a tilt that moves at a constant rate, delay + 2 zeta / wn, goes with a power of the gain that was
+        measured on SIH; delay and natural frequency, which PX4's rate control and the motors make, stay.
+        """
+        if attitude_p_1_s == self.attitude_p_1_s[axis]:
+            return self.attitude_zeta
+        low, high = _RATIO_BOUNDS
+        ratio = min(high, max(low, attitude_p_1_s / self.attitude_p_1_s[axis]))
+        lag_s = (self.attitude_delay_s + 2.0 * self.attitude_zeta / self.attitude_wn_rad_s) / float(ratio**_LAG_POWER)
+        return max(_LEAST_ZETA, 0.5 * self.attitude_wn_rad_s * (lag_s - self.attitude_delay_s))
+
+    def filter_delay_s(self, setpoint_filter_rad_s: float) -> float:
+        """Delay by another filter of attitude setpoints than the response was measured with; 0 rad/s: none.
+
+        The filter is of second order and critically damped.
+        """
+        return _filter_s(setpoint_filter_rad_s) - _filter_s(self.setpoint_filter_rad_s)
+
+    @property
+    def yaw_delay_s(self) -> float:
+        """Dead time of the heading."""
+        return _YAW_DELAY_S * _YAW_WN_RAD_S / self.yaw_wn_rad_s
 
     def lift_share(self, thrust_frac: float) -> float:
         """Share of the largest lift at a normalised thrust."""
         return (1.0 - self.thrust_curve_frac) * thrust_frac + self.thrust_curve_frac * thrust_frac * thrust_frac
+
+
+def _filter_s(natural_frequency_rad_s: float) -> float:
+    return min(_LONGEST_FILTER_S, _FILTER_RAD / natural_frequency_rad_s) if natural_frequency_rad_s > 0.0 else 0.0
 
 
 @dataclass(slots=True)
@@ -145,7 +182,7 @@ class Vehicles:
         self._response["bias"] = largest_rad * self._rng.uniform(-1.0, 1.0, (n, 2))
         self.motor_effectiveness = np.ones((n, _MOTORS))
         delays = (self._response[name].max(initial=0) for name in ("tilt_delay", "yaw_delay", "thrust_delay"))
-        depth = int(max(delays)) + 1
+        depth = int(max(delays)) + 1 + round(_LONGEST_FILTER_S / STEP_S)
         yaw = np.array(yaw_rad, dtype=np.float64)
         attitude = frames.yaw_quaternion(yaw)
         self._commanded = records((depth, n), physics.COMMAND)
@@ -209,6 +246,20 @@ class Vehicles:
         )
         self.steps += 1
 
+    def set_attitude_control(
+        self, index: int, attitude_p_1_s: tuple[float, float], setpoint_filter_rad_s: float
+    ) -> None:
+        """Let a vehicle respond from now on as under these gains of roll and pitch, and this filter of setpoints."""
+        profile, response = self.profiles[index], self._response[index]
+        wn = np.full(2, profile.attitude_wn_rad_s)
+        zeta = np.array([profile.damping(axis, gain) for axis, gain in enumerate(attitude_p_1_s)])
+        transition = second_order_step(wn, zeta, STEP_S)
+        for name, entry in zip(_TRANSITION, transition, strict=True):
+            response[name] = entry
+        late_s = profile.filter_delay_s(setpoint_filter_rad_s)
+        for name, delay_s in (("tilt_delay", profile.attitude_delay_s), ("yaw_delay", profile.yaw_delay_s)):
+            response[name] = round(max(0.0, delay_s + late_s) / STEP_S)
+
     @property
     def lift_share(self) -> Array:
         """Lift of every vehicle (n,) in units of its weight, since the last step: a window, not a copy."""
@@ -247,8 +298,8 @@ def _response(profiles: list[VehicleProfile]) -> Records:
     wn = np.array([p.attitude_wn_rad_s for p in profiles], dtype=np.float64)
     zeta = np.array([p.attitude_zeta for p in profiles], dtype=np.float64)
     transition = second_order_step(wn, zeta, STEP_S)
-    for name, entry in zip(("tilt_by_tilt", "tilt_by_rate", "rate_by_tilt", "rate_by_rate"), transition, strict=True):
-        out[name] = entry
+    for name, entry in zip(_TRANSITION, transition, strict=True):
+        out[name] = entry[:, None]
     for r, p in zip(out, profiles, strict=True):
         quick = p.yaw_wn_rad_s / _YAW_WN_RAD_S
         r["gain"] = p.static_gain
@@ -268,8 +319,8 @@ def _response(profiles: list[VehicleProfile]) -> Records:
         r["yaw_drag"] = _YAW_DRAG_1_S * quick
         r["rate_blend"] = 1.0 - math.exp(-STEP_S / _RATE_LAG_S)
         r["offset_keep"] = math.exp(-STEP_S / p.attitude_integral_s) if p.attitude_integral_s > 0.0 else 1.0
-        r["tilt_delay"] = round(p.attitude_delay_s / STEP_S)
-        r["yaw_delay"] = round(_YAW_DELAY_S * _YAW_WN_RAD_S / p.yaw_wn_rad_s / STEP_S)
+        r["tilt_delay"] = r["rate_delay"] = round(p.attitude_delay_s / STEP_S)
+        r["yaw_delay"] = round(p.yaw_delay_s / STEP_S)
         r["thrust_delay"] = round(p.thrust_delay_s / STEP_S)
         r["switch_steps"] = round(p.rate_switch_s / STEP_S)
     return out

@@ -22,6 +22,7 @@ class Readiness:
     # needs_ground, has_ground: whether a ground station has to be connected, and is
     needs_ground: bool
     has_ground: bool
+    has_attitude: bool  # the attitude is controlled
     faults: tuple[str, ...]  # further reasons, as sentences
 
 
@@ -41,6 +42,7 @@ CHECKS: tuple[Check, ...] = (
     Check("no mission", lambda r: ModeCondition.MISSION in r.missing),
     Check("this mode cannot be armed in", lambda r: ModeCondition.ARMING in r.needs),
     Check("battery too low", lambda r: r.battery.value >= ChargeState.CRITICAL.value),
+    Check("the attitude control has failed", lambda r: not r.has_attitude),
     Check("no connection to the ground station", lambda r: r.needs_ground and not r.has_ground),
 )
 

@@ -22,6 +22,8 @@ from sitl.px4.mode_control import TICK_S, Flight
 from sitl.px4.modes import MODES, Landed, Mode, ModeCondition, Result, SystemStatus
 from sitl.px4.parameters import Parameters
 from sitl.px4.signals import Actuation, Setpoint, SetpointKind, Situation
+from sitl.px4.sticks import Axes, Sticks
+from sitl.px4.versions import Version
 
 _FORCE_MAGIC = 21196.0
 _REFUSED_AGAIN_S = 1.0
@@ -52,6 +54,7 @@ class Autopilot:
     failsafe: Failsafe = field(default_factory=Failsafe)
     land_detector: LandDetector = field(default_factory=LandDetector)
     flight: Flight = field(default_factory=Flight)
+    sticks: Sticks = field(default_factory=Sticks)
     _after_disarm: Mode = Mode.LOITER
     _armed_time_s: float = 0.0
     _refused_time_s: float = -math.inf  # when it last said that a mode is not available
@@ -59,7 +62,21 @@ class Autopilot:
     _has_failed: bool = False
     _last: Situation | None = None
 
+    def __post_init__(self) -> None:
+        self.journal.severities = self.version.severities
+
+    @property
+    def version(self) -> Version:
+        """Version of this PX4."""
+        return self.params.version
+
     # -- what the messages show ---------------------------------------------------------------------------------
+
+    @property
+    def shown_mode(self) -> Mode:
+        """The mode that HEARTBEAT shows."""
+        is_hidden = self.mode is Mode.TERMINATION and not self.version.shows_termination
+        return self.intent if is_hidden else self.mode
 
     @property
     def landed(self) -> Landed:
@@ -92,6 +109,7 @@ class Autopilot:
             battery=charge_state_of(self.battery.remaining_frac, self.params),
             needs_ground=self.params.integer("NAV_DLL_ACT") > 0,
             has_ground=now_s - self.ground_time_s <= self.params["COM_DL_LOSS_T"],
+            has_attitude=not self.flight.has_lost_attitude,
             faults=tuple(self.faults),
         )
         return arming_checks.obstacles(readiness)
@@ -104,8 +122,8 @@ class Autopilot:
 
     def base_mode(self, now_s: float) -> int:
         """HEARTBEAT.base_mode."""
-        base = MODES[self.mode].base_mode
-        if self.mode is Mode.OFFBOARD:
+        base = MODES[self.shown_mode].base_mode
+        if self.shown_mode is Mode.OFFBOARD:
             if not self.has_fresh_setpoint(now_s):
                 base = modes.OFFBOARD_WITHOUT_SETPOINTS_BASE_MODE
             elif self.setpoint and self.setpoint.kind is SetpointKind.RATE:
@@ -191,7 +209,25 @@ class Autopilot:
         """Take the newest OFFBOARD setpoint; attitude and rates act at once."""
         self.setpoint = setpoint
         if self.is_armed and self.mode is Mode.OFFBOARD:
-            self.flight.take_setpoint(setpoint)
+            self._follow(setpoint)
+
+    def take_sticks(self, now_s: float, positions: Axes) -> None:
+        """MANUAL_CONTROL: a pilot who moves a stick takes over, if parameters and failsafes let him."""
+        self.sticks.take(now_s, positions)
+        is_of_a_program = self.mode is Mode.OFFBOARD or MODES[self.mode].main == modes.AUTO_MAIN
+        if not self.is_armed or not is_of_a_program or self.failsafe.is_active:
+            return
+        if self.sticks.is_moving(self.params.values.get("MAN_OVERRIDE_SPD", -1.0)):
+            has_position = self._last is not None and self._last.has_local_position
+            self.request(now_s, Mode.POSCTL if has_position else Mode.ALTCTL)
+
+    def _has_sticks(self, now_s: float) -> bool:
+        return now_s - self.sticks.time_s <= self.params["COM_RC_LOSS_T"]
+
+    def _follow(self, setpoint: Setpoint) -> None:
+        if not setpoint.is_rotation and not self.version.survives_no_rotation:
+            self.flight.has_lost_attitude = True
+        self.flight.take_setpoint(setpoint)
 
     # -- time ---------------------------------------------------------------------------------------------------
 
@@ -217,7 +253,9 @@ class Autopilot:
         if said is not None:
             self.journal.say(now, said)
         self._auto_disarm(now)
-        if self.is_armed and self.flight.step(situation, self.mode, self.landed, self.params, self.setpoint):
+        # A pilot's sticks are heard, their positions are not: who has taken a vehicle holds it.
+        flown = Mode.LOITER if self.mode is Mode.POSCTL and self._has_sticks(now) else self.mode
+        if self.is_armed and self.flight.step(situation, flown, self.landed, self.params, self.setpoint):
             self._intend(Mode.LOITER)
 
     def _available(self, now_s: float) -> ModeCondition:
@@ -251,7 +289,7 @@ class Autopilot:
             self._say_takeoff_height(now_s)
         self._select_mode(now_s)
         if self.mode is Mode.OFFBOARD and self.setpoint is not None:
-            self.flight.take_setpoint(self.setpoint)
+            self._follow(self.setpoint)
 
     def _say_takeoff_height(self, now_s: float) -> None:
         least_m, ordered_m = self.params["MIS_TAKEOFF_ALT"], self.flight.takeoff_height_m
@@ -290,7 +328,7 @@ class Autopilot:
             self.mode = mode
             self.flight.entered(self._last)
             if mode is Mode.OFFBOARD and self.is_armed and self.setpoint is not None:
-                self.flight.take_setpoint(self.setpoint)
+                self._follow(self.setpoint)
 
     def _flyable(self, mode: Mode) -> Mode:
         # POSCTL is left alone: without sticks it is a blind descent in any case, and PX4 shows it.
@@ -306,6 +344,7 @@ class Autopilot:
             attitude_failed=self._has_failed,
             from_home_m=self._from_home_m(),
             ground_silent_s=now_s - self.ground_time_s,
+            has_sticks=self._has_sticks(now_s),
         )
         if not self.failsafe.step(now_s, facts, self.params):
             return

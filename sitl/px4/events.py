@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import struct
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from typing import Generic, NamedTuple, TypeVar
@@ -89,6 +90,7 @@ class Journal:
 
     texts: Log[Text] = field(default_factory=Log)
     events: Log[Event] = field(default_factory=Log)
+    severities: Mapping[str, int] = field(default_factory=dict)  # of texts, where not the table's; -1: not sent
 
     @property
     def newest_sequence(self) -> int:
@@ -105,8 +107,9 @@ class Journal:
             words: of the text.
         """
         saying = SAYINGS[what]
-        if saying.text is not None:
-            self.texts.add(Text(now_s, saying.severity, saying.text.format(**words)))
+        severity = self.severities.get(what, saying.severity)
+        if saying.text is not None and severity >= 0:
+            self.texts.add(Text(now_s, severity, saying.text.format(**words)))
         if saying.event is not None:
             packed = struct.pack("<" + saying.arguments, *arguments)
             levels = saying.internal << 4 | saying.severity

@@ -16,7 +16,7 @@ from sitl.px4.battery import ChargeState
 from sitl.px4.modes import Mode
 from sitl.px4.parameters import Parameters
 
-FLIGHT_TERMINATION_OFF = 121212
+FLIGHT_TERMINATION_OFF = 121212.0
 
 
 class Action(IntEnum):
@@ -34,6 +34,8 @@ class Action(IntEnum):
     DISARM = 9
     TERMINATE = 10
 
+
+_MANUAL = (Action.POSCTL, Action.ALTCTL, Action.STABILIZED)
 
 # The mode that an action flies; the others keep the mode, or end the flight at once.
 ACTION_MODE: dict[Action, Mode] = {
@@ -56,6 +58,7 @@ class Facts(Struct, frozen=True):
     attitude_failed: bool  # tilted beyond FD_FAIL_R or FD_FAIL_P
     from_home_m: tuple[float, float]  # horizontal and vertical distance from the place of arming
     ground_silent_s: float  # time since the last heartbeat of a ground station
+    has_sticks: bool = False  # somebody's sticks are heard
 
 
 class Clears(Enum):
@@ -78,13 +81,13 @@ class Condition:
     waits: bool = False  # whether the action is preceded by COM_FAIL_ACT_T seconds of Hold
     clears: Clears = Clears.WITH_CONDITION  # when it ends
 
-    def action(self, params: Parameters) -> Action:
+    def action(self, facts: Facts, params: Parameters) -> Action:
         """Return the action that the parameters select."""
-        return (
-            self.otherwise
-            if self.parameter is None
-            else self.actions.get(params.integer(self.parameter), self.otherwise)
-        )
+        if self.parameter is None:
+            return self.otherwise
+        action = self.actions.get(params.integer(self.parameter), self.otherwise)
+        is_flyable = action not in _MANUAL or facts.has_sticks or params.version.flies_manual_modes_without_sticks
+        return action if is_flyable else Action.RETURN
 
 
 def _beyond_fence(facts: Facts, params: Parameters) -> bool:
@@ -128,9 +131,12 @@ CONDITIONS: tuple[Condition, ...] = (
     ),
     Condition(
         "attitude failure",
-        lambda facts, _: facts.attitude_failed,
+        lambda facts, params: (
+            facts.attitude_failed
+            and (params["CBRK_FLIGHTTERM"] != FLIGHT_TERMINATION_OFF or params.version.warns_of_attitude_failure)
+        ),
         "CBRK_FLIGHTTERM",
-        {FLIGHT_TERMINATION_OFF: Action.WARN},
+        {int(FLIGHT_TERMINATION_OFF): Action.WARN},
         Action.TERMINATE,
         clears=Clears.NEVER,
     ),
@@ -193,7 +199,7 @@ class Failsafe:
         present: list[str] = []
         for condition in CONDITIONS:
             latched = self._latched.get(condition.name, Action.NONE)
-            action = condition.action(params) if condition.holds(facts, params) else Action.NONE
+            action = condition.action(facts, params) if condition.holds(facts, params) else Action.NONE
             if action > latched and condition.clears is not Clears.WITH_CONDITION:
                 self._latched[condition.name] = action
             action = max(action, latched)

@@ -10,7 +10,6 @@ from sitl.px4.signals import Situation
 
 # How long contact and low thrust have to last. PX4's own modes push down before they give up, setpoints do not.
 _PATIENCE_S = 4.3
-_PATIENCE_OFFBOARD_S = 2.2
 _LOWEST_THRUST = 0.12
 _LOW_SHARE = 0.3
 
@@ -51,7 +50,7 @@ class LandDetector:
         if thrust_frac > low_thrust:
             self._contact_time_s = now
             return None
-        patience_s = _PATIENCE_OFFBOARD_S if mode is Mode.OFFBOARD else _PATIENCE_S
+        patience_s = params.version.landed_offboard_s if mode is Mode.OFFBOARD else _PATIENCE_S
         if was_on_ground or now - self._contact_time_s < patience_s:
             return None
         self.state = Landed.ON_GROUND

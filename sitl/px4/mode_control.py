@@ -15,7 +15,7 @@ from sitl.px4 import modes
 from sitl.px4.modes import Landed, Mode
 from sitl.px4.parameters import Parameters
 from sitl.px4.position_control import Goal, Limits, PositionControl
-from sitl.px4.signals import Actuation, Setpoint, SetpointKind, Situation
+from sitl.px4.signals import DRIFT_RAD_S, Actuation, Setpoint, SetpointKind, Situation
 
 TICK_S = 0.02
 _SPOOL_S = 1.0
@@ -44,6 +44,7 @@ class Flight:
     goal: Goal | None = None  # where PX4's own control flies to; None while there is no such place
     home_ned_m: Array = field(default_factory=lambda: np.zeros(3))  # (3,) where it was armed
     takeoff_height_m: float | None = None  # asked for by a command; None for MIS_TAKEOFF_ALT
+    has_lost_attitude: bool = False  # the attitude control is broken until PX4 restarts
     _control: PositionControl = field(default_factory=PositionControl)
     _armed_time_s: float = 0.0
     _entry: Situation | None = None
@@ -86,16 +87,17 @@ class Flight:
 
     def terminate(self) -> None:
         """Motors off for good, though still armed."""
-        self.actuation = Actuation(self.actuation.attitude, np.zeros(3), False, 0.0, False)
+        self.actuation = Actuation(self.actuation.attitude, _STILL, False, 0.0, False)
 
     def take_setpoint(self, setpoint: Setpoint) -> None:
         """Attitude and rate setpoints act at once; positions wait for the next tick."""
         if setpoint.kind is SetpointKind.POSITION:
             return
         attitude = self.actuation.attitude if setpoint.attitude is None else setpoint.attitude
-        rate = np.zeros(3) if setpoint.rate_rad_s is None else setpoint.rate_rad_s
         self.goal = None
-        self.actuation = Actuation(attitude, rate, setpoint.kind is SetpointKind.RATE, setpoint.thrust_frac, True)
+        self._command(
+            attitude, setpoint.thrust_frac, setpoint.rate_rad_s if setpoint.kind is SetpointKind.RATE else None
+        )
 
     def step(
         self, situation: Situation, mode: Mode, landed: Landed, params: Parameters, setpoint: Setpoint | None
@@ -197,7 +199,7 @@ class Flight:
             ),
             yaw_rad=yaw,
         )
-        self.actuation = Actuation(level(yaw) if is_level else attitude, np.zeros(3), False, thrust, True)
+        self._command(level(yaw) if is_level else attitude, thrust)
 
     def _heading(self, goal: Goal, situation: Situation) -> float:
         # A heading that is not asked for stays where it was when it was last asked for, or at the mode's start.
@@ -213,7 +215,13 @@ class Flight:
     def _idle(self, yaw_rad: float) -> None:
         self._control.reset()
         self.goal = None
-        self.actuation = Actuation(level(yaw_rad), np.zeros(3), False, 0.0, True)
+        self._command(level(yaw_rad), 0.0)
+
+    def _command(self, attitude: Array, thrust_frac: float, rate_rad_s: Array | None = None) -> None:
+        if self.has_lost_attitude:
+            rate_rad_s = DRIFT_RAD_S
+        is_rate = rate_rad_s is not None
+        self.actuation = Actuation(attitude, _STILL if rate_rad_s is None else rate_rad_s, is_rate, thrust_frac, True)
 
     def _learn_hover_thrust(self, situation: Situation) -> None:
         # PX4 estimates its hover thrust in flight; without that a heavy vehicle sinks when a failsafe takes over.

@@ -10,24 +10,41 @@ from collections import ChainMap
 from dataclasses import dataclass, field
 from importlib.resources import files
 
+from sitl.px4 import versions
+from sitl.px4.versions import Version
+
 MAV_PARAM_TYPE_UINT32 = 5
 MAV_PARAM_TYPE_INT32 = 6
 MAV_PARAM_TYPE_REAL32 = 9
 HASH_CHECK = "_HASH_CHECK"
 
-# PX4 raises it to the largest delay of any sensor, used or not: that of satellites.
-_LEAST = {"EKF2_DELAY_MAX": 110.0}
 _GROUPS: dict[str, dict[str, int | float]] = tomllib.loads(files(__package__).joinpath("parameters.toml").read_text())
-DEFAULTS: dict[str, int | float] = dict(sorted(ChainMap(*_GROUPS.values()).items()))
-_NAMES: tuple[str, ...] = tuple(DEFAULTS)
-_INDICES: dict[str, int] = {name: index for index, name in enumerate(_NAMES)}
+
+
+def _defaults(version: Version) -> dict[str, int | float]:
+    named = ChainMap(dict(version.parameters), *_GROUPS.values()).items()
+    return {name: value for name, value in sorted(named) if name not in version.parameters_gone}
+
+
+DEFAULTS: dict[str, dict[str, int | float]] = {
+    version.name: _defaults(version) for version in versions.VERSIONS.values()
+}  # of each version, in PX4's order
 
 
 @dataclass(slots=True)
 class Parameters:
     """Values of one vehicle for this run."""
 
-    values: dict[str, int | float] = field(default_factory=lambda: dict(DEFAULTS))
+    version: Version = versions.DEFAULT
+    values: dict[str, int | float] = field(default_factory=dict)  # the version's defaults at the start
+
+    def __post_init__(self) -> None:
+        self.values = {**self.defaults, **self.values}
+
+    @property
+    def defaults(self) -> dict[str, int | float]:
+        """Values of a PX4 of this version that nobody has changed."""
+        return DEFAULTS[self.version.name]
 
     def __getitem__(self, name: str) -> float:
         return self.values[name]
@@ -38,28 +55,28 @@ class Parameters:
 
     def names(self) -> list[str]:
         """All names in PX4's order (alphabetical)."""
-        return list(_NAMES)
+        return list(self.defaults)
 
     def index(self, name: str) -> int:
         """Index of a known parameter in that order."""
-        return _INDICES[name]
+        return list(self.defaults).index(name)
 
     def kind(self, name: str) -> int:
         """MAV_PARAM_TYPE of a known parameter."""
-        return MAV_PARAM_TYPE_INT32 if isinstance(DEFAULTS[name], int) else MAV_PARAM_TYPE_REAL32
+        return MAV_PARAM_TYPE_INT32 if isinstance(self.defaults[name], int) else MAV_PARAM_TYPE_REAL32
 
     def encoded_value(self, name: str) -> float:
         """The value as MAVLink's float field carries it: integers bytewise, not converted."""
         value = self.values[name]
-        if isinstance(DEFAULTS[name], int):
+        if isinstance(self.defaults[name], int):
             return float(struct.unpack("<f", struct.pack("<i", int(value)))[0])
         return value
 
     def hash_value(self) -> float:
         """Checksum of all names and values, as :data:`HASH_CHECK` carries it: an unsigned integer, bytewise."""
         checksum = 0
-        for name in _NAMES:
-            packed = struct.pack("<i" if isinstance(DEFAULTS[name], int) else "<f", self.values[name])
+        for name in self.defaults:
+            packed = struct.pack("<i" if isinstance(self.defaults[name], int) else "<f", self.values[name])
             checksum = zlib.crc32(name.encode("ascii") + packed, checksum)
         # One bit is given away so that the four bytes are never a NaN, which does not survive being a float.
         return float(struct.unpack("<f", struct.pack("<I", checksum & 0xBFFFFFFF))[0])
@@ -71,5 +88,5 @@ class Parameters:
         if kind == MAV_PARAM_TYPE_INT32:
             self.values[name] = int(struct.unpack("<i", struct.pack("<f", encoded))[0])
         elif math.isfinite(encoded):
-            self.values[name] = max(float(encoded), _LEAST.get(name, -math.inf))
+            self.values[name] = max(float(encoded), self.version.parameters_least.get(name, -math.inf))
         return True

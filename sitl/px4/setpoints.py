@@ -11,7 +11,8 @@ import numpy as np
 from sitl.physics import frames
 from sitl.physics.frames import Array
 from sitl.px4.position_control import Goal
-from sitl.px4.signals import Setpoint, SetpointKind
+from sitl.px4.signals import DRIFT_RAD_S, Setpoint, SetpointKind
+from sitl.px4.versions import Version
 
 LOCAL_NED, BODY_NED = 1, 8
 # Frames of SET_POSITION_TARGET_GLOBAL_INT: altitude above the sea, and above home.
@@ -19,7 +20,6 @@ ABOVE_SEA, ABOVE_HOME = frozenset({0, 5}), frozenset({3, 6})
 _IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_YAW_RATE = 1, 2, 4
 _IGNORE_THRUST, _IGNORE_ATTITUDE = 64, 128
 _IGNORE_YAW, _IGNORE_TURN, _IS_FORCE = 1024, 2048, 512
-_NAN_DRIFT_RAD_S = -0.12  # PX4 takes an attitude of NaN and rolls away slowly
 _MOST_RATE_RAD_S = (3.84, 3.84, 3.49)  # MC_ROLLRATE_MAX and MC_PITCHRATE_MAX 220 deg/s, MC_YAWRATE_MAX 200
 _SHORT = 1e-6
 _HUGE = 1e6
@@ -33,13 +33,17 @@ def from_attitude(
     *,
     now_s: float,
     yaw_rad: float,
+    version: Version,
 ) -> Setpoint | None:
-    """SET_ATTITUDE_TARGET; None when both attitude and body rates are to be ignored, which PX4 does not count.
+    """SET_ATTITUDE_TARGET; None for what PX4 does not count: neither attitude nor rates, in some versions no thrust.
 
     Args:
         attitude_wxyz, rate_rad_s, thrust_frac, type_mask: the message.
         now_s: present time. yaw_rad: present heading, where an attitude without length points.
+        version: of PX4.
     """
+    if type_mask & _IGNORE_THRUST and not version.counts_ignored_thrust:
+        return None
     thrust = 0.0 if type_mask & _IGNORE_THRUST or math.isnan(thrust_frac) else min(1.0, max(0.0, thrust_frac))
     if type_mask & _IGNORE_ATTITUDE:
         if type_mask & _IGNORE_ROLL_RATE and type_mask & _IGNORE_PITCH_RATE:
@@ -54,10 +58,10 @@ def from_attitude(
         return Setpoint(SetpointKind.RATE, now_s, None, rate, thrust)
     norm = math.sqrt(sum(c * c for c in attitude_wxyz)) if all(abs(c) < _HUGE for c in attitude_wxyz) else math.nan
     if math.isnan(norm):
-        return Setpoint(SetpointKind.RATE, now_s, None, np.array([_NAN_DRIFT_RAD_S, 0.0, 0.0]), thrust)
+        return Setpoint(SetpointKind.RATE, now_s, None, DRIFT_RAD_S, thrust, is_rotation=False)
     if norm < _SHORT:
         level = frames.yaw_quaternion(np.asarray(yaw_rad))
-        return Setpoint(SetpointKind.ATTITUDE, now_s, level, None, thrust)
+        return Setpoint(SetpointKind.ATTITUDE, now_s, level, None, thrust, is_rotation=False)
     attitude = np.array([c / norm for c in attitude_wxyz])
     return Setpoint(SetpointKind.ATTITUDE, now_s, attitude, None, thrust)
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+import numpy as np
 from msgspec import Struct
 
 from sitl.physics.frames import Array
 from sitl.px4.position_control import Goal
+
+DRIFT_RAD_S = np.array([-0.12, 0.0, 0.0])  # body rates of a vehicle whose attitude PX4 does not control
 
 
 class SetpointKind(Enum):
@@ -26,6 +29,7 @@ class Setpoint(Struct, frozen=True):
         kind, time_s: what it asks for, and when it came.
         attitude: (4,) NED <- FRD. rate_rad_s: (3,) body rates. thrust_frac: collective, in [0, 1].
         goal: where to fly, for positions and velocities.
+        is_rotation: whether its attitude is one; zeros and NaN are none.
         needs_position: whether PX4 needs a position estimate for it.
     """
 
@@ -35,6 +39,7 @@ class Setpoint(Struct, frozen=True):
     rate_rad_s: Array | None = None
     thrust_frac: float = 0.0
     goal: Goal | None = None
+    is_rotation: bool = True
 
     @property
     def needs_position(self) -> bool:

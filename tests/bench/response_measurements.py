@@ -13,6 +13,7 @@ from sitl.physics.frames import Array
 from sitl.physics.vehicle import GRAVITY_M_S2, STEP_S, Commands, VehicleProfile, Vehicles
 from sitl.px4.estimator import GPS, PERIOD_S, ErrorLevel, Estimator
 from sitl.px4.modes import Mode
+from sitl.px4.versions import VERSIONS
 
 SIH = VehicleProfile()
 _DURATION_S = 2.6
@@ -72,7 +73,7 @@ def closed_loop(*, sideways_m_s2: float, upward_m_s2: float, duration_s: float =
     Returns:
         commanded and true acceleration (k, 2) northward and upward, one row per physics step.
     """
-    spec = VehicleSpec("sih", 1, SIH, (0.0, 0.0, 0.0))
+    spec = VehicleSpec("sih", 1, SIH, (0.0, 0.0, 0.0), VERSIONS["1.16"])
     emulator = Emulator([spec], environment=Environment(error_scale=0.0), seed=0)
     rng = np.random.default_rng(3)
     pilot, states = emulator.autopilots[0], emulator.world.vehicles.states

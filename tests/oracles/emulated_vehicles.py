@@ -45,6 +45,7 @@ def step(
     now = commanded[newest]
     by_tilt = commanded[(newest - response["tilt_delay"]) % depth, rows]
     by_heading = commanded[(newest - response["yaw_delay"]) % depth, rows]
+    rates = commanded[(newest - response["rate_delay"]) % depth, rows]["rate"]
     by_thrust = commanded[(newest - response["thrust_delay"]) % depth, rows]
     lift = _lift(motion, response, by_thrust["thrust"], now["motors_on"] & ~motion["motors_dead"], draws)
     tilt, tilt_rate = _tilt(motion, response, by_tilt["attitude"])
@@ -53,11 +54,11 @@ def step(
     motion["rate_steps"] = np.where(now["is_rate"], motion["rate_steps"] + 1, 0)
     by_rate = (now["is_rate"] & (motion["rate_steps"] > response["switch_steps"])) | tumbles
     blend = response["rate_blend"][:, None]
-    free_rate = motion["tilt_rate"] + blend * (by_tilt["rate"][:, :2] - motion["tilt_rate"])
+    free_rate = motion["tilt_rate"] + blend * (rates[:, :2] - motion["tilt_rate"])
     limit = LARGEST_TUMBLE_RAD_S
     falling_rate = np.clip(motion["tilt_rate"] + STEP_S * lift[:, None] * motion["tumble"], -limit, limit)
     free_rate = np.where(tumbles[:, None], falling_rate, free_rate)
-    free_yaw_rate = motion["yaw_rate"] + blend[:, 0] * (by_tilt["rate"][:, 2] - motion["yaw_rate"])
+    free_yaw_rate = motion["yaw_rate"] + blend[:, 0] * (rates[:, 2] - motion["yaw_rate"])
     free_yaw_rate = np.where(tumbles, motion["yaw_rate"], free_yaw_rate)
     q = _turn(motion["attitude"], free_rate, free_yaw_rate)
     free_yaw = heading(q)
@@ -83,9 +84,7 @@ def _tilt(motion: Records, response: Records, commanded: Array) -> tuple[Array, 
     setpoint = setpoint + response["bias"] + motion["tilt_offset"]
     tilt, rate, limit = motion["tilt"], motion["tilt_rate"], response["max_tilt_rate"][:, None]
     error = tilt - setpoint
-    tt, tr, rt, rr = (
-        response[name][:, None] for name in ("tilt_by_tilt", "tilt_by_rate", "rate_by_tilt", "rate_by_rate")
-    )
+    tt, tr, rt, rr = (response[name] for name in ("tilt_by_tilt", "tilt_by_rate", "rate_by_tilt", "rate_by_rate"))
     moved = np.clip(setpoint + tt * error + tr * rate - tilt, -STEP_S * limit, STEP_S * limit)
     return tilt + moved, np.clip(rt * error + rr * rate, -limit, limit)
 

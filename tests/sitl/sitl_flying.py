@@ -11,6 +11,7 @@ from sitl.mavlink.codec import Decoder, Encoder, Message
 from sitl.mavlink.link import Link
 from sitl.mavlink.streams import ONBOARD_RATES_HZ
 from sitl.physics.vehicle import VehicleProfile
+from sitl.px4.versions import VERSIONS
 
 SIH = VehicleProfile()
 ARDRONE = VehicleProfile(
@@ -27,10 +28,14 @@ CLIENT = Encoder(245, 190)
 EAST_WXYZ = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 
 
-def emulator(*starts: tuple[float, float, float], profile: VehicleProfile = SIH, seed: int = 1) -> Emulator:
+def emulator(
+    *starts: tuple[float, float, float], profile: VehicleProfile = SIH, seed: int = 1, px4: str = "1.17"
+) -> Emulator:
     """Vehicles at `starts` (fleet ENU), system ids from 1; one at the origin when none is given."""
     places = starts or ((0.0, 0.0, 0.0),)
-    return Emulator([VehicleSpec(f"v{i}", i + 1, profile, place) for i, place in enumerate(places)], seed=seed)
+    version = VERSIONS[px4]
+    specs = [VehicleSpec(f"v{i}", i + 1, profile, place, version) for i, place in enumerate(places)]
+    return Emulator(specs, seed=seed)
 
 
 def until(

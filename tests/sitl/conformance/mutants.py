@@ -70,6 +70,7 @@ class Mutant:
         mutate: changes an emulator that is about to be checked.
         profile: another vehicle.
         flies: a flight is needed to see it.
+        px4: version that it deviates from.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Mutant:
     mutate: Callable[[Wires], None] = lambda wires: None
     profile: VehicleProfile = field(default_factory=VehicleProfile)
     flies: bool = False
+    px4: str = "1.16"
 
 
 def _sends(**edits: Edit) -> Callable[[Wires], None]:
@@ -108,6 +110,15 @@ def _one_ack(wires: Wires) -> None:
         return () if is_second[0] else (ack,)
 
     wires.outgoing = editing(COMMAND_ACK=edit)
+
+
+def _two_acks(wires: Wires) -> None:
+    wires.outgoing = editing(COMMAND_ACK=lambda ack: (ack, ack) if ack.command == 176 else (ack,))
+
+
+def _unfiltered(wires: Wires) -> None:
+    _secretly(MC_REF_W_N=0.0)(wires)
+    wires.emulator.parameters_changed(0)
 
 
 def _heartbeat_on_change(wires: Wires) -> None:
@@ -297,5 +308,15 @@ MUTANTS: tuple[Mutant, ...] = (
         _secretly(BAT_CRIT_THR=-1.0, BAT_EMERGEN_THR=-1.0),
         flies=True,
     ),
+    Mutant("two ACKs for DO_SET_MODE in v1.18", "mode.two-acks", _two_acks, px4="1.18"),
+    Mutant(
+        "no lasting harm by a quaternion of zeros in v1.18",
+        "setpoint.zero-quaternion-after",
+        _hears(SET_ATTITUDE_TARGET=_only_if(lambda message: any(message.q))),
+        flies=True,
+        px4="1.18",
+    ),
+    Mutant("sticks without effect in v1.18", "stick.fast", _secretly(MAN_OVERRIDE_SPD=-1.0), flies=True, px4="1.18"),
+    Mutant("no filter of setpoints in v1.18", "step.roll-10-t5", _unfiltered, flies=True, px4="1.18"),
     Mutant("ATT_POS_MOCAP is fused", "vision.mocap-ignored", _hears(ATT_POS_MOCAP=_fuse_mocap), flies=True),
 )

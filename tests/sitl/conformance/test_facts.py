@@ -29,32 +29,29 @@ from tests.sitl.conformance.exceptions import DIFFERENCES
 from tests.sitl.conformance.facts_page import PAGE, whole_check
 from tests.sitl.conformance.virtual import VirtualPort, Wires
 
-# The first test that asks for it waits for a whole check.
 pytestmark = pytest.mark.timeout(400)
 
 
-def test_the_emulator_agrees_with_every_fact_but_the_documented_ones(report: FactReport) -> None:
-    differing = {
+def _differing(report: FactReport) -> dict[str, str]:
+    return {
         name: f"{finding.measured} instead of {finding.fact.expected} {finding.reason}"
         for name, finding in report.results.items()
         if finding.verdict is not Verdict.AGREES and name not in DIFFERENCES
     }
-    assert not differing
 
 
-def test_every_fact_is_settled_one_way_or_the_other(report: FactReport) -> None:
+@pytest.mark.parametrize("px4", VERSIONS)
+def test_the_emulator_agrees_with_every_fact_of_each_version_but_the_documented_ones(px4: str) -> None:
+    report = whole_check(px4)
     assert set(report.results) == {fact.name for fact in FACTS}
+    assert not _differing(report)
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("px4", VERSIONS)
 @pytest.mark.parametrize("seed", range(2, 6))
-def test_the_facts_do_not_depend_on_the_seed(seed: int) -> None:
-    differing = {
-        name: f"{finding.measured} instead of {finding.fact.expected} {finding.reason}"
-        for name, finding in whole_check(seed).results.items()
-        if finding.verdict is not Verdict.AGREES and name not in DIFFERENCES
-    }
-    assert not differing
+def test_the_facts_do_not_depend_on_the_seed(seed: int, px4: str) -> None:
+    assert not _differing(whole_check(px4, seed))
 
 
 def test_documented_differences_are_facts_with_a_reason() -> None:
@@ -104,11 +101,18 @@ def test_what_was_seen_before_the_version_is_known_is_judged_by_it() -> None:
     assert {finding.verdict for finding in asked.results.values()} == {Verdict.AGREES}
 
 
-def test_an_emulator_of_one_version_differs_when_another_is_asked_for() -> None:
-    facts = matching(facts_of("1.18", FACTS).values(), ["request.version", "mode.two-acks", "quirk.battery-current"])
-    asked = FactReport(facts)
-    check(Wires().companion(), None, asked, Terms(may_turn_motors=True), lambda line: None)
-    assert {name for name, finding in asked.results.items() if finding.verdict is Verdict.DIFFERS} == set(facts)
+@pytest.mark.parametrize(
+    ("flown", "asked", "differing"),
+    [
+        ("1.16", "1.17", {"request.version", "param.MC_ROLL_P", "wire.unasked-others", "step.roll-10-t63"}),
+        ("1.16", "1.18", {"request.version", "mode.two-acks", "quirk.battery-current", "step.roll-10-t63"}),
+        ("1.18", "1.16", {"request.version", "mode.two-acks", "setpoint.ignored-thrust", "stick.fast"}),
+    ],
+)
+def test_an_emulator_of_one_version_differs_when_another_is_asked_for(flown: str, asked: str, differing) -> None:
+    report = FactReport(matching(facts_of(asked, FACTS).values(), sorted(differing)))
+    check(Wires(px4=flown).companion(), None, report, Terms(may_turn_motors=True), lambda line: None)
+    assert {name for name, finding in report.results.items() if finding.verdict is Verdict.DIFFERS} == differing
 
 
 def test_no_two_facts_share_a_name_and_each_says_what_it_accepts() -> None:

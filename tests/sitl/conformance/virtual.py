@@ -10,6 +10,7 @@ from sitl.mavlink.endpoints import Endpoint
 from sitl.mavlink.link import Link
 from sitl.mavlink.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ
 from sitl.physics.vehicle import VehicleProfile
+from sitl.px4.versions import VERSIONS
 
 Address = tuple[str, int]
 Change = Callable[[bytes], Sequence[bytes]]
@@ -30,8 +31,8 @@ class Wires:
         follows_newest: stream to whoever spoke last, as PX4 does not.
     """
 
-    def __init__(self, seed: int = 1, profile: VehicleProfile | None = None) -> None:
-        spec = VehicleSpec("v0", 1, profile or VehicleProfile(), (0.0, 0.0, 0.0))
+    def __init__(self, seed: int = 1, profile: VehicleProfile | None = None, px4: str = "1.16") -> None:
+        spec = VehicleSpec("v0", 1, profile or VehicleProfile(), (0.0, 0.0, 0.0), VERSIONS[px4])
         self.emulator = Emulator([spec], seed=seed)
         self.inboxes: dict[Address, deque[bytes]] = {}
         self.incoming: Change = _unchanged

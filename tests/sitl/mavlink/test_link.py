@@ -79,7 +79,7 @@ def test_decoding_gives_what_pymavlink_encoded_in_both_versions() -> None:
 
 
 def test_default_rates_are_those_of_the_companion_link() -> None:
-    emu = emulator()
+    emu = emulator(px4="1.18")
     client = Client(emu)
     client.collect(5.0)
     seen = [message.message_id for message in client.collect(10.0)]

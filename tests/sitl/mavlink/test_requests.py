@@ -166,7 +166,7 @@ def test_cameras_gimbals_and_strangers_commands_are_unsupported(number: int) -> 
 
 
 def test_the_versions_are_those_of_px4_1_16_with_bytewise_parameters() -> None:
-    client = Client(emulator())
+    client = Client(emulator(px4="1.16"))
     (version,) = client.send("COMMAND_LONG", command=512, target_system=1, param1=148.0)[1:]
     assert version.fields["flight_sw_version"] >> 8 == 0x011000
     assert version.fields["capabilities"] & 0x10  # integers bytewise

@@ -1,0 +1,52 @@
+"""Sticks of a joystick or a radio control (MANUAL_CONTROL): whether they are there, and whether the pilot moves one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+Axes = tuple[float, float, float, float]  # pitch, roll, throttle, yaw, each in [-1, 1]
+
+_FILTER_S = 0.05
+_LEAST_SAMPLES = 3  # in the same direction: noise and a single step do not count
+
+
+@dataclass(slots=True)
+class _Axis:
+    position: float = math.nan
+    speed_1_s: float = 0.0
+    direction: int = 0
+    samples: int = 0
+
+    def take(self, position: float, dt_s: float) -> None:
+        """Follow the stick with a low-pass."""
+        speed_1_s = (position - self.position) / dt_s
+        self.position = position
+        if math.isnan(speed_1_s):
+            return
+        self.speed_1_s += dt_s / (dt_s + _FILTER_S) * (speed_1_s - self.speed_1_s)
+        direction = (speed_1_s > 0.0) - (speed_1_s < 0.0)
+        self.samples = self.samples + 1 if direction == self.direction else 1
+        self.direction = direction
+
+
+@dataclass(slots=True)
+class Sticks:
+    """Memory of the newest positions."""
+
+    time_s: float = -math.inf
+    _axes: tuple[_Axis, ...] = field(default_factory=lambda: tuple(_Axis() for _ in range(4)))
+
+    def take(self, now_s: float, positions: Axes) -> None:
+        """Take a new sample."""
+        dt_s = min(1.0, max(1e-3, now_s - self.time_s))
+        self.time_s = now_s
+        for axis, position in zip(self._axes, positions, strict=True):
+            axis.take(position, dt_s)
+
+    def is_moving(self, faster_than_1_s: float) -> bool:
+        """Whether a stick moves faster than this; a negative speed: never."""
+        return faster_than_1_s >= 0.0 and any(
+            abs(axis.speed_1_s) > faster_than_1_s and axis.samples >= _LEAST_SAMPLES and axis.direction
+            for axis in self._axes
+        )

@@ -1,0 +1,55 @@
+"""Differences between the versions of PX4 that the emulator can be, from one table."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Version:
+    """Behaviour of one version of PX4; ``versions.toml`` explains each field."""
+
+    name: str
+    flight_sw_version: int
+    mode_acks: int
+    counts_ignored_thrust: bool
+    survives_no_rotation: bool
+    flies_manual_modes_without_sticks: bool
+    shows_termination: bool
+    landed_offboard_s: float
+    unsupported_commands: frozenset[int]
+    silent_streams: frozenset[str]
+    no_current_ca: int
+    covariance_off_diagonal: float
+    warns_of_attitude_failure: bool
+    parameters: Mapping[str, int | float]
+    parameters_gone: frozenset[str]
+    parameters_least: Mapping[str, float]
+    severities: Mapping[str, int]
+
+    @property
+    def number(self) -> tuple[int, int]:
+        """Major and minor number, as AUTOPILOT_VERSION reports them."""
+        return self.flight_sw_version >> 24, self.flight_sw_version >> 16 & 0xFF
+
+
+_ADDED = ("parameters", "severities")  # to those of the version before; all other values replace them
+_SETS = ("unsupported_commands", "silent_streams", "parameters_gone")
+
+
+def _versions(table: Mapping[str, Mapping[str, Any]]) -> dict[str, Version]:
+    versions: dict[str, Version] = {}
+    values: dict[str, Any] = {}
+    for name, changes in table.items():
+        added = {key: {**values.get(key, {}), **changes.get(key, {})} for key in _ADDED}
+        values = {**values, **changes, **added}
+        versions[name] = Version(name, **{**values, **{key: frozenset(values[key]) for key in _SETS}})
+    return versions
+
+
+VERSIONS: dict[str, Version] = _versions(tomllib.loads(files(__package__).joinpath("versions.toml").read_text()))
+DEFAULT = VERSIONS["1.17"]
