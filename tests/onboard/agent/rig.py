@@ -16,11 +16,19 @@ from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import Event, MocapPose, Order, OrderKind, OrderReply, StateMessage, Telemetry
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
-from onboard.frames import Quaternion, body_up, quaternion_from_yaw, quaternion_multiply
+from onboard.frames import (
+    Quaternion,
+    body_up,
+    quaternion_from_yaw,
+    quaternion_multiply,
+    wrap_rad,
+    yaw_from_quaternion,
+)
 from onboard.types import GRAVITY_M_S2, AttitudeSetpoint
 
 DT_NS = 20_000_000
 HOVER = 0.5
+MOST_TURN_RAD = 0.06  # in a tick
 
 
 def fleet(
@@ -208,11 +216,17 @@ class Rig:
         """PX4's attitude with the error of its heading taken out."""
         return quaternion_multiply(quaternion_from_yaw(self.heading_error_rad), believed)
 
+    def _turned(self, wanted: Quaternion) -> Quaternion:
+        """The attitude of this tick: tilted at once, but turned no faster than a vehicle can."""
+        left_rad = wrap_rad(yaw_from_quaternion(wanted) - yaw_from_quaternion(self.snapshot.quaternion_enu_flu_wxyz))
+        missing_rad = left_rad - min(max(left_rad, -MOST_TURN_RAD), MOST_TURN_RAD)
+        return quaternion_multiply(wanted, quaternion_from_yaw(-missing_rad))
+
     def move(self) -> None:
         """Advance position and velocity by one tick."""
         acceleration = np.array([0.0, 0.0, -GRAVITY_M_S2])
         if self.is_armed and self.mode == "OFFBOARD" and self.setpoint is not None and self.has_lift:
-            believed = self.setpoint.quaternion_wxyz
+            believed = self._turned(self.setpoint.quaternion_wxyz)
             thrust_m_s2 = self.setpoint.thrust_frac / HOVER * GRAVITY_M_S2
             acceleration += thrust_m_s2 * np.array(body_up(self._true(believed)))
             self.snapshot = replace(self.snapshot, quaternion_enu_flu_wxyz=believed)
