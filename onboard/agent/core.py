@@ -130,10 +130,12 @@ class AgentCore:
         return _RECEIVERS[type(event)](self, event, now_ns)
 
     def _snapshot_received(self, event: SnapshotReceived, now_ns: int) -> list[Command]:
-        if not nonsense(event.snapshot):
+        sentence = nonsense(event.snapshot)
+        if not sentence:
             self._snapshot = self.failsafes.reports.believe(event.snapshot, self.flight.expected)
         else:
-            self._publisher.malformed_messages += 1  # a PX4 that sends nonsense counts as silent
+            self._publisher.malformed_messages += 1
+            self.failsafes.reports.drop(sentence, now_ns)
             self.preflight.hear(event)
         return []
 

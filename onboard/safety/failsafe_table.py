@@ -54,6 +54,7 @@ class Condition(Enum):
     DISARMED = "PX4 disarmed in flight"
     REBOOTED = "PX4 rebooted"
     AUTOPILOT_SILENT = "PX4 silent"
+    AUTOPILOT_IMPOSSIBLE = "PX4's numbers are impossible"
     AUTOPILOT_FROZEN = "PX4 frozen"
     AUTOPILOT_BACK = "PX4 back after a standstill"
     HEARTBEAT_LOST = "PX4's heartbeat lost"
@@ -160,6 +161,8 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
         # it has forgotten modes, parameters that were not saved, and where its local origin was
         _C.REBOOTED: (_A.REFUSE, _A.DISARM, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
         _C.AUTOPILOT_SILENT: (_A.REFUSE, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
+        # nobody can fly by them, and as for a silent one PX4's own failsafe is what is left
+        _C.AUTOPILOT_IMPOSSIBLE: (_A.REFUSE, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
         # setpoints sent to it now would be obeyed late, all at once
         _C.AUTOPILOT_FROZEN: (_A.REFUSE, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.STOP, _A.GO_ON),
         # it flew on its last setpoint meanwhile, and its own failsafe is timed by the clock that stood still

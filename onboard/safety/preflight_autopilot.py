@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from onboard.autopilot import MEASURED_VERSIONS, Version
 from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.feasibility.bounds import LAG_ERROR_S
+from onboard.safety.attitude_lag import lag_s
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, in_order
 from onboard.safety.limits import AUTOPILOT_SILENT_S
 from onboard.safety.preflight_facts import HEARTBEAT_SILENT_S, PreflightFacts
@@ -37,9 +39,16 @@ def _version(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
     if facts.px4_version is None:
         return "unknown", {}
     oldest, newest = MEASURED_VERSIONS
-    is_measured = oldest <= facts.px4_version <= newest
-    words = {"version": _dotted(facts.px4_version), "oldest": _dotted(oldest), "newest": _dotted(newest)}
-    return (OK if is_measured else "unmeasured"), words
+    words: dict[str, object] = {"version": _dotted(facts.px4_version), "oldest": _dotted(oldest)}
+    words |= {"newest": _dotted(newest), "file": vehicle.px4_version, "type": vehicle.type or "the vehicle"}
+    if not oldest <= facts.px4_version <= newest:
+        return "unmeasured", words
+    file_version: Version = (1, int(vehicle.px4_version.partition(".")[2]))
+    expected_s, actual_s = (lag_s(version, vehicle.px4_params) for version in (file_version, facts.px4_version))
+    words |= {"expected": expected_s, "actual": actual_s}
+    if abs(actual_s - expected_s) > LAG_ERROR_S:
+        return "other", words
+    return (OK if facts.px4_version == file_version else "alike"), words
 
 
 def _dotted(version: Version) -> str:
@@ -123,4 +132,5 @@ AUTOPILOT_RULES = rules(
     HEARTBEAT_SILENT_S=HEARTBEAT_SILENT_S,
     LEAST_ATTITUDE_HZ=LEAST_ATTITUDE_HZ,
     USUAL_ATTITUDE_HZ=USUAL_ATTITUDE_HZ,
+    LAG_ERROR_MS=1e3 * LAG_ERROR_S,
 )

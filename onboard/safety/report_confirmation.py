@@ -17,6 +17,7 @@ from msgspec.structs import replace
 from onboard.autopilot import Landed, Snapshot
 
 CONTRADICTED_S = 2.0  # for so long a contradiction counts as a condition
+_IMPOSSIBLE_NS = 1_000_000_000
 CONTRADICTED_LONG_S = 2.0  # contradictions over so long a time are no single datagrams any more
 _ONE_RUN_S = 3.0  # contradictions no farther apart belong together
 _ASK_EVERY_NS = 60_000_000
@@ -127,6 +128,7 @@ class ReportConfirmation:
     """Memory of one PX4's reports; give it every snapshot."""
 
     contradicted: str = ""  # kind of report that was contradicted last
+    _impossible: tuple[str, int] = ("", 0)  # what was wrong with the newest report that was dropped, and when it came
     _believed: Snapshot = field(default_factory=Snapshot)
     _waiting: tuple[_Waiting, ...] = field(default_factory=lambda: tuple(_Waiting() for _ in KINDS))
     _run_begin_ns: int = 0
@@ -151,6 +153,24 @@ class ReportConfirmation:
             withheld["global_origin"] = origin  # PX4 does not move it in flight
         self._believed = replace(snapshot, **withheld) if withheld else snapshot
         return self._believed
+
+    def drop(self, sentence: str, now_ns: int) -> None:
+        """Remember a snapshot that nobody can calculate with.
+
+        Args:
+            sentence: what is wrong with it.
+            now_ns: our clock.
+        """
+        self._impossible = (sentence, now_ns)
+
+    def impossible(self, now_ns: int) -> str:
+        """Return what is wrong with PX4's newest numbers, as a sentence; empty when none was dropped lately.
+
+        Args:
+            now_ns: our clock.
+        """
+        sentence, dropped_ns = self._impossible
+        return sentence if now_ns - dropped_ns < _IMPOSSIBLE_NS else ""
 
     def is_heartbeat_due(self, now_ns: int) -> bool:
         """Whether PX4 is to be asked for a heartbeat now, since one waits for another that agrees.

@@ -171,7 +171,10 @@ class ConditionMonitor:
             heartbeat_ns=snapshot.heartbeat_ns,
             boot_ms=snapshot.px4_boot_ms,
         )
-        if px4.is_silent:
+        impossible = self.reports.impossible(now_ns)
+        if px4.is_silent and impossible:
+            self._add(active, c.AUTOPILOT_IMPOSSIBLE, impossible.removesuffix("."))
+        elif px4.is_silent:
             active.add(c.AUTOPILOT_SILENT)
         if px4.is_frozen:
             active.add(c.AUTOPILOT_FROZEN)

@@ -78,6 +78,7 @@ def test_setpoints_stop_in_flight_only_when_the_controls_are_gone() -> None:
         Condition.DISARMED,
         Condition.REBOOTED,
         Condition.AUTOPILOT_SILENT,
+        Condition.AUTOPILOT_IMPOSSIBLE,
         Condition.AUTOPILOT_FROZEN,
         Condition.FALLEN,
     }

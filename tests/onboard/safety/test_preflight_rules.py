@@ -21,6 +21,7 @@ FLEET = load_fleet("configs/fleets/paper.toml")
 VEHICLE = FLEET.vehicles["mav1"]
 BARE = msgspec.structs.replace(VEHICLE, mocap_required=False)
 OUTSIDE = msgspec.structs.replace(VEHICLE, start_enu_m=(9.0, 0.0, 0.0))
+STEADY = msgspec.structs.replace(VEHICLE, px4_params={"MC_ROLL_P": 6.5, "MC_PITCH_P": 6.5})
 FINE = PreflightFacts(
     autopilot_age_s=0.01,
     heartbeat_age_s=0.4,
@@ -56,6 +57,8 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ),
     ("version", "unknown"): ({"px4_version": None}, "does not say its version"),
     ("version", "unmeasured"): ({"px4_version": (1, 19)}, "v1.19 was never measured"),
+    ("version", "other"): ({"px4_version": (1, 18)}, "lags by 0.29 s instead of 0.25 s"),
+    ("version", "alike"): ({"px4_version": (1, 16), "vehicle": STEADY}, "PX4 is v1.16, the fleet file says v1.17"),
     ("link", "slow"): ({"attitude_hz": 9.0}, "only 9 Hz"),
     ("link", "low"): ({"attitude_hz": 30.0}, "30 Hz"),
     ("port", "open"): (
@@ -156,6 +159,21 @@ def test_each_fault_shows_in_its_own_line_only_with_sentence_and_remedy() -> Non
         facts = dataclasses.replace(FINE, **{key: value for key, value in changes.items() if key != "vehicle"})
         refusals = preflight_rules.reasons(facts, FLEET, changes.get("vehicle", VEHICLE))
         assert refusals == (() if is_advice else (f"{check.sentence} {check.remedy}",)), case
+
+
+def test_a_version_refuses_where_its_attitude_lags_by_more_than_the_law_tolerates_and_nowhere_else() -> None:
+    for file, flown, gain, is_ok in (
+        ("1.16", (1, 17), None, False),  # another default of MC_ROLL_P
+        ("1.16", (1, 17), 6.5, True),
+        ("1.17", (1, 16), None, False),
+        ("1.17", (1, 18), 4.0, False),  # filtered setpoints
+        ("1.18", (1, 18), 4.0, True),
+        ("1.16", (1, 18), 6.5, False),
+    ):
+        params = {} if gain is None else {"MC_ROLL_P": gain, "MC_PITCH_P": gain}
+        vehicle = msgspec.structs.replace(VEHICLE, px4_version=file, px4_params=params)
+        (check,) = (check for check in judged(px4_version=flown, vehicle=vehicle) if check.name == "version")
+        assert check.is_ok is is_ok, (file, flown, gain)
 
 
 def test_no_fault_is_left_out_of_these_cases() -> None:
