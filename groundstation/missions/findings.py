@@ -5,20 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from groundstation.missions.files import Mission, intent_of
-from groundstation.missions.steps import FollowPathStep, FormationStep, LandStep, MoveStep, OrderStep, TakeoffStep
-from groundstation.orders.grammar import default_formation
-from groundstation.orders.plan import HeldFormation, plan_order
+from groundstation.missions.files import Mission
+from groundstation.missions.steps import HomeStep, LandStep, OrderStep
 from groundstation.paths.checks import path_findings
-from onboard.config.fleet import ConfigError, FleetConfig, Vec3
-from onboard.control.path import Path, point_at
-from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
+from onboard.config.fleet import ConfigError
 from onboard.feasibility.bounds import ACCURACIES
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
 
 _OF_THE_MISSION = ("time", "expectation", "arrival", "ending")  # findings that are no promise of the law's
-_CLIMB_M_S, _START_S, _SETTLE_S = 0.4, 3.0, 1.0
 _ROOM_FOR_DETOURS = 1.7  # times the straight way's duration
 
 
@@ -101,33 +96,21 @@ def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
 
 def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Finding]:
     fleet = mission.fleet
-    held = HeldFormation(default_formation(fleet))
-    positions: dict[str, Vec3] = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
     flying: set[str] = set()
-    for index, step in enumerate(mission.steps):
-        if isinstance(step, FollowPathStep):
-            paths = mission.paths_of(step)
-            yield from path_findings(fleet, paths, f"step[{index}] ({step.do})")
-            positions.update({name: _point(path, math.inf) for name, path in paths.items()})
+    for stage in mission.course():
+        step, where = stage.step, f"{stage.key} ({stage.step.do})"
+        if stage.paths:
+            yield from path_findings(fleet, stage.paths, where)
+        if not stage.alone_s or not isinstance(step, OrderStep):
             continue
-        if not isinstance(step, TakeoffStep | MoveStep | FormationStep | LandStep):
-            continue
-        intent = intent_of(step, fleet)
-        planned = plan_order(intent, fleet, None, held=held, author="check", now_ns=0)
-        held = planned.held
-        goals = {name: _goal(step, positions[name], order.position_enu_m) for name, order in planned.orders.items()}
-        if not goals:
-            continue
-        where = f"step[{index}] ({step.do})"
-        yield worst(_time(fleet, step, name, positions[name], goal, where) for name, goal in goals.items())
-        positions.update(goals)
-        if isinstance(step, LandStep):
-            flying.difference_update(goals)
+        yield worst(_time(step.timeout_s, name, alone_s, where) for name, alone_s in stage.alone_s.items())
+        flying = set(stage.flying)
+        if isinstance(step, LandStep | HomeStep):
+            flying.difference_update(stage.goals)
         else:
-            flying.update(goals)
-            yield from spot_findings(
-                fleet, {name: positions[name] for name in positions if name in flying}, where, errors=errors
-            )
+            flying.update(stage.goals)
+            positions = {**stage.positions, **stage.goals}
+            yield from spot_findings(fleet, {name: positions[name] for name in flying}, where, errors=errors)
     if flying and mission.expect.all_landed is not False:
         yield at_most(
             "ending",
@@ -140,32 +123,14 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
         )
 
 
-def _point(path: Path, time_s: float) -> Vec3:
-    x, y, z = point_at(path, time_s).position_enu_m
-    return (x, y, z)
-
-
-def _goal(step: OrderStep, position: Vec3, ordered: Vec3 | None) -> Vec3:
-    if isinstance(step, TakeoffStep):
-        return (position[0], position[1], step.height_m)
-    return (position[0], position[1], 0.0) if isinstance(step, LandStep) else ordered or position
-
-
-def _time(fleet: FleetConfig, step: OrderStep, name: str, position: Vec3, goal: Vec3, where: str) -> Finding:
-    vehicle = fleet.vehicles[name]
-    if isinstance(step, TakeoffStep | LandStep):
-        shortest_s = _START_S + abs(goal[2] - position[2]) / _CLIMB_M_S
-    else:
-        bounds = TrajectoryParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2)
-        shortest_s = shortest_duration_s(math.dist(position, goal), bounds)
-        shortest_s = _SETTLE_S + max(shortest_s, getattr(step, "duration_s", 0.0))
+def _time(timeout_s: float, name: str, alone_s: float, where: str) -> Finding:
     return at_least(
         f"time, {where}",
-        step.timeout_s,
-        _ROOM_FOR_DETOURS * shortest_s,
+        timeout_s,
+        _ROOM_FOR_DETOURS * alone_s,
         "s",
-        f"{where[0].upper()}{where[1:]}: timeout_s is {{value}}; {name} needs {shortest_s:.1f} s alone, so "
+        f"{where[0].upper()}{where[1:]}: timeout_s is {{value}}; {name} needs {alone_s:.1f} s alone, so "
         "{relation} {bound} leaves room for detours",
         "Raise its timeout_s by {difference}.",
-        refuse_below=shortest_s,
+        refuse_below=alone_s,
     )

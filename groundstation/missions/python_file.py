@@ -10,7 +10,7 @@ from onboard.config.fleet import ConfigError
 
 
 def read_python(name: str) -> tuple[str, dict[str, Any]]:
-    """Read a Python mission: ``async def mission(fleet)``, and the literals ``FLEET`` and ``EXPECT``.
+    """Read a Python mission: ``async def mission(fleet)``, and the literals ``FLEET``, ``EXPECT``, ``FORMATIONS``.
 
     Args:
         name: path of the file.
@@ -34,7 +34,7 @@ def read_python(name: str) -> tuple[str, dict[str, Any]]:
     for node in tree.body:
         if isinstance(node, ast.Assign) and len(node.targets) == 1 and isinstance(node.targets[0], ast.Name):
             target = node.targets[0].id
-            if target in ("FLEET", "EXPECT"):
+            if target in ("FLEET", "EXPECT", "FORMATIONS"):
                 try:
                     constants[target] = ast.literal_eval(node.value)
                 except ValueError:

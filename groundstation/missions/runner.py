@@ -14,12 +14,14 @@ from groundstation.client.fault_orders import FaultRefused
 from groundstation.client.preflight_page import advice_of
 from groundstation.fleet.state import FleetState
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
-from groundstation.missions.files import Mission, intent_of
-from groundstation.missions.steps import ExpectStep, FaultStep, FollowPathStep, WaitStep
-from groundstation.missions.verdict import FlightObservations, Verdict, check, is_landed, judge, smallest
+from groundstation.missions.files import Mission, with_shapes
+from groundstation.missions.step_runner import MissionFailed, StepRunner
+from groundstation.missions.verdict import FlightObservations, Verdict, is_landed, judge
+from groundstation.orders.grammar import Intent
 from onboard.config.fleet import ConfigError
 
 LAND_TIMEOUT_S = 40.0
+HOME_TIMEOUT_S = 90.0
 READY_TIMEOUT_SIM_S = 60.0  # for the first step, when emulator and agents start with the mission
 LAST_TELEMETRY_S = 0.5
 SILENT_S = 2.0  # without telemetry in flight, after which the mission ends
@@ -45,6 +47,7 @@ class MissionRun:
     ) -> None:
         self.mission = mission
         self.client = client
+        client.fleet = with_shapes(client.fleet, mission.shapes)  # formations that only the mission has
         self.fleet = Fleet(client, say=say)
         self._ready_timeout_s = ready_timeout_s
         self._aborted: str | None = None
@@ -151,57 +154,27 @@ class MissionRun:
         advised = advice_of(self.client.state, self.fleet.names, is_recording=self.client.is_recording)
         for advice, names in advised.items():
             self.fleet.say(f"Preflight, {', '.join(names)}: {advice}")
+        self.fleet.ground.goes_on_without = self.mission.on_failure.do == "go_on"
         if self.mission.is_python:
             await load_function(self.mission)(self.fleet)
             return
-        for step in self.mission.steps:
-            if isinstance(step, FaultStep):
-                try:
-                    await self._fault(step, is_rehearsal=True)  # no take-off before a fault that will be impossible
-                except FaultRefused:
-                    self._flown.is_wrong_input = True
-                    raise
-        for index, step in enumerate(self.mission.steps):
-            if isinstance(step, WaitStep):
-                await self.fleet.wait(step.duration_s)
-            elif isinstance(step, FaultStep):
-                await self._fault(step)
-            elif isinstance(step, ExpectStep):
-                self._expect_now(index, step)
-            elif isinstance(step, FollowPathStep):
-                paths = self.mission.paths_of(step)
-                lights = self.mission.lights_of(step)
-                await self.fleet.follow_path(paths, lights=lights, on_lag=step.on_lag, timeout_s=step.timeout_s)
-            else:
-                await self.fleet.order(intent_of(step, self.mission.fleet), step.timeout_s)
-
-    async def _fault(self, step: FaultStep, *, is_rehearsal: bool = False) -> None:
-        await self.fleet.fault(
-            step.name,
-            step.vehicles,
-            after_s=step.after_s,
-            duration_s=step.duration_s,
-            is_rehearsal=is_rehearsal,
-            **step.parameters,
-        )
-
-    def _expect_now(self, index: int, step: ExpectStep) -> None:
-        state = self.client.state
-        landed = {name: is_landed(state, name) for name in self.fleet.names}
-        for one in check(step, self.mission.fleet, smallest(state), self.fleet.arrivals, landed):
-            self.fleet.say(f"  {one.sentence}")
-            if not one.has_come_true:
-                raise MissionFailed(f"step[{index}] expected: {one.sentence}")
+        steps = StepRunner(self.mission, self.fleet)
+        try:
+            await steps.rehearse_faults()
+        except FaultRefused:
+            self._flown.is_wrong_input = True
+            raise
+        await steps.run()
 
     async def _on_failure(self) -> None:
-        if self.mission.on_failure.do == "land":
-            await self.fleet.land_all(LAND_TIMEOUT_S)
-        else:
+        if self.mission.on_failure.do == "hold":
             await self.client.order("hold all", 15.0)
-
-
-class MissionFailed(RuntimeError):
-    """An expectation in the middle of a mission was not met."""
+            return
+        if self.mission.on_failure.do == "home":
+            up = tuple(name for name in self.fleet.names if self.client.state.vehicles[name].is_airborne)
+            if up:
+                await (await self.client.submit(Intent("home", up))).wait(HOME_TIMEOUT_S)
+        await self.fleet.land_all(LAND_TIMEOUT_S)
 
 
 def load_function(mission: Mission) -> Callable[[Fleet], Awaitable[None]]:

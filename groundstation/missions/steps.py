@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
+from groundstation.formations.frame import FramePoint
 from groundstation.orders.path_orders import OnLag
 from onboard.config.fleet import Vec3
 
@@ -33,19 +34,60 @@ class TakeoffStep(_OrderStep, frozen=True, kw_only=True):
     height_m: float = 1.0  # above the fleet's origin
 
 
-class MoveStep(_OrderStep, frozen=True, kw_only=True):
+class _GoalStep(_OrderStep, frozen=True, kw_only=True):
+    duration_s: float = 0.0  # slower than the limits allow; 0: as fast as they allow
+    speed_m_s: float | None = None  # instead of a duration: the most of whoever has the longest way
+    yaw_deg: float | None = None  # heading to turn to, counterclockwise from east; by default as it is
+
+
+class MoveStep(_GoalStep, frozen=True, kw_only=True):
     """One vehicle: its own goal. Several: the position of the formation that holds."""
 
     position_enu_m: Vec3  # east, north, up in the fleet frame
-    duration_s: float = 0.0  # slower than the limits allow; 0: as fast as they allow
 
 
-class FormationStep(_OrderStep, frozen=True, kw_only=True):
+class GotoStep(_GoalStep, frozen=True, kw_only=True):
+    """Each vehicle to its own goal, judged together: they may change places."""
+
+    goals: dict[str, Vec3]  # vehicle -> east, north, up in the fleet frame
+
+
+class FormationStep(_GoalStep, frozen=True, kw_only=True):
     """Take up a formation at a position."""
 
-    name: str  # a table [formations.NAME] of the fleet file
+    name: str  # a table [formations.NAME] of the mission or of the fleet file
     position_enu_m: Vec3  # of the formation: its offsets come on top
+    spacing_m: float | None = None  # stretches it until its two nearest slots are so far apart
+    rotation_deg: float = 0.0  # turns it, counterclockwise
+    assign: Literal["ids", "nearest"] = "ids"  # each its own slot; nearest: such that the longest flight is short
+
+
+class RotateStep(_OrderStep, frozen=True, kw_only=True):
+    """Turn the formation that holds about its position, each vehicle straight to its new slot."""
+
+    angle_deg: float  # counterclockwise, from how it is turned now
     duration_s: float = 0.0  # as for move
+
+
+class YawStep(_OrderStep, frozen=True, kw_only=True):
+    """Turn to a heading on the spot."""
+
+    yaw_deg: float  # counterclockwise from east
+    timeout_s: float = 15.0
+
+
+class FlyFormationStep(_Step, frozen=True, kw_only=True):
+    """A formation flies through points without stopping, turns, stretches and becomes another one on the way."""
+
+    name: str  # of the formation at the begin, which all go to first
+    position_enu_m: Vec3  # of the formation there, or of its leader
+    to: tuple[FramePoint, ...]  # the points, see below
+    rotation_deg: float = 0.0  # of the formation at the begin, counterclockwise
+    spacing_m: float | None = None  # of its two nearest slots
+    leader: str | None = None  # positions are this vehicle's, and the formation turns about it
+    assign: Literal["ids", "nearest"] = "ids"  # as for formation
+    on_lag: OnLag = "land"  # what a vehicle does that falls behind for too long
+    timeout_s: float | None = None  # by default as long as the way takes, and a minute
 
 
 class FollowPathStep(_Step, frozen=True, kw_only=True):
@@ -61,6 +103,14 @@ class HoldStep(_OrderStep, frozen=True, kw_only=True):
     """Stop at the present spot."""
 
     timeout_s: float = 15.0
+
+
+class HomeStep(_OrderStep, frozen=True, kw_only=True):
+    """Back over the take-off spots of the fleet file, and land there."""
+
+    height_m: float | None = None  # of the way back; by default each at its own
+    duration_s: float = 0.0  # of the way back, as for move
+    timeout_s: float = 90.0
 
 
 class LandStep(_OrderStep, frozen=True, kw_only=True):
@@ -83,10 +133,48 @@ class FaultStep(_Step, frozen=True, kw_only=True):
     duration_s: float = 0.0  # until it ends; 0: never
 
 
-class WaitStep(_Step, frozen=True, kw_only=True):
-    """Let time pass."""
+class Until(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A condition: all that is given must hold at once."""
 
-    duration_s: float  # of vehicle time
+    vehicles: Names | None = None  # whom battery, failure and event are about; by default anybody
+    reached: dict[str, Vec3] = {}  # these vehicles are at these positions
+    within_m: float = 0.15  # so near
+    separation_above_m: float | None = None  # no two that fly are nearer
+    separation_below_m: float | None = None  # two are nearer
+    battery_below_pct: float | None = None  # one of the vehicles has less
+    landed: Names | None = None  # these are down and disarmed
+    flying: Names | None = None  # these are in the air
+    fails: bool = False  # one of the vehicles has failed, lands unordered, or is silent in flight
+    event: str | None = None  # an event with this code has come; "*": any warning or worse
+
+
+class WaitStep(_Step, frozen=True, kw_only=True):
+    """Let time pass, or wait until a condition holds."""
+
+    duration_s: float = 0.0  # of vehicle time
+    until: Until | None = None  # the keys below
+    timeout_s: float = 60.0  # the step fails when the condition does not hold within
+
+
+class RepeatStep(_Step, frozen=True, kw_only=True):
+    """Do steps several times."""
+
+    times: int  # how often
+    steps: tuple[Any, ...]  # [[step.steps]]
+
+
+class ParallelStep(_Step, frozen=True, kw_only=True):
+    """Do lists of steps side by side; it is done when all are, and fails when one does."""
+
+    branches: tuple[Any, ...]  # lists of steps: [[{do = "move", ...}, {...}], [{do = "hold", ...}]]
+
+
+class ReactStep(_Step, frozen=True, kw_only=True):
+    """Do steps; as soon as a condition holds, leave the rest of them out and do others. Then the mission goes on."""
+
+    when: Until  # the condition, the keys below
+    steps: tuple[Any, ...]  # [[step.steps]]
+    then: tuple[Any, ...]  # steps once it holds: [[step.then]]
 
 
 class Expect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -104,21 +192,34 @@ class ExpectStep(Expect, frozen=True, kw_only=True):
 
 
 class OnFailure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Reaction to a step that fails: all vehicles land, or all hold."""
+    """Reaction to a step that fails."""
 
-    do: Literal["land", "hold"] = "land"  # what all vehicles do when a step fails
+    # what all vehicles do when a step fails: land, hold, or go home. "go_on": only those that failed land, by
+    # themselves or with the mission's end; the others go on as long as there is one
+    do: Literal["land", "hold", "home", "go_on"] = "land"
 
 
-OrderStep = ArmStep | TakeoffStep | MoveStep | FormationStep | HoldStep | LandStep | DisarmStep
-Step = OrderStep | FollowPathStep | WaitStep | ExpectStep | FaultStep
+GoalStep = MoveStep | GotoStep | FormationStep
+BLOCK_KEYS = "steps", "then", "branches"  # of steps that hold others
+OrderStep = ArmStep | TakeoffStep | GoalStep | RotateStep | YawStep | HoldStep | HomeStep | LandStep | DisarmStep
+BlockStep = RepeatStep | ParallelStep | ReactStep
+Step = OrderStep | FollowPathStep | FlyFormationStep | WaitStep | ExpectStep | FaultStep | BlockStep
 STEPS: dict[str, type[Step]] = {
     "arm": ArmStep,
     "takeoff": TakeoffStep,
     "move": MoveStep,
+    "goto": GotoStep,
     "formation": FormationStep,
+    "fly_formation": FlyFormationStep,
+    "rotate": RotateStep,
+    "yaw": YawStep,
     "follow_path": FollowPathStep,
     "hold": HoldStep,
     "wait": WaitStep,
+    "repeat": RepeatStep,
+    "parallel": ParallelStep,
+    "react": ReactStep,
+    "home": HomeStep,
     "land": LandStep,
     "disarm": DisarmStep,
     "expect": ExpectStep,
@@ -126,5 +227,15 @@ STEPS: dict[str, type[Step]] = {
 }
 
 
-STEP_BOUNDS = {"timeout_s": (0.1, 3600.0), "duration_s": (0.0, 3600.0), "after_s": (0.0, 3600.0)}
+STEP_BOUNDS = {
+    "timeout_s": (0.1, 3600.0),
+    "duration_s": (0.0, 3600.0),
+    "after_s": (0.0, 3600.0),
+    "speed_m_s": (0.01, 50.0),
+    "spacing_m": (0.05, 1000.0),
+    "rotation_deg": (-3600.0, 3600.0),
+    "angle_deg": (-3600.0, 3600.0),
+    "yaw_deg": (-360.0, 360.0),
+    "times": (1, 100),
+}
 EXPECT_MOST_M = {"min_separation_m": 100.0, "arrived_within_m": 10.0}

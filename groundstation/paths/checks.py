@@ -40,6 +40,26 @@ class Closest(NamedTuple):
     height_m: float  # of the one above the other then
 
 
+class Limits(NamedTuple):
+    """What the slowest of some vehicles can fly."""
+
+    max_speed_m_s: float
+    max_acceleration_m_s2: float
+    max_tilt_deg: float
+    drag_1_s: float
+
+
+def limits_of(fleet: FleetConfig, names: Sequence[str]) -> Limits:
+    """Return the limits that all of these vehicles can keep."""
+    flying = [fleet.vehicles[name] for name in names]
+    return Limits(
+        min(one.max_speed_m_s for one in flying),
+        min(one.max_acceleration_m_s2 for one in flying),
+        min(one.max_tilt_deg for one in flying),
+        max(one.drag_1_s for one in flying),
+    )
+
+
 def sample(paths: Mapping[str, Path], step_s: float = STEP_S) -> SampledPaths:
     """Return the motion of all paths from the first one's begin to the last one's end."""
     longest_s = max(path.duration_s for path in paths.values())
@@ -83,6 +103,25 @@ def closest_pairs(flown: SampledPaths, below_m: float) -> list[Closest]:
         for k in np.argsort(best)
         if best[k] < below_m or k == best.argmin()
     ]
+
+
+def needed_slowing(flown: SampledPaths, limits: Limits) -> tuple[float, str]:
+    """Return how many times as long paths must take, and the worst reason in words; at most 1: none."""
+    speed, push = (np.sqrt((flown.values[k, :, :, :3] ** 2).sum(-1)) for k in (1, 2))
+    sideways = np.hypot(flown.values[2, ..., 0], flown.values[2, ..., 1])
+    drag = limits.drag_1_s * np.hypot(flown.values[1, ..., 0], flown.values[1, ..., 1])
+    steepest = 0.8 * GRAVITY_M_S2 * math.tan(math.radians(limits.max_tilt_deg))
+    needs = {
+        "speed": (speed, limits.max_speed_m_s, "m/s", 1.0),
+        "acceleration": (push, limits.max_acceleration_m_s2, "m/s^2", 0.5),
+        "tilt, as acceleration with drag,": (sideways + drag, steepest, "m/s^2", 1.0),
+    }
+    noun = max(needs, key=lambda key: (needs[key][0].max() / needs[key][1]) ** needs[key][3])
+    value, bound, unit, power = needs[noun]
+    step, index = np.unravel_index(value.argmax(), value.shape)
+    name, time_s = flown.names[index], flown.times_s[step]
+    words = f"{name}'s {noun} was {value.max():.2f} {unit} at {time_s:.1f} s, {bound:g} is the most"
+    return float(value.max() / bound) ** power, words
 
 
 def pair_words(one: Closest) -> str:

@@ -11,14 +11,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from groundstation.paths.checks import Closest, closest_pairs, listed_words, pair_words, sample
+from groundstation.paths.checks import Closest, Limits, closest_pairs, listed_words, needed_slowing, pair_words, sample
 from groundstation.paths.lights import Light
 from groundstation.paths.pieces import cut, quintic, resting, slowed
 from groundstation.shows.show import Drone, Show
 from onboard.arrays import Array
 from onboard.config.fleet import ConfigError, Vec3
 from onboard.control.path import Path, path_of, sampled
-from onboard.types import GRAVITY_M_S2
 
 _TAKEOFF_M, _LOWEST_TAKEOFF_M = 1.0, 0.5
 _JOIN_S = 1.0  # on either side of the height at which the show is taken over from the take-off
@@ -27,18 +26,6 @@ _STILL_M_S = 0.02
 _ROOM = 1.005
 _SLOWEST = 4.0
 _SPREAD_STEP_S, _MOST_SPREAD_S, _SPREAD_ROUNDS = 0.5, 4.0, 24
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What the vehicles can do, and how far they keep apart."""
-
-    max_speed_m_s: float
-    max_acceleration_m_s2: float
-    max_tilt_deg: float
-    drag_1_s: float
-    spacing_m: float  # between paths
-    home_spacing_m: float
 
 
 @dataclass(slots=True)
@@ -53,13 +40,17 @@ class Converted:
     own_notes: dict[str, list[str]] = field(default_factory=dict)  # by name
 
 
-def converted(show: Show, names: Mapping[str, str], limits: Limits) -> Converted:
+def converted(
+    show: Show, names: Mapping[str, str], limits: Limits, spacing_m: float, home_spacing_m: float
+) -> Converted:
     """Make a show flyable.
 
     Args:
         show: as it was read.
         names: of the vehicles, by those of the drones.
         limits: of the vehicles.
+        spacing_m: horizontal distance that paths keep [m].
+        home_spacing_m: that homes keep [m].
 
     Returns:
         Homes, paths and lights by the vehicles' names, with a note for each change.
@@ -74,7 +65,7 @@ def converted(show: Show, names: Mapping[str, str], limits: Limits) -> Converted
         raise ConfigError(f"{', '.join(low)}: the path stays on the ground. Take these drones out of the show.")
     made = Converted(takeoff_m, {names[one.name]: (*one.home_enu_m[:2], 0.0) for one in show.drones}, {}, {})
     made.own_notes = {names[one.name]: [f"{one.name!r} of the show {show.title!r}"] for one in show.drones}
-    _check_homes(made.homes, limits.home_spacing_m)
+    _check_homes(made.homes, home_spacing_m)
     flown = {one.name: _flown(one, takeoff_m) for one in show.drones}
     zero_s = min(begin_s for begin_s, _ in flown.values())
     made.notes.append(f"take-off to {takeoff_m:g} m and landing are Covey's own; the show is flown above that height")
@@ -86,7 +77,7 @@ def converted(show: Show, names: Mapping[str, str], limits: Limits) -> Converted
         made.paths[names[one.name]] = path_of(pieces.tolist())
         made.lights[names[one.name]] = tuple((max(t - zero_s, 0.0), r, g, b) for t, r, g, b in one.lights)
     _slow_down(made, limits)
-    _spread_starts(made, limits.spacing_m)
+    _spread_starts(made, spacing_m)
     return made
 
 
@@ -127,24 +118,9 @@ def _check_homes(homes: Mapping[str, Vec3], spacing_m: float) -> None:
 
 def _slow_down(made: Converted, limits: Limits) -> None:
     """Slow the whole show until every vehicle can fly its path."""
-    flown = sample(made.paths)
-    speed, push = (np.sqrt((flown.values[k, :, :, :3] ** 2).sum(-1)) for k in (1, 2))
-    sideways = np.hypot(flown.values[2, ..., 0], flown.values[2, ..., 1])
-    drag = limits.drag_1_s * np.hypot(flown.values[1, ..., 0], flown.values[1, ..., 1])
-    steepest = 0.8 * GRAVITY_M_S2 * math.tan(math.radians(limits.max_tilt_deg))
-    needs = {
-        "speed": (speed, limits.max_speed_m_s, "m/s", 1.0),
-        "acceleration": (push, limits.max_acceleration_m_s2, "m/s^2", 0.5),
-        "tilt, as acceleration with drag,": (sideways + drag, steepest, "m/s^2", 1.0),
-    }
-    noun = max(needs, key=lambda key: (needs[key][0].max() / needs[key][1]) ** needs[key][3])
-    value, bound, unit, power = needs[noun]
-    factor = float(value.max() / bound) ** power
+    factor, words = needed_slowing(sample(made.paths), limits)
     if factor <= 1.0:
         return
-    step, index = np.unravel_index(value.argmax(), value.shape)
-    name, time_s = flown.names[index], flown.times_s[step]
-    words = f"{name}'s {noun} was {value.max():.2f} {unit} at {time_s:.1f} s, {bound:g} is the most"
     if factor > _SLOWEST:
         raise ConfigError(f"The show would take {factor:.1f} times as long: {words}. Design it slower.")
     factor *= _ROOM

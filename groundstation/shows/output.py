@@ -10,10 +10,10 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from groundstation.paths.checks import bound_m, sample
+from groundstation.paths.checks import bound_m, limits_of, sample
 from groundstation.paths.files import write_path
 from groundstation.processes.free_ports import toml_text
-from groundstation.shows.conversion import Converted, Limits, converted
+from groundstation.shows.conversion import Converted, converted
 from groundstation.shows.show import Show
 from groundstation.starter.files import Answers, endpoint_lines, law_lines, type_lines
 from onboard.config.fleet import ConfigError, FleetConfig, Origin, fleet_from_mapping
@@ -53,7 +53,7 @@ def write_show(
         raise ConfigError("Two drones of the show have one name. Give each its own.")
     draft_text = _fleet_text(show, fleet, vehicles, None, promise_m)
     draft = fleet_from_mapping(tomllib.loads(draft_text), path=str(folder / "fleet.toml"))
-    made = converted(show, names, _limits(draft, vehicles))
+    made = converted(show, names, limits_of(draft, vehicles), bound_m(draft), bound_m(draft) + _HOME_M)
     text = _fleet_text(show, fleet, vehicles, made, promise_m)
     final = fleet_from_mapping(tomllib.loads(text), path=str(folder / "fleet.toml"), text=text)
     head = [f"Made by covey import from {source}.", *made.notes]
@@ -67,18 +67,6 @@ def write_show(
             lines = ["t,red,green,blue", *(f"{t:.2f},{r},{g},{b}" for t, r, g, b in made.lights[name])]
             (folder / "lights" / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     return made, final
-
-
-def _limits(fleet: FleetConfig, names: Sequence[str]) -> Limits:
-    flying = [fleet.vehicles[name] for name in names]
-    return Limits(
-        max_speed_m_s=min(one.max_speed_m_s for one in flying),
-        max_acceleration_m_s2=min(one.max_acceleration_m_s2 for one in flying),
-        max_tilt_deg=min(one.max_tilt_deg for one in flying),
-        drag_1_s=max(one.drag_1_s for one in flying),
-        spacing_m=bound_m(fleet),
-        home_spacing_m=bound_m(fleet) + _HOME_M,
-    )
 
 
 def _fleet_text(

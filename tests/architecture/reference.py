@@ -7,9 +7,11 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from groundstation.missions.steps import EXPECT_MOST_M, STEP_BOUNDS, STEPS, Expect, OnFailure
-from onboard.config import mocap, sitl
+from groundstation.formations.frame import FramePoint
+from groundstation.missions.steps import EXPECT_MOST_M, STEP_BOUNDS, STEPS, Expect, OnFailure, Until
+from onboard.config import formation_shape, mocap, sitl
 from onboard.config.fleet_config import FleetSection, Geofence, Origin, Vehicle
+from onboard.config.formation_shape import FormationShape, ShapeName
 from onboard.config.law import LawConfig
 from onboard.config.mocap import MocapConfig
 from onboard.config.obstacles import Circle, Obstacle
@@ -51,14 +53,16 @@ def _kind(text: str) -> str:
     literal = re.findall(r'"([^"]+)"', text)
     if text == 'bool | Literal["scan"]':
         return 'true, false or `"scan"`'
-    if "Literal" in text or text in ("LawName", "OnLag", "SystemType | None"):
+    if "Literal" in text or text in ("LawName", "OnLag", "ShapeName", "SystemType | None"):
         return "one of " + ", ".join(f"`{word}`" for word in literal) if literal else "one of some words"
     words = {"float": "number", "int": "whole number", "str": "text", "bool": "true or false", "Vec3": "three numbers"}
     base = text.removesuffix(" | None")
     if base.startswith("tuple[float"):
         count = base.count("float")
         return f"{('', '', 'two', 'three')[count]} numbers"
-    words |= {"Names": "text or list of texts", "tuple[tuple[float, float], ...]": "list of points"}
+    words |= {"tuple[Any, ...]": "list of steps", "tuple[FramePoint, ...]": "list of tables"}
+    words |= {"Names": "text or list of texts", "str | tuple[str, ...]": "text or list of texts"}
+    words |= {"tuple[tuple[float, float], ...]": "list of points"}
     return words.get(base, "table")
 
 
@@ -90,7 +94,7 @@ def fleet_file() -> str:
     from onboard.config.law import LawName
     from onboard.config.mocap import SystemType
 
-    _LITERALS.update({"LawName": _of(LawName), "SystemType | None": _of(SystemType)})
+    _LITERALS.update({"LawName": _of(LawName), "ShapeName": _of(ShapeName), "SystemType | None": _of(SystemType)})
     only = tuple(name for name in fields(Vehicle) if name not in _ONE_OF_ITS_OWN)
     parts = [
         ("`[fleet]`", _table(FleetSection, FLEET_BOUNDS)),
@@ -102,6 +106,7 @@ def fleet_file() -> str:
             _table(Vehicle, VEHICLE_BOUNDS, ("name", "index", *_ONE_OF_ITS_OWN)),
         ),
         ("`[types.NAME.sitl]`: of the emulator only", _table(sitl.SitlProfile, sitl.BOUNDS)),
+        ("`[formations.NAME]` with a `shape`, here or in a mission", _table(FormationShape, formation_shape.BOUNDS)),
         ("`[mocap]`", _table(MocapConfig, mocap.BOUNDS)),
         ("`[[obstacles]]`", _table(Obstacle, {})),
         ("`circle` of an obstacle", _table(Circle, {})),
@@ -121,5 +126,7 @@ def mission_file() -> str:
         summary = str(inspect.getdoc(kind)).splitlines()[0]
         body = _table(kind, {**STEP_BOUNDS, **most}, ("do",))
         steps.append(f'### `do = "{name}"`\n\n{summary}' + (f"\n\n{body}" if body.count("\n") > 1 else ""))
-    tables = [f"### `[expect]`\n\n{_table(Expect, most)}", f"### `[on_failure]`\n\n{_table(OnFailure, {})}"]
+    shown = (("a point of `to`", FramePoint), ("`until` and `when`", Until))
+    inner = [f"### {title}\n\n{_table(struct, STEP_BOUNDS)}" for title, struct in shown]
+    tables = [*inner, f"### `[expect]`\n\n{_table(Expect, most)}", f"### `[on_failure]`\n\n{_table(OnFailure, {})}"]
     return "\n\n".join([*steps, *tables])

@@ -1,0 +1,119 @@
+"""Steps that hold others, that wait, that carry formations; and what is wrong with them, in words with the key."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from groundstation.missions.files import Mission, mission_from_mapping
+from groundstation.missions.findings import mission_findings
+from groundstation.missions.runner import MissionRun
+from onboard.config.fleet import ConfigError, FleetConfig
+
+UP = {"do": "takeoff", "height_m": 1.0}
+RING = {"formations": {"ring": {"shape": "circle"}}}
+TO_RING = {"do": "formation", "name": "ring", "position_enu_m": [0, 0, 1.0], "assign": "nearest"}
+TURN = {"do": "fly_formation", "name": "ring", "position_enu_m": [0, 0, 1.0], "to": [{"turn_deg": 90.0}]}
+SWAP = {"do": "goto", "goals": {"mav0": [1.5, -1.5, 1.0], "mav2": [-1.5, -1.5, 1.0]}, "speed_m_s": 0.5}
+LONG = {"do": "wait", "duration_s": 60.0}
+LOW = {"battery_below_pct": 50.0}
+
+
+def make(fleet: FleetConfig, *steps: dict[str, Any], **tables: Any) -> Mission:
+    return mission_from_mapping({"schema": 1, "step": list(steps), **RING, **tables}, path="test.toml", fleet=fleet)
+
+
+@pytest.mark.parametrize(
+    ("step", "words"),
+    [
+        ({"do": "repeat", "times": 3}, "`steps`"),
+        ({"do": "repeat", "times": 3, "steps": []}, "step[1].steps"),
+        ({"do": "repeat", "times": 0, "steps": [TO_RING]}, "step[1].times"),
+        ({"do": "repeat", "times": 2, "steps": [{"do": "spin"}]}, "step[1].steps[0].do"),
+        ({"do": "repeat", "times": 2, "steps": [{"do": "wait", "length_s": 1}]}, "step[1].steps[0].length_s"),
+        ({"do": "repeat", "times": 2, "steps": [UP]}, "step[1].steps[0]"),
+        ({"do": "parallel", "branches": [UP]}, "step[1].branches[0]"),
+        ({"do": "parallel", "branches": [[{"do": "land", "vehicles": "mav9"}]]}, "step[1].branches[0][0]"),
+        ({"do": "wait"}, "step[1]"),
+        ({"do": "wait", "until": {}}, "empty condition"),
+        ({"do": "wait", "until": {"battery": 3}}, "step[1].until.battery"),
+        ({"do": "wait", "until": {"landed": "mav9"}}, "mav9"),
+        ({"do": "react", "when": {"vehicles": "mav0"}, "steps": [TO_RING], "then": [UP]}, "empty condition"),
+        ({"do": "goto", "goals": {"mav9": [0, 0, 1]}}, "mav9"),
+        ({"do": "goto", "goals": {"mav0": [0, 0, 1], "mav1": [0.3, 0, 1]}}, "keeps"),
+        ({**TO_RING, "name": "star"}, "star"),
+        ({**TO_RING, "spacing_m": 0.0}, "step[1].spacing_m"),
+        ({**TO_RING, "assign": "best"}, "step[1].assign"),
+        ({**TURN, "to": []}, "at least one point"),
+        ({**TURN, "to": [{"name": "star"}]}, "star"),
+        ({**TURN, "to": [{"turn": 3}]}, "step[1].to"),
+        ({**TURN, "leader": "mav9"}, "mav9"),
+    ],
+)
+def test_a_wrong_step_is_refused_with_its_key(fleet: FleetConfig, step: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        make(fleet, UP, step)
+    assert str(caught.value).startswith("test.toml")
+    assert words in str(caught.value)
+
+
+def test_formations_of_a_mission_need_a_shape_and_stay_with_it_in_another_fleet(fleet: FleetConfig) -> None:
+    with pytest.raises(ConfigError, match="needs a 'shape'"):
+        make(fleet, UP, formations={"own": {"mav0": [0, 0, 0]}})
+    assert make(fleet, UP, TO_RING).fleet.config_hash == fleet.config_hash  # agents need not know it
+
+
+def test_paths_of_a_formation_are_judged_before_the_flight(fleet: FleetConfig) -> None:
+    fast = {**TURN, "to": [{"turn_deg": 360.0, "duration_s": 2.0}]}
+    refused = [
+        one.sentence for one in mission_findings(make(fleet, UP, fast, {"do": "land"})) if one.status == "refused"
+    ]
+    assert any("speed" in sentence and "Step[1]" in sentence for sentence in refused)
+    slow = mission_findings(make(fleet, UP, TURN, {"do": "land"}))
+    assert not [one.sentence for one in slow if one.status == "refused"]
+
+
+def test_the_course_counts_repetitions_and_tells_what_is_left(fleet: FleetConfig) -> None:
+    turns = {"do": "repeat", "times": 5, "steps": [{"do": "wait", "duration_s": 2.0}]}
+    once, five = (make(fleet, UP, one) for one in (turns["steps"][0], turns))  # type: ignore[index]
+
+    def length_s(mission: Mission) -> float:
+        return sum(stage.times * stage.expected_s for stage in mission.course())
+
+    assert length_s(five) == pytest.approx(length_s(once) + 8.0)
+
+
+async def test_blocks_are_flown_in_their_order_and_said_with_the_time_left(fleet: FleetConfig, client: Any) -> None:
+    lines: list[str] = []
+    mission = make(
+        fleet,
+        UP,
+        {"do": "repeat", "times": 2, "steps": [SWAP, TO_RING]},
+        {"do": "parallel", "branches": [[{"do": "move", "vehicles": n, "position_enu_m": p}] for n, p in
+                                        (("mav0", [-2, -2, 1]), ("mav1", [0, 2.5, 1]), ("mav2", [2, -2, 1]))]},
+        {"do": "wait", "until": {"reached": {"mav1": [0, 2.5, 1]}, "separation_above_m": 1.0}},
+        {"do": "react", "when": {"flying": "all"}, "steps": [LONG], "then": [{"do": "land"}]},
+        expect={"min_separation_m": 0.8, "all_landed": True},
+    )  # fmt: skip
+    verdict = await MissionRun(mission, client, say=lines.append).run()
+    assert verdict.exit_status == 0, verdict.sentences
+    verbs = [step.step.partition(" ")[0] for step in verdict.steps]
+    assert verbs == ["takeoff", *["goto", "formation"] * 2, *["move"] * 3, "land"]
+    assert next(line for line in lines if line.startswith("[")).startswith("[1/5] takeoff; about ")
+
+
+async def test_a_condition_that_does_not_come_true_fails_the_step_in_words(fleet: FleetConfig, client: Any) -> None:
+    late = {"do": "wait", "until": LOW, "timeout_s": 0.2}
+    verdict = await MissionRun(make(fleet, UP, late, {"do": "land"}), client).run()
+    assert verdict.exit_status == 1
+    assert "below 50 % of battery" in verdict.summary
+    assert all(verdict.landed.values())
+
+
+async def test_a_branch_that_fails_ends_the_others(fleet: FleetConfig, client: Any) -> None:
+    late = [{"do": "wait", "until": LOW, "timeout_s": 0.2}]
+    both = {"do": "parallel", "branches": [late, [{"do": "wait", "duration_s": 500}]]}
+    verdict = await MissionRun(make(fleet, UP, both), client).run()
+    assert "below 50 % of battery" in verdict.summary
+    assert all(verdict.landed.values())
