@@ -69,16 +69,8 @@ def prepare(
     if isinstance(mission, str):
         mission = load_mission(mission, fleet_path)
     if is_simulated:
-        has_own_ports = has_free_ports or (needs_ports and not is_local(mission.fleet))
-        fleet = _own_fleet(mission.fleet, folder, law, has_own_ports)
+        fleet = simulated_fleet(mission.fleet, folder, law=law, has_free_ports=has_free_ports, needs_ports=needs_ports)
         mission = with_fleet(mission, fleet)
-        busy = busy_ports(fleet) if needs_ports else []
-        if busy:
-            more = f" ({len(busy)} ports are in use)" if len(busy) > 1 else ""
-            raise ConfigError(
-                f"{mission.fleet.path}: {busy[0]}{more} Another emulator or fleet runs here: stop it, change the "
-                "endpoints, or fly with covey demo, which picks free ones."
-            )
     refuse_unflyable(mission, is_simulated)
     files = {"fleet.toml": mission.fleet.text, f"mission{Path(mission.path).suffix}": mission.text}
     open_folder(folder, files, is_headless=is_headless)
@@ -103,6 +95,25 @@ def open_folder(folder: Path, files: Mapping[str, str], *, is_headless: bool) ->
         raise ConfigError(f"{folder}: cannot be written ({error.strerror}). Choose another with --record.") from None
 
 
+def simulated_fleet(
+    fleet: FleetConfig, folder: Path, *, law: str | None, has_free_ports: bool, needs_ports: bool
+) -> FleetConfig:
+    """Return the fleet of a simulated flight, with this law, and on ports of this machine.
+
+    Raises:
+        ConfigError: ports are in use.
+    """
+    fleet = _own_fleet(fleet, folder, law, has_free_ports or (needs_ports and not is_local(fleet)))
+    busy = busy_ports(fleet) if needs_ports else []
+    if busy:
+        more = f" ({len(busy)} ports are in use)" if len(busy) > 1 else ""
+        raise ConfigError(
+            f"{fleet.path}: {busy[0]}{more} Another emulator or fleet runs here: stop it, change the "
+            "endpoints, or fly with covey demo, which picks free ones."
+        )
+    return fleet
+
+
 def _own_fleet(fleet: FleetConfig, folder: Path, law: str | None, has_free_ports: bool) -> FleetConfig:
     data = tomllib.loads(fleet.text)
     if law is not None:
@@ -117,9 +128,13 @@ def _own_fleet(fleet: FleetConfig, folder: Path, law: str | None, has_free_ports
 
 def start_processes(settings: Settings, processes: Processes) -> None:
     """Emulator and agents, all at once: they find each other whatever the order. ProcessError when one cannot start."""
-    path = str(settings.folder / "fleet.toml")
-    processes.start(EMULATOR, ["sitl", "--fleet", path, "--seed", str(settings.seed)])
-    names = settings.mission.fleet.enabled_names
+    start_fleet(settings.mission.fleet, settings.folder, settings.seed, processes)
+
+
+def start_fleet(fleet: FleetConfig, folder: Path, seed: int, processes: Processes) -> None:
+    """Start the emulator and the agents of the ``fleet.toml`` in a folder."""
+    path, names = str(folder / "fleet.toml"), fleet.enabled_names
+    processes.start(EMULATOR, ["sitl", "--fleet", path, "--seed", str(seed)])
     for name in names:
         processes.start(name, agent_command(path, name, is_realtime=leaves_room(len(names))))
 

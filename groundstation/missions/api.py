@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Literal
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState, Separation
+from groundstation.missions.connection import host_of
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.group import Group, Vehicles
 from groundstation.missions.landing import land_all
 from groundstation.missions.readiness import NotReady as NotReady  # missions import it from here
 from groundstation.missions.readiness import is_ready, not_ready
 from groundstation.missions.vehicle import MissionVehicle
-from groundstation.missions.verdict import Arrival, StepResult
+from groundstation.missions.verdict import Arrival, FlightObservations, StepResult
+from groundstation.orders.grammar import Intent
 from groundstation.orders.result import OrderFailed as OrderFailed
 from onboard.bus.schema import Event
-from onboard.config.fleet import ConfigError
+from onboard.config.fleet import ConfigError, FleetConfig
+
+AtEnd = Literal["land", "hold"]
 
 
 class Fleet(Group):
@@ -28,6 +35,63 @@ class Fleet(Group):
 
     def __init__(self, client: FleetClient, *, say: Callable[[str], None] = lambda line: None) -> None:
         super().__init__(MissionGround(client, say=say), client.fleet.enabled_names)
+
+    @classmethod
+    @contextlib.asynccontextmanager
+    async def connect(
+        cls,
+        fleet: FleetConfig | str | Path | None = None,
+        *,
+        at_end: AtEnd = "land",
+        ready_timeout_s: float | None = None,
+    ) -> AsyncIterator[Fleet]:
+        """Connect with a fleet: its real agents, or the flight of ``covey run`` and of the lockstep fixture.
+
+        However the block ends, by its last line, an exception, a cancellation or Ctrl-C, vehicles that still fly are
+        left in the declared state.
+
+        Args:
+            fleet: a fleet file or its path; None: that of ``covey run``.
+            at_end: state in which it leaves vehicles that still fly.
+            ready_timeout_s: longest wait for the vehicles [s]; 0: wait for nobody; None: as the flight needs.
+
+        Yields:
+            The fleet.
+
+        Raises:
+            ConfigError: no fleet file, or a wrong one.
+            NotReady: a vehicle is not ready in time.
+        """
+        host = host_of(fleet)
+        host.at_end = at_end
+        async with host.opened() as client:
+
+            def say(line: str) -> None:
+                host.say(line)
+                client.publish_event("info", "mission", line.strip())
+
+            flown, begin_ns = cls(client, say=say), client.now_ns()
+            try:
+                if ready_timeout_s != 0.0:
+                    await flown.ready(host.ready_timeout_s if ready_timeout_s is None else ready_timeout_s)
+                yield flown
+            finally:
+                await flown.leave(at_end)
+                host.flown = FlightObservations(
+                    "script", client.fleet, client.state, flown.steps, flown.arrivals, begin_ns, client.now_ns()
+                )
+
+    async def leave(self, at_end: AtEnd) -> None:
+        """Leave vehicles that still fly in this state.
+
+        Args:
+            at_end: land them, or have them hold.
+        """
+        up = tuple(name for name in self._names if self.state.vehicles[name].is_airborne)
+        if at_end == "hold" and up:
+            await self.client.order(Intent("hold", up), 15.0)
+        elif at_end == "land":
+            await self.land_all()
 
     @property
     def say(self) -> Callable[[str], None]:

@@ -8,6 +8,7 @@ from groundstation.client.client import FleetClient
 from groundstation.missions.verdict import Arrival, StepResult, arrival_of, smallest
 from groundstation.orders.grammar import Intent
 from groundstation.orders.obstruction import in_the_way
+from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderFailed, Results
 from onboard.config.fleet import Vec3
 
@@ -30,12 +31,15 @@ class MissionGround:
         self.left_out: set[str] = set()  # vehicles that the mission goes on without
         self.goes_on_without = False  # a vehicle that fails is left out; the others go on
 
-    async def order(self, intent: Intent, timeout_s: float) -> Results:
+    async def order(
+        self, intent: Intent, timeout_s: float, *, change: Callable[[PlannedOrder], PlannedOrder] | None = None
+    ) -> Results:
         """Give an order, wait for its end and log the results.
 
         Args:
             intent: the order.
             timeout_s: longest wait for its end [s].
+            change: what is different for single vehicles, after all were judged together.
 
         Returns:
             One result per vehicle.
@@ -47,7 +51,8 @@ class MissionGround:
         self.say(f"{intent}")
         client = self.client
         begin_ns = client.now_ns()
-        order = await client.submit(intent)
+        planned = client.plan(intent)
+        order = client.send(planned if change is None else change(planned))
         results = await order.wait(timeout_s)
         for name, message in order.planned.orders.items():
             goal = message.position_enu_m

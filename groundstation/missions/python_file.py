@@ -29,7 +29,10 @@ def read_python(name: str) -> tuple[str, dict[str, Any]]:
     except (SyntaxError, ValueError) as error:
         raise ConfigError(f"{name}: not valid Python: {error}. Correct that line.") from None
     if not any(isinstance(node, ast.AsyncFunctionDef) and node.name == "mission" for node in tree.body):
-        raise ConfigError(f"{name}: a Python mission needs 'async def mission(fleet):' at its top level. Add it.")
+        raise ConfigError(
+            f"{name}: a Python mission needs 'async def mission(fleet):' at its top level. Add it; "
+            f"or start a script that connects by itself with: covey run {name} --fleet FILE"
+        )
     constants: dict[str, Any] = {}
     for node in tree.body:
         if isinstance(node, ast.Assign) and len(node.targets) == 1 and isinstance(node.targets[0], ast.Name):

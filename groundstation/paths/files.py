@@ -98,6 +98,8 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
         raise ConfigError(f"{name}: {len(lines)} lines are no path; it has a line of names and 1 to {MOST_LINES} more.")
     delimiter = ";" if ";" in lines[0][1] else "\t" if "\t" in lines[0][1] else ","
     rows = list(csv.reader((line for _, line in lines), delimiter=delimiter))
+    if not rows[0][-1].strip():  # Crazyswarm's own files end each line of names with a comma
+        rows = [row[:-1] if not row[-1].strip() else row for row in rows]
     columns, factors = zip(*(_column(name, text) for text in rows[0]), strict=True)
     numbers = []
     for (k, _), row in zip(lines[1:], rows[1:], strict=False):

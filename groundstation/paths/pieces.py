@@ -95,6 +95,16 @@ def slowed(path: Path, factor: float) -> Path:
     return path_of(pieces.tolist())
 
 
+def backwards(path: Path) -> Path:
+    """Return a path flown from its end to its begin."""
+    signs = (-1.0) ** np.arange(8.0)
+    pieces = [
+        [piece[0], *(np.array(piece[1:]).reshape(4, 8) @ _shift(piece[0]) * signs).reshape(-1).tolist()]
+        for piece in reversed(path.pieces)
+    ]
+    return path_of(pieces)
+
+
 def cut(path: Path, begin_s: float, end_s: float) -> Array:
     """Return the pieces (P, 33) between two times of a path."""
     out = []

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import gc
 import math
-from collections.abc import Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -13,10 +14,11 @@ from groundstation.client.client import FleetClient
 from groundstation.client.direct_mavlink import DirectKind, DirectResult
 from groundstation.fleet.state import FleetState
 from groundstation.missions.api import Fleet
+from groundstation.missions.connection import hosted, run_script
 from groundstation.missions.files import Mission, load_mission
 from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
-from groundstation.missions.verdict import Verdict
+from groundstation.missions.verdict import FlightObservations, Verdict
 from groundstation.orders.result import VehicleResult
 from groundstation.recording.channels import RECORDED
 from onboard.bus.schema import Event
@@ -83,11 +85,46 @@ class Lockstep:
         self._runner = asyncio.Runner(loop_factory=lambda: VirtualLoop(self.simulation.clock_ns, self.simulation.step))
         self.wait_for(self.client.start())
 
+    # -- scripts -----------------------------------------------------------------------------------------------------
+
+    ready_timeout_s = READY_TIMEOUT_SIM_S
+    flown: FlightObservations | None = None
+    at_end = "land"
+
+    @contextlib.asynccontextmanager
+    async def opened(self) -> AsyncIterator[FleetClient]:
+        """Return the ground's client to a script that connects."""
+        yield self.client
+
+    def call(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """Run a coroutine of a script to its end, in simulated time."""
+        return self.wait_for(coroutine)
+
+    def end_calls(self) -> None:
+        """Nothing is to be ended: scripts run in the flight's own thread."""
+
+    def end_record(self) -> tuple[int, str | None]:
+        """Finish the record; return its begin, and a sentence when it ended early."""
+        if self.record is None:
+            return EPOCH_NS, None
+        self.record.stop()
+        return EPOCH_NS, self.record.failure
+
+    def run_script(self, path: str | Path, *arguments: str) -> None:
+        """Run a Python script that connects with this fleet, plain or with ``asyncio.run``; its exceptions come out."""
+        in_real_time = asyncio.run
+        asyncio.run = lambda main, **_: self.wait_for(main)
+        try:
+            run_script(path, arguments, self)
+        finally:
+            asyncio.run = in_real_time
+
     # -- time --------------------------------------------------------------------------------------------------------
 
     def wait_for(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine of the ground to its end, in simulated time."""
-        return self._runner.run(coroutine)
+        """Run a coroutine of the ground to its end, in simulated time; its ``Fleet.connect`` means this flight."""
+        with hosted(self):
+            return self._runner.run(coroutine)
 
     def run(self, duration_s: float) -> None:
         """Let time pass."""

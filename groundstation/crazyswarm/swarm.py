@@ -1,0 +1,293 @@
+"""Crazyswarm's blocking script interface: commands return at once, and ``timeHelper.sleep`` lets time pass.
+
+What is ordered between two sleeps is one order: several ``goTo`` are judged together, so that vehicles may change
+places. The script's clock stands while a vehicle is late: a take-off or a landing takes as long as it takes, and a
+``sleep`` ends when what should have ended by then has ended.
+"""
+
+from __future__ import annotations
+
+import math
+import select
+import sys
+from collections.abc import Sequence
+from pathlib import Path as FilePath
+from typing import Any, NoReturn
+
+import numpy as np
+
+from groundstation.crazyswarm.orders import ScriptOrders
+from groundstation.crazyswarm.uav_trajectory import path_of_trajectory
+from groundstation.missions.blocking import BlockingFleet
+from groundstation.orders.grammar import OrderError
+from groundstation.paths.pieces import backwards, moved, slowed
+from onboard.arrays import Array
+from onboard.bus.schema import Light
+from onboard.bus.topics import Topic
+from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.control.path import Path, point_at
+
+_PRESSED_AFTER_S = 2.0  # where nobody can press a button
+_MOST_PIECES = 64
+
+
+class Crazyswarm:
+    """The fleet under Crazyswarm's names.
+
+    Args:
+        crazyflies_yaml: a fleet file (``.toml``); Crazyswarm's own file is not read: ``covey run --fleet`` names one.
+        parent_parser: not used.
+        args: not used.
+        fleet: a fleet file or its path; None: that of ``covey run``.
+
+    Raises:
+        ConfigError: no fleet file, or a wrong one.
+        NotReady: a vehicle is not ready in time.
+    """
+
+    def __init__(
+        self,
+        crazyflies_yaml: str | None = None,
+        parent_parser: object = None,
+        args: object = None,
+        *,
+        fleet: FleetConfig | str | FilePath | None = None,
+    ) -> None:
+        given = crazyflies_yaml if crazyflies_yaml is not None and crazyflies_yaml.endswith(".toml") else None
+        orders = ScriptOrders(BlockingFleet(fleet or given))
+        self.timeHelper = TimeHelper(orders)
+        self.allcfs = CrazyflieServer(orders)
+        self.input = Buttons(self.timeHelper)
+
+
+class TimeHelper:
+    """The script's clock."""
+
+    def __init__(self, orders: ScriptOrders) -> None:
+        self._orders = orders
+
+    def time(self) -> float:
+        """Return the script's time [s], of vehicle time without what vehicles were late."""
+        return self._orders.time_s
+
+    def sleep(self, duration: float) -> None:
+        """Let time pass; what should have ended by then has ended.
+
+        Args:
+            duration: [s].
+
+        Raises:
+            OrderFailed: a vehicle did not do what was ordered.
+        """
+        self._orders.pass_time(max(0.0, float(duration)), waits_for_moves=True)
+
+    def sleepForRate(self, rateHz: float) -> None:
+        """Let one period of a rate pass; moves are not waited for.
+
+        Args:
+            rateHz: [Hz].
+        """
+        self._orders.pass_time(1.0 / rateHz, waits_for_moves=False)
+
+    def isShutdown(self) -> bool:
+        """Whether the program ends; Ctrl-C ends it by an exception, and the vehicles land."""
+        return False
+
+
+class Buttons:
+    """``swarm.input``: Enter, in the terminal; without a terminal it is pressed after two seconds."""
+
+    def __init__(self, clock: TimeHelper) -> None:
+        self._clock, self._since_s = clock, math.nan
+        self._has_terminal = sys.stdin is not None and sys.stdin.isatty()
+
+    def checkIfButtonIsPressed(self) -> bool:
+        """Whether Enter has been pressed."""
+        self._clock.sleep(0.0)
+        if self._has_terminal:
+            is_pressed = bool(select.select([sys.stdin], [], [], 0.0)[0])
+            if is_pressed:
+                sys.stdin.readline()
+            return is_pressed
+        if math.isnan(self._since_s):
+            self._since_s = self._clock.time()
+        is_pressed = self._clock.time() - self._since_s >= _PRESSED_AFTER_S
+        self._since_s = math.nan if is_pressed else self._since_s
+        return is_pressed
+
+    def waitUntilButtonPressed(self) -> None:
+        """Wait for Enter."""
+        while not self.checkIfButtonIsPressed():
+            self._clock.sleep(0.1)
+
+    waitUntilAnyButtonPressed = waitUntilButtonPressed
+    checkIfAnyButtonIsPressed = checkIfButtonIsPressed
+
+
+class Crazyflie:
+    """One vehicle under Crazyswarm's names; lengths in metres, times in seconds, yaw in radians."""
+
+    def __init__(self, orders: ScriptOrders, vehicle: Vehicle) -> None:
+        self._orders, self._name = orders, vehicle.name
+        self.id: int = vehicle.system_id
+        self.name = vehicle.name
+        self.initialPosition: Array = np.array(vehicle.start_enu_m)
+        self.groupMask = 0
+        self._trajectories: dict[int, Path] = {}
+
+    def setGroupMask(self, groupMask: int) -> None:
+        """Set the groups of this vehicle, a bit each."""
+        self.groupMask = int(groupMask)
+
+    def takeoff(self, targetHeight: float, duration: float, groupMask: int = 0) -> None:
+        """Arm and take off to a height above the fleet's origin."""
+        if self._is_meant(groupMask):
+            self._orders.takeoff(self._name, float(targetHeight), float(duration))
+
+    def land(self, targetHeight: float, duration: float, groupMask: int = 0) -> None:
+        """Land and disarm; the height is that of the ground."""
+        if self._is_meant(groupMask):
+            self._orders.land(self._name, float(duration))
+
+    def stop(self, groupMask: int = 0) -> None:
+        """Disarm on the ground.
+
+        Raises:
+            OrderError: it flies, and would fall.
+        """
+        if self._is_meant(groupMask):
+            self._orders.stop(self._name)
+
+    def goTo(
+        self, goal: Sequence[float], yaw: float, duration: float, relative: bool = False, groupMask: int = 0
+    ) -> None:
+        """Go to a goal; with the others' goals of the same moment it is judged together."""
+        if not self._is_meant(groupMask):
+            return
+        x, y, z = (float(value) for value in goal)
+        yaw_deg = math.degrees(float(yaw))
+        if relative:
+            (own_x, own_y, own_z), own_yaw_deg = self._orders.spot(self._name)
+            x, y, z, yaw_deg = own_x + x, own_y + y, own_z + z, own_yaw_deg + yaw_deg
+        self._orders.go_to(self._name, (x, y, z), yaw_deg, float(duration))
+
+    def uploadTrajectory(self, trajectoryId: int, pieceOffset: int, trajectory: Any) -> None:
+        """Keep a trajectory for :meth:`startTrajectory`, which brings it to the vehicle."""
+        self._trajectories[trajectoryId] = path_of_trajectory(trajectory)
+
+    def startTrajectory(
+        self,
+        trajectoryId: int,
+        timescale: float = 1.0,
+        reverse: bool = False,
+        relative: bool = True,
+        groupMask: int = 0,
+    ) -> None:
+        """Follow a trajectory; with those of the others of the same moment it begins at one instant.
+
+        Raises:
+            OrderError: there is no such trajectory.
+        """
+        if not self._is_meant(groupMask):
+            return
+        if trajectoryId not in self._trajectories:
+            known = ", ".join(map(str, self._trajectories)) or "none"
+            raise OrderError(f"{self._name} has no trajectory {trajectoryId}; it has {known}. Upload it first.")
+        path = slowed(self._trajectories[trajectoryId], float(timescale))
+        path = backwards(path) if reverse else path
+        if relative:
+            begin, (spot, _) = point_at(path, 0.0).position_enu_m, self._orders.spot(self._name)
+            path = moved(path, np.array([*(to - at for to, at in zip(spot, begin, strict=True)), 0.0]))
+        self._orders.follow(self._name, path)
+
+    def position(self) -> Array:
+        """Return the reported position."""
+        return np.array(self._orders.position(self._name))
+
+    def setLEDColor(self, r: float, g: float, b: float) -> None:
+        """Show and record a colour, each share from 0 to 1; PX4 has no lamp that this would reach."""
+        red, green, blue = (round(255 * min(max(float(share), 0.0), 1.0)) for share in (r, g, b))
+        client = self._orders.fleet.client
+        message = Light(vehicle=self._name, stamp_ns=client.now_ns(), colour=(red, green, blue))
+        client.tell(Topic.LIGHT, self._name, message)
+
+    def setParam(self, name: str, value: float) -> None:
+        """Do nothing: a Crazyflie's parameters mean nothing to PX4."""
+
+    setParams = setParam
+
+    def getParam(self, name: str) -> NoReturn:
+        """Refuse."""
+        raise OrderError(f"'{name}' is a parameter of a Crazyflie; PX4's are read with: covey px4 params --fleet FILE")
+
+    def enableCollisionAvoidance(self, others: object = None, ellipsoidRadii: object = None) -> None:
+        """Do nothing: the law is on; its distance is ``safety_distance_m`` of the fleet file."""
+
+    def disableCollisionAvoidance(self) -> None:
+        """Do nothing: the law stays on; simulated flights may do without, with ``covey run --law off``."""
+
+    def notifySetpointsStop(self, remainValidMillisecs: float = 100, groupMask: int = 0) -> None:
+        """Do nothing: no setpoints are streamed."""
+
+    def _refuse_stream(self, *_: object, **__: object) -> NoReturn:
+        """Refuse commands that stream setpoints from the ground."""
+        raise OrderError(
+            f"{self._name}: commands that stream setpoints (cmdFullState, cmdVelocityWorld, cmdPosition, cmdVel, "
+            "cmdStop) are not flown: they pass by the law, and when the program hangs the vehicle flies on with the "
+            "last one. Use goTo, or a trajectory."
+        )
+
+    cmdFullState = cmdVelocityWorld = cmdPosition = cmdVel = cmdStop = cmdHover = _refuse_stream
+
+    def _is_meant(self, group_mask: int) -> bool:
+        return group_mask == 0 or bool(group_mask & self.groupMask)
+
+
+class CrazyflieServer:
+    """``swarm.allcfs``: all vehicles, and commands to groups of them."""
+
+    def __init__(self, orders: ScriptOrders) -> None:
+        self._orders = orders
+        config = orders.fleet.config
+        self.crazyflies = [Crazyflie(orders, config.vehicles[name]) for name in config.enabled_names]
+        self.crazyfliesById = {one.id: one for one in self.crazyflies}
+        self.crazyfliesByName = {one.name: one for one in self.crazyflies}
+
+    def takeoff(self, targetHeight: float, duration: float, groupMask: int = 0) -> None:
+        """Take off, all of a group (0: all)."""
+        for one in self.crazyflies:
+            one.takeoff(targetHeight, duration, groupMask)
+
+    def land(self, targetHeight: float, duration: float, groupMask: int = 0) -> None:
+        """Land, all of a group (0: all)."""
+        for one in self.crazyflies:
+            one.land(targetHeight, duration, groupMask)
+
+    def stop(self, groupMask: int = 0) -> None:
+        """Disarm on the ground, all of a group (0: all)."""
+        for one in self.crazyflies:
+            one.stop(groupMask)
+
+    def goTo(self, goal: Sequence[float], yaw: float, duration: float, groupMask: int = 0) -> None:
+        """Go by an offset, all of a group (0: all)."""
+        for one in self.crazyflies:
+            one.goTo(goal, yaw, duration, relative=True, groupMask=groupMask)
+
+    def startTrajectory(
+        self,
+        trajectoryId: int,
+        timescale: float = 1.0,
+        reverse: bool = False,
+        relative: bool = True,
+        groupMask: int = 0,
+    ) -> None:
+        """Follow trajectories from one instant on, all of a group (0: all)."""
+        for one in self.crazyflies:
+            one.startTrajectory(trajectoryId, timescale, reverse, relative, groupMask)
+
+    def emergency(self) -> None:
+        """Stop the motors of all at once, also in the air: they fall."""
+        self._orders.kill_all()
+
+    def setParam(self, name: str, value: float) -> None:
+        """Do nothing: a Crazyflie's parameters mean nothing to PX4."""

@@ -1,0 +1,137 @@
+"""A fleet for plain scripts and notebooks: the same verbs without ``await``."""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import inspect
+import signal
+import sys
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TypeVar
+
+from groundstation.missions.api import AtEnd, Fleet
+from groundstation.missions.connection import Host, close_at_end, host_of
+from groundstation.missions.group import Group
+from onboard.config.fleet import FleetConfig
+
+FleetFile = FleetConfig | str | Path | None
+T = TypeVar("T")
+
+
+class _Blocking:
+    """Stands for an object whose coroutines are run to their end when they are called."""
+
+    def __init__(self, host: Host, target: Group) -> None:
+        self._host, self._target = host, target
+
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(self._target, name)
+        if not callable(value):
+            return value
+
+        @functools.wraps(value)
+        def call(*args: Any, **options: Any) -> Any:
+            result = value(*args, **options)
+            if inspect.iscoroutine(result):
+                return self._host.call(result)
+            return _Blocking(self._host, result) if isinstance(result, Group) else result
+
+        return call
+
+
+class BlockingFleet(_Blocking):
+    """All vehicles of a fleet, for scripts that are no coroutines; every verb of :class:`Fleet` blocks until its end.
+
+    Use it as ``with BlockingFleet("fleet.toml") as fleet: fleet.takeoff(1.0)``. Without ``with`` the end of the program
+    is its end.
+
+    Args:
+        fleet: a fleet file or its path; None: that of ``covey run``.
+        at_end: state in which it leaves vehicles that still fly.
+        ready_timeout_s: longest wait for the vehicles [s]; 0: wait for nobody; None: as the flight needs.
+
+    Raises:
+        ConfigError: no fleet file, or a wrong one.
+        NotReady: a vehicle is not ready in time.
+    """
+
+    _target: Fleet
+
+    def __init__(
+        self,
+        fleet: FleetFile = None,
+        *,
+        at_end: AtEnd = "land",
+        ready_timeout_s: float | None = None,
+    ) -> None:
+        host = host_of(fleet)
+        self._ready: asyncio.Future[Fleet] | None = None
+        self._end: asyncio.Event | None = None
+        self._task: asyncio.Task[None] | None = None
+        self._is_open = True
+        close_at_end(self.close)
+        _end_as_an_exception_does()
+        super().__init__(host, host.call(self._begin(fleet, at_end, ready_timeout_s)))
+
+    def __getitem__(self, name: str) -> Any:
+        return _Blocking(self._host, self._target[name])
+
+    def __enter__(self) -> BlockingFleet:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def run(self, function: Callable[[Fleet], Coroutine[Any, Any, T]]) -> T:
+        """Run a coroutine function with the fleet, for things that happen at the same time.
+
+        Args:
+            function: called with the :class:`Fleet`.
+
+        Returns:
+            Its result.
+        """
+        return self._host.call(function(self._target))
+
+    def close(self) -> None:
+        """Leave the fleet in the declared state and close the connection; a second call does nothing."""
+        if self._is_open and self._task is not None:
+            self._is_open = False
+            self._host.call(self._finish())
+            self._host.end_calls()
+
+    async def _begin(self, fleet: FleetFile, at_end: AtEnd, ready_timeout_s: float | None) -> Fleet:
+        ready: asyncio.Future[Fleet] = asyncio.get_running_loop().create_future()
+        end = self._end = asyncio.Event()
+
+        async def connected() -> None:
+            try:
+                async with Fleet.connect(fleet, at_end=at_end, ready_timeout_s=ready_timeout_s) as opened:
+                    ready.set_result(opened)
+                    await end.wait()
+            except Exception as error:
+                if ready.done():
+                    raise
+                ready.set_exception(error)
+
+        self._task = asyncio.create_task(connected())
+        return await ready
+
+    async def _finish(self) -> None:
+        if self._end is not None and self._task is not None:
+            self._end.set()
+            await self._task
+
+
+def _end_as_an_exception_does() -> None:
+    """Let SIGTERM end the program as an exception does, so that the fleet is left in the declared state."""
+    try:
+        if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+            signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    except ValueError:
+        return  # not the main thread, which alone takes signals

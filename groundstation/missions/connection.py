@@ -1,0 +1,205 @@
+"""Where a script's fleet flies: real vehicles and agents by default, a simulated flight when a host has been set.
+
+``covey run`` and the lockstep fixture set the host, so that one script flies in simulated time, with emulated PX4s or
+with hardware unchanged.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import contextlib
+import runpy
+import signal
+import sys
+import threading
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Sequence
+from contextlib import AbstractAsyncContextManager
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+from groundstation.client.client import FleetClient
+from groundstation.missions.verdict import FlightObservations
+from groundstation.recording.channels import RECORDED
+from groundstation.recording.writer import RecordWriter
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+
+READY_TIMEOUT_S = 30.0
+T = TypeVar("T")
+
+
+class Host(Protocol):
+    """A flight that scripts connect with."""
+
+    config: FleetConfig
+    ready_timeout_s: float
+    say: Callable[[str], None]
+    flown: FlightObservations | None  # of the last script that has ended
+    at_end: str  # state in which it leaves vehicles
+
+    def opened(self) -> AbstractAsyncContextManager[FleetClient]:
+        """Open the ground's end of the bus."""
+
+    def call(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """Run a coroutine of a blocking script to its end, in the flight's time."""
+
+    def end_calls(self) -> None:
+        """End what :meth:`call` needs; a second call does nothing."""
+
+    def end_record(self) -> tuple[int, str | None]:
+        """Finish the record; return its begin on the ground's clock [ns], and a sentence when it ended early."""
+
+
+_hosts: list[Host] = []
+_to_close: list[Callable[[], None]] = []  # connections of blocking scripts
+
+
+def close_at_end(close: Callable[[], None]) -> None:
+    """Have a connection closed by the end of the script, or of the program."""
+    if not _to_close:
+        atexit.register(close_all)
+    _to_close.append(close)
+
+
+def close_all() -> None:
+    """Close the connections of blocking scripts that are still open; a second call does nothing."""
+    while _to_close:
+        _to_close.pop()()
+
+
+def run_script(path: str | Path, arguments: Sequence[str], host: Host) -> None:
+    """Run a Python script that connects with a flight, as ``python PATH ARGUMENTS`` would.
+
+    Args:
+        path: of the script.
+        arguments: for its ``sys.argv``.
+        host: the flight.
+    """
+    before = sys.argv, list(sys.path)
+    sys.argv = [str(path), *arguments]
+    sys.path.insert(0, str(Path(path).resolve().parent))
+    try:
+        with hosted(host):
+            try:
+                runpy.run_path(str(path), run_name="__main__")
+            finally:
+                close_all()
+    finally:
+        sys.argv, sys.path[:] = before
+
+
+@contextlib.contextmanager
+def hosted(host: Host) -> Iterator[None]:
+    """Let scripts connect with this flight."""
+    _hosts.append(host)
+    try:
+        yield
+    finally:
+        _hosts.remove(host)
+
+
+def host_of(fleet: FleetConfig | str | Path | None) -> Host:
+    """Return the flight that has been set, or real vehicles.
+
+    Args:
+        fleet: a fleet file or its path; of a flight that has been set its own counts.
+
+    Raises:
+        ConfigError: there is neither.
+    """
+    if _hosts:
+        return _hosts[-1]
+    if fleet is None:
+        raise ConfigError("Which fleet? Name its file in the script, or start it: covey run SCRIPT --fleet FILE")
+    return RealTime(fleet if isinstance(fleet, FleetConfig) else load_fleet(fleet))
+
+
+class RealTime:
+    """Agents that run, reached over the bus.
+
+    Args:
+        config: the fleet file.
+        folder: where the record goes; none without.
+        ready_timeout_s: longest wait for the vehicles [s].
+        say: hears progress in words.
+    """
+
+    def __init__(
+        self,
+        config: FleetConfig,
+        *,
+        folder: Path | None = None,
+        ready_timeout_s: float = READY_TIMEOUT_S,
+        say: Callable[[str], None] = print,
+    ) -> None:
+        self.config, self.folder, self.ready_timeout_s, self.say = config, folder, ready_timeout_s, say
+        self.flown: FlightObservations | None = None
+        self.at_end = "land"
+        self._record: RecordWriter | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._thread: threading.Thread | None = None
+
+    @contextlib.asynccontextmanager
+    async def opened(self) -> AsyncIterator[FleetClient]:
+        """Open the bus, and the record where there is a folder; SIGTERM ends the script as Ctrl-C does."""
+        client = FleetClient(self.config, extra_topics=RECORDED if self.folder is not None else ())
+        record = self._record = None
+        if self.folder is not None:
+            record = self._record = RecordWriter(
+                self.folder,
+                on_failure=lambda sentence: client.publish_event("critical", "record_failed", sentence),
+                on_warning=lambda sentence: client.publish_event("warning", "record_full", sentence),
+            )
+            record.start()
+            client.add_sink(record.put)
+        loop, task = asyncio.get_running_loop(), asyncio.current_task()
+        try:
+            await client.start()
+            client.announce_recording(record is not None and record.failure is None)
+            if threading.current_thread() is threading.main_thread() and task is not None:
+                loop.add_signal_handler(signal.SIGTERM, task.cancel)
+            yield client
+        finally:
+            if threading.current_thread() is threading.main_thread():
+                loop.remove_signal_handler(signal.SIGTERM)
+            await client.stop()
+            if record is not None:
+                await asyncio.to_thread(record.stop)
+
+    def call(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """Run a coroutine in a thread of its own, where the bus is read while the script computes or waits."""
+        if self._loop is None:
+            self._loop = _ThreadLoop()
+            self._thread = threading.Thread(target=self._loop.run_forever, name="fleet", daemon=True)
+            self._thread.start()
+        future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+        try:
+            return future.result()
+        except KeyboardInterrupt:
+            future.cancel()
+            raise
+
+    def end_record(self) -> tuple[int, str | None]:
+        """Return the begin of the record, which has ended with the connection, and why it ended early."""
+        return (0, None) if self._record is None else (self._record.begin_ns, self._record.failure)
+
+    def end_calls(self) -> None:
+        """End the thread; a second call does nothing."""
+        loop, self._loop = self._loop, None
+        if loop is not None and self._thread is not None:
+            loop.call_soon_threadsafe(loop.stop)
+            self._thread.join(5.0)
+
+
+class _ThreadLoop(asyncio.SelectorEventLoop):
+    """A loop that still closes the bus while the interpreter ends, when no further thread may begin."""
+
+    def run_in_executor(  # type: ignore[override]
+        self, executor: Any, func: Callable[..., Any], *args: Any
+    ) -> asyncio.Future[Any]:
+        try:
+            return super().run_in_executor(executor, func, *args)
+        except RuntimeError:
+            future = self.create_future()
+            future.set_result(func(*args))
+            return future

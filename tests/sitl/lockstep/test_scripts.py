@@ -1,0 +1,201 @@
+"""Python scripts in lockstep: with asyncio, blocking, and Crazyswarm's; the same files fly in real time."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from groundstation import Fleet
+from groundstation.cli import main
+from groundstation.crazyswarm.uav_trajectory import Trajectory
+from groundstation.missions.connection import host_of
+from onboard.config.fleet import ConfigError
+
+PAPER = Path(__file__).resolve().parents[3] / "configs/fleets/paper.toml"
+
+ASYNC = """
+import asyncio
+import sys
+
+from groundstation import Fleet
+
+
+async def main() -> None:
+    async with Fleet.connect("paper", at_end="land") as fleet:
+        await fleet.takeoff(1.0)
+        if "--fail" in sys.argv:
+            raise ValueError("as asked")
+        await fleet.home()
+
+
+asyncio.run(main())
+"""
+
+BLOCKING = """
+from groundstation import BlockingFleet
+
+with BlockingFleet("paper") as fleet:
+    fleet.takeoff(1.0, "mav0")
+    x, y, z = fleet["mav0"].position_enu_m
+    fleet["mav0"].go_to((x, y + 0.4, z))
+    assert abs(fleet["mav0"].position_enu_m[1] - y - 0.4) < 0.2
+"""
+
+CRAZYSWARM = """
+import numpy as np
+
+from groundstation.crazyswarm import Crazyswarm, uav_trajectory
+
+swarm = Crazyswarm()
+clock, everybody = swarm.timeHelper, swarm.allcfs
+wave = uav_trajectory.Trajectory()
+wave.loadcsv("wave.csv")
+begin = clock.time()
+everybody.takeoff(targetHeight=1.0, duration=2.0)
+clock.sleep(2.5)
+assert abs(clock.time() - begin - 2.5) < 0.03, clock.time() - begin
+assert not clock.isShutdown()
+left, middle, right = everybody.crazyflies
+assert everybody.crazyfliesById[middle.id] is middle
+for own, other in ((left, right), (right, left)):
+    own.goTo(other.initialPosition + np.array([0, 0, 1.0]), 0, 4.0)
+clock.sleep(4.0)
+assert np.linalg.norm(left.position() - right.initialPosition - [0, 0, 1.0]) < 0.25, left.position()
+left.setLEDColor(1.0, 0.5, 0.0)
+middle.setGroupMask(2)
+middle.uploadTrajectory(7, 0, wave)
+everybody.startTrajectory(7, timescale=1.2, groupMask=2)
+clock.sleep(1.2 * wave.duration + 0.1)
+everybody.startTrajectory(7, timescale=1.2, reverse=True, groupMask=2)
+clock.sleep(1.2 * wave.duration + 0.1)
+assert np.linalg.norm(middle.position() - middle.initialPosition - [0, 0, 1.0]) < 0.25, middle.position()
+everybody.land(targetHeight=0.04, duration=2.0)
+clock.sleep(2.5)
+everybody.stop()
+clock.sleep(0.5)
+"""
+
+# duration, then eight coefficients of x, y, z and yaw; from rest to rest over 0.6 m of y; a comma ends the first line
+WAVE = (
+    "duration," + ",".join(f"{axis}^{k}" for axis in ("x", "y", "z", "yaw") for k in range(8)) + ",\n"
+    "2.0," + "0," * 11 + f"{0.6 * 10 / 8},{-0.6 * 15 / 16},{0.6 * 6 / 32}," + "0," * 17 + "0\n"
+)
+
+
+def _script(folder: Path, text: str) -> str:
+    path = folder / "script.py"
+    path.write_text(text, encoding="utf-8")
+    (folder / "wave.csv").write_text(WAVE, encoding="utf-8")
+    return str(path)
+
+
+def test_a_script_with_asyncio_flies_and_has_a_verdict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    script = _script(tmp_path, ASYNC)
+    flown = ["run", script, "--fleet", str(PAPER), "--lockstep", "--record"]
+    assert main([*flown, str(tmp_path / "one")]) == 0
+    assert "PASSED" in capsys.readouterr().out
+    assert (tmp_path / "one/verdict.json").exists()
+    assert main([*flown, str(tmp_path / "two"), "--", "--fail"]) == 1
+    out = capsys.readouterr().out
+    assert "ValueError: as asked" in out
+    assert "Landed and disarmed: mav0, mav1, mav2." in out
+
+
+def test_a_blocking_script_is_landed_at_its_end(lockstep: Any, tmp_path: Path) -> None:
+    flight = lockstep(PAPER, seed=3)
+    flight.run_script(_script(tmp_path, BLOCKING))
+    assert flight.state.vehicles["mav0"].truth.is_on_ground
+    assert not flight.state.vehicles["mav0"].is_armed
+    assert flight.flown is not None
+
+
+def test_a_test_connects_with_its_own_flight(lockstep: Any) -> None:
+    flight = lockstep(PAPER, seed=3)
+
+    async def hops() -> float:
+        async with Fleet.connect("paper", at_end="hold") as fleet:
+            await fleet["mav1"].takeoff(0.8)
+            return fleet["mav1"].position_enu_m[2]
+
+    assert flight.wait_for(hops()) == pytest.approx(0.8, abs=0.15)
+    assert flight.state.vehicles["mav1"].is_airborne
+    with pytest.raises(ConfigError, match="Which fleet"):
+        host_of(None)
+
+
+def test_a_script_of_crazyswarm_flies_with_its_import_line_changed(
+    lockstep: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = _script(tmp_path, CRAZYSWARM)
+    monkeypatch.chdir(tmp_path)
+    flight = lockstep(PAPER, seed=3)
+    flight.run_script(script)
+    assert flight.min_separation_m > 0.8
+    for name in flight.config.enabled_names:
+        assert flight.state.vehicles[name].truth.is_on_ground
+    assert flight.state.vehicles["mav0"].light == (255, 128, 0)
+
+
+REFUSED = """
+one = everybody.crazyflies[0]
+one.takeoff(1.0, 2.0)
+clock.sleep(2.0)
+said = []
+
+
+def tried(function, *arguments, passes_s=0.0):
+    try:
+        function(*arguments)
+        clock.sleep(passes_s)
+    except Exception as error:
+        said.append(str(error))
+
+
+one.uploadTrajectory(1, 0, wave)
+tried(one.cmdVelocityWorld, [0.1, 0, 0], 0)
+tried(one.goTo, [9.0, 0, 1.0], 0, 2.0, passes_s=100.0)
+tried(one.startTrajectory, 3)
+tried(one.stop)
+tried(one.getParam, "ring/effect")
+tried(one.startTrajectory, 1, 0.3, passes_s=100.0)
+open("said.txt", "w").write("\\n".join(said))
+raise SystemExit(3)
+"""
+
+
+def test_a_script_of_crazyswarm_is_refused_in_words(
+    lockstep: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    flight = lockstep(PAPER, seed=3)
+    with pytest.raises(SystemExit):
+        flight.run_script(_script(tmp_path, CRAZYSWARM.partition("everybody.takeoff")[0] + REFUSED))
+    said = (tmp_path / "said.txt").read_text().splitlines()
+    words = ("stream setpoints", "outside the fence", "no trajectory 3", "would fall", "covey px4 params", "timescale")
+    assert len(said) == len(words), said
+    for sentence, expected in zip(said, words, strict=True):
+        assert expected in sentence
+    assert flight.time_s < 60.0  # a refusal ends the sleep
+    assert flight.state.vehicles["mav0"].truth.is_on_ground
+
+
+def test_a_trajectory_of_crazyswarm_is_evaluated(tmp_path: Path) -> None:
+    _script(tmp_path, "")
+    wave = Trajectory()
+    wave.loadcsv(tmp_path / "wave.csv")
+    assert wave.duration == pytest.approx(2.0)
+    assert wave.n_pieces() == 1
+    assert wave.eval(2.0).pos == pytest.approx([0.0, 0.6, 0.0], abs=1e-5)
+    assert math.isclose(wave.eval(1.0).vel[1], 0.6 * 15 / 16, rel_tol=1e-4)
+
+
+def test_a_mission_and_a_script_are_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mission = _script(tmp_path, 'FLEET = "paper"\n\n\nasync def mission(fleet):\n    await fleet.takeoff()\n')
+    assert main(["run", mission, "--fleet", "paper", "--lockstep"]) == 2
+    assert "covey fly" in capsys.readouterr().err
+    script = _script(tmp_path, BLOCKING)
+    assert main(["fly", script, "--lockstep"]) == 2
+    assert "covey run" in capsys.readouterr().err
