@@ -18,8 +18,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from groundstation.commands.flight import MissionFlight, clock_say, prepare
 from groundstation.commands.parameters import BusOptions, FlightOptions
+from groundstation.commands.shared.flight import MissionFlight, clock_say, prepare
 from groundstation.missions.files import Mission
 from onboard.config.fleet import ConfigError
 

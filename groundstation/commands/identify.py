@@ -20,9 +20,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from groundstation.commands.flight import MissionFlight, clock_say, open_folder, prepare
 from groundstation.commands.fly import new_folder
 from groundstation.commands.parameters import File, Folder
+from groundstation.commands.shared.flight import MissionFlight, clock_say, open_folder, prepare
 from groundstation.identification.flight_log import TooLittleFlown
 from groundstation.identification.identify import identify as identify_log
 from groundstation.identification.manoeuvre import BOX_M, manoeuvre, mission_text

@@ -24,9 +24,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from groundstation.commands.flight import clock_say, open_folder, simulated_fleet, start_fleet
 from groundstation.commands.fly import new_folder
 from groundstation.commands.parameters import FleetFile, Folder, LawName
+from groundstation.commands.shared.flight import clock_say, open_folder, simulated_fleet, start_fleet
 from groundstation.missions.connection import Host, RealTime, run_script
 from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.readiness import NotReady

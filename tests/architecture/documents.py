@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.architecture import reference, tables
+from tests.architecture import api_reference, reference, tables
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -19,6 +19,7 @@ PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "parameters": ("deployment.md", tables.parameters),
     "fleet-file": ("fleet-file.md", reference.fleet_file),
     "mission-file": ("mission-file.md", reference.mission_file),
+    "python-api": ("python-api.md", api_reference.python_api),
 }
 
 

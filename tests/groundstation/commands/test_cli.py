@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from groundstation import cli
-from groundstation.commands.flight import prepare
+from groundstation.commands.shared.flight import prepare
 from onboard.config.fleet import ConfigError
 
 ROOT = Path(__file__).resolve().parents[3]

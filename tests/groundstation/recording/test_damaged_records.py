@@ -10,8 +10,8 @@ import msgspec
 import pytest
 
 from groundstation.client.preflight_page import PageLine, VehiclePage, as_text
-from groundstation.commands.flight import clock_say
 from groundstation.commands.plot import draw
+from groundstation.commands.shared.flight import clock_say
 from groundstation.figures.data import TOPICS, from_samples
 from groundstation.recording.reader import read
 from groundstation.recording.report import report
