@@ -36,9 +36,10 @@ from sitl.mavlink.endpoints import (
     ground_ports,
     onboard_ports,
     read_all,
+    simulator_ports,
 )
 from sitl.mavlink.lossy_link import LossyLink
-from sitl.mavlink.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ
+from sitl.mavlink.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ, SIMULATOR_RATES_HZ
 from sitl.physics.vehicle import STEP_S, VehicleProfile
 from sitl.px4.parameters import DEFAULTS
 from sitl.px4.versions import VERSIONS
@@ -230,6 +231,10 @@ class Server:
             ground = ground_ports(vehicle.autopilot, vehicle.direct, key, self._station)
             if ground is not None:
                 wanted.append((index, ground, GCS_RATES_HZ, "ground", f"The ground link of {vehicle.name}"))
+            viewers = simulator_ports(vehicle.autopilot)
+            if viewers is not None:
+                what = f"The simulator's link of {vehicle.name}"
+                wanted.append((index, viewers, SIMULATOR_RATES_HZ, "simulator", what))
         sockets: list[socket.socket] = []
         try:
             for _, ports, _, _, what in wanted:

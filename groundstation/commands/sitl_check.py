@@ -34,6 +34,7 @@ def sitl_check(
     /,
     *,
     gcs: Annotated[str | None, Parameter(metavar="ENDPOINT")] = None,
+    sih: Annotated[str | None, Parameter(metavar="ENDPOINT")] = None,
     px4: Literal["auto", "1.16", "1.17", "1.18"] = "auto",
     only: Annotated[tuple[str, ...], Parameter(metavar="NAME", consume_multiple=True)] = (),
     list: bool = False,
@@ -50,6 +51,7 @@ def sitl_check(
     Args:
         endpoint: udpin://HOST:PORT or udpout://HOST:PORT
         gcs: also check the ground station's link (udpin://127.0.0.1:14550)
+        sih: also check the link on which the simulator shows viewers the true state (udpin://127.0.0.1:19410)
         px4: version to judge by; auto: the one that it reports
         only: facts or topics, also with * and ?
         list: say which facts would be checked, and end
@@ -68,14 +70,15 @@ def sitl_check(
     if endpoint is None:
         raise ConfigError("which endpoint? For instance udpin://127.0.0.1:14540, PX4's first onboard link.")
     port = _open(endpoint)
-    ground = None
+    ground = simulator = None
     try:
         ground = _open(gcs) if gcs else None
+        simulator = _open(sih) if sih else None
         terms = Terms(i_have_removed_the_propellers, wait, from_elsewhere)
         report = FactReport(facts, is_version_known=px4 != "auto")
-        return _check(endpoint, report, port, ground, terms, is_json=json)
+        return _check(endpoint, report, (port, ground, simulator), terms, is_json=json)
     finally:
-        for each in (port, ground):
+        for each in (port, ground, simulator):
             if each is not None:
                 each.close()
 
@@ -104,8 +107,14 @@ def _open(endpoint: str) -> UdpPort:
 
 
 def _check(
-    endpoint: str, report: FactReport, port: UdpPort, ground: UdpPort | None, terms: Terms, *, is_json: bool
+    endpoint: str,
+    report: FactReport,
+    ports: tuple[UdpPort, UdpPort | None, UdpPort | None],
+    terms: Terms,
+    *,
+    is_json: bool,
 ) -> int:
+    port, ground, simulator = ports
     out = sys.stderr if is_json else sys.stdout
 
     def say(line: str) -> None:
@@ -119,7 +128,7 @@ def _check(
     report.show = show
     say(f"{len(report.facts)} facts at {endpoint}; all of them take some five minutes and a flight")
     try:
-        client = check(port, ground, report, terms, lambda phase: say(f"-- {phase}"))
+        client = check(port, ground, report, terms, lambda phase: say(f"-- {phase}"), simulator)
     except NobodyAnsweredError:
         say(
             f"covey sitl-check: nobody answered at {endpoint} within {terms.wait_s:g} s. Is the vehicle running, and "

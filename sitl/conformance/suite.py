@@ -9,10 +9,10 @@ from sitl.conformance import (
     arming,
     automatic,
     battery,
-    ground_link,
     lock,
     loss,
     offboard,
+    other_links,
     pad,
     parameters,
     requests,
@@ -43,8 +43,9 @@ PHASES: tuple[Phase, ...] = (
     vision.PHASE,
     setpoints.BROKEN,
 )
-GROUND_LINK: Phase = ground_link.PHASE
-FACTS: tuple[Fact, ...] = tuple(fact for phase in (*PHASES, GROUND_LINK) for fact in phase.facts)
+# Each on a port of its own, and the option of sitl-check that names it.
+LINKS: tuple[tuple[Phase, str], ...] = ((other_links.GROUND_LINK, "--gcs"), (other_links.SIMULATOR_LINK, "--sih"))
+FACTS: tuple[Fact, ...] = tuple(fact for phase in (*PHASES, *(phase for phase, _ in LINKS)) for fact in phase.facts)
 
 _NOT_SIMULATED = (
     "it does not look simulated (no ground truth comes by HIL_STATE_QUATERNION), and this turns motors: "
@@ -69,7 +70,12 @@ class Terms:
 
 
 def check(
-    port: Port, ground_port: Port | None, report: FactReport, terms: Terms, say: Callable[[str], None]
+    port: Port,
+    ground_port: Port | None,
+    report: FactReport,
+    terms: Terms,
+    say: Callable[[str], None],
+    simulator_port: Port | None = None,
 ) -> VehicleClient:
     """Settle every fact of `report`; the client knows pace and system id.
 
@@ -84,17 +90,18 @@ def check(
     except Gone:
         report.fail(report.facts.values(), "it fell silent")
         return client
-    if ground_port is None:
-        report.skip(GROUND_LINK.facts, "no --gcs endpoint was given")
-    elif _is_wanted(GROUND_LINK, report):
-        while ground_port.receive(0.0):
-            pass  # what came while nobody read
-        ground = VehicleClient(ground_port)
-        ground.system_id = client.system_id
-        try:
-            _settle(GROUND_LINK, ground, report, say)
-        except Gone:
-            report.fail(GROUND_LINK.facts, "it fell silent")
+    for (phase, option), other_port in zip(LINKS, (ground_port, simulator_port), strict=True):
+        if other_port is None:
+            report.skip(phase.facts, f"no {option} endpoint was given")
+        elif _is_wanted(phase, report):
+            while other_port.receive(0.0):
+                pass  # what came while nobody read
+            other = VehicleClient(other_port)
+            other.system_id = client.system_id
+            try:
+                _settle(phase, other, report, say)
+            except Gone:
+                report.fail(phase.facts, "it fell silent")
     return client
 
 

@@ -20,6 +20,8 @@ ONBOARD_PORT_OFFSET = 40
 GROUND_STATION: Address = ("127.0.0.1", 14550)
 # First companion port, first port of the ground link, and how many: PX4's own ports collide from the eleventh on.
 _LAYOUT: tuple[tuple[int, int, range], ...] = ((14540, 18570, range(10)), (15540, 19570, range(10, 255)))
+# SIH's link: instance N binds the one + N and sends to the other + N; from here on the two would meet
+SIMULATOR_PORT, VIEWER_PORT, SIMULATOR_INSTANCES = 19450, 19410, 40
 _ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*|\[[^\]]*\]):(\d{1,5})")
 _MOST_READ_AT_ONCE = 64
 _LARGEST_DATAGRAM = 65535
@@ -65,13 +67,27 @@ def ground_ports(autopilot: str, direct: str | None, key: str, station: Address 
 
 def ground_port_of(autopilot: str) -> int | None:
     """The port of PX4's ground link that belongs to a companion endpoint in PX4's layout; None outside of it."""
+    found = _instance(autopilot)
+    return None if found is None else sum(found)
+
+
+def simulator_ports(autopilot: str) -> Ports | None:
+    """The link on which PX4's simulator SIH shows its true state to viewers; None outside of PX4's layout of ports."""
+    _, instance = _instance(autopilot) or (0, SIMULATOR_INSTANCES)
+    if instance >= SIMULATOR_INSTANCES:
+        return None
+    return Ports(("127.0.0.1", SIMULATOR_PORT + instance), ("127.0.0.1", VIEWER_PORT + instance))
+
+
+def _instance(autopilot: str) -> tuple[int, int] | None:
+    """First port of the ground links, and the instance of PX4, of a companion endpoint in PX4's layout."""
     match = _ENDPOINT.fullmatch(autopilot)
     if match is None or match[1] != "udpin":
         return None
     for companion, ground, instances in _LAYOUT:
         instance = int(match[3]) - companion
         if instance in instances:
-            return ground + instance
+            return ground, instance
     return None
 
 

@@ -23,6 +23,7 @@ _BY_NAME = {**vars(messages), **vars(messages_of_versions)}
 BUILDERS: dict[int, Builder] = {ID_BY_NAME[name]: _BY_NAME[name.lower()] for name in _TABLE["rates_hz"]}
 ONBOARD_RATES_HZ: dict[int, float] = {message_id: rates[0] for message_id, rates in _RATES.items()}
 GCS_RATES_HZ: dict[int, float] = {message_id: rates[1] for message_id, rates in _RATES.items()}
+SIMULATOR_RATES_HZ: dict[int, float] = {ID_BY_NAME[name]: rate for name, rate in _TABLE["simulator_hz"].items()}
 _CEILINGS_HZ: dict[int, float] = {message_id: (*rates, FASTEST_HZ)[2] for message_id, rates in _RATES.items()}
 SILENT: frozenset[int] = frozenset(ID_BY_NAME[name] for name in _TABLE["silent"]["names"] if name in ID_BY_NAME)
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from sitl.conformance.facts import VERSIONS, Fact, FactReport, FactResult, Verdict, facts_of, matching
-from sitl.conformance.suite import FACTS, PHASES, Terms, check
+from sitl.conformance.suite import FACTS, LINKS, PHASES, Terms, check
 from tests.sitl.conformance.exceptions import DIFFERENCES
 from tests.sitl.conformance.virtual import Wires
 
@@ -36,7 +36,7 @@ def whole_check(px4: str = VERSIONS[0], seed: int = 1) -> FactReport:
     facts = tuple(facts_of(px4, FACTS).values())
     report = FactReport(matching(facts, []))
     wires = Wires(seed=seed, px4=px4)
-    check(wires.companion(), wires.ground_station(), report, Terms(), lambda line: None)
+    check(wires.companion(), wires.ground_station(), report, Terms(), lambda line: None, wires.viewer())
     # what the whole check leaves out: it would lock the link, or a broken attitude control stands in its way
     for names, terms in ((["link"], Terms(from_elsewhere=True)), (["setpoint.nan-quaternion*"], Terms())):
         if any(report.results[name].verdict is Verdict.SKIPPED for name in matching(facts, names)):
@@ -58,12 +58,12 @@ def page(reports: Mapping[str, FactReport]) -> str:
     numbers = {"agree": len(results) - len(differing), "all": len(results)}
     out = [_HEAD.format(**numbers, differ=differ + "\n".join(lines)).rstrip()]
     done: set[str] = set()
-    for phase in (*PHASES, None):
-        facts = [f for f in (FACTS if phase is None else phase.facts) if f.name not in done]
+    for phase in (*PHASES, *(phase for phase, _ in LINKS)):
+        facts = [f for f in phase.facts if f.name not in done]
         done |= {fact.name for fact in facts}
         if not facts:
             continue
-        title = "the ground station's link" if phase is None else phase.name
+        title = phase.name
         out += [
             "",
             f"## {title[0].upper()}{title[1:]}",

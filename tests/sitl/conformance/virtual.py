@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from sitl.emulator.emulator import Emulator, VehicleSpec
 from sitl.mavlink.endpoints import Endpoint
 from sitl.mavlink.link import Link
-from sitl.mavlink.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ
+from sitl.mavlink.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ, SIMULATOR_RATES_HZ
 from sitl.physics.vehicle import VehicleProfile
 from sitl.px4.versions import VERSIONS
 
@@ -16,6 +16,7 @@ Address = tuple[str, int]
 Change = Callable[[bytes], Sequence[bytes]]
 LISTENER: Address = ("127.0.0.1", 14540)
 GROUND: Address = ("127.0.0.1", 14550)
+VIEWER: Address = ("127.0.0.1", 19410)
 
 
 def _unchanged(frame: bytes) -> Sequence[bytes]:
@@ -41,6 +42,7 @@ class Wires:
         self.newest = LISTENER
         self.onboard = _Socket(self, ONBOARD_RATES_HZ, LISTENER)
         self.ground = _Socket(self, GCS_RATES_HZ, GROUND)
+        self.simulator = _Socket(self, SIMULATOR_RATES_HZ, VIEWER)
         self._next_port = 40000
 
     def port(self, socket: _Socket | None = None, address: Address | None = None) -> VirtualPort:
@@ -59,11 +61,17 @@ class Wires:
         """Likewise on the ground's link."""
         return self.port(self.ground, GROUND)
 
+    def viewer(self) -> VirtualPort:
+        """Likewise on the simulator's link."""
+        return self.port(self.simulator, VIEWER)
+
     def step(self) -> None:
         """One step of the emulator, and what it sends."""
         self.emulator.step()
         self.onboard.endpoint.poll()
         self.ground.endpoint.poll()
+        if VIEWER in self.inboxes:
+            self.simulator.endpoint.poll()
 
 
 class _Socket:
@@ -80,7 +88,7 @@ class _Socket:
             self.endpoint.receive(each, sender)
 
     def _send(self, datagram: bytes, address: Address) -> None:
-        if self._wires.follows_newest and address != GROUND:
+        if self._wires.follows_newest and address not in (GROUND, VIEWER):
             address = self._wires.newest
         if address in self._wires.inboxes:
             self._wires.inboxes[address].extend(self._wires.outgoing(datagram))

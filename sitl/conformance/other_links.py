@@ -1,0 +1,78 @@
+"""Links on sockets of their own: the ground station's, and the one on which PX4's simulator shows viewers the truth."""
+
+from __future__ import annotations
+
+import math
+
+from sitl.conformance.endpoint import NAMES
+from sitl.conformance.facts import FactReport, facts
+from sitl.conformance.phase import Phase
+from sitl.conformance.vehicle_client import ARM, VehicleClient
+
+FACTS = facts("ground_link", "facts")
+SIMULATOR_FACTS = facts("simulator_link", "facts")
+_WATCH_S = 6.0
+_NOW_AND_THEN = ("EVENT", "PARAM_VALUE")  # when something happens
+
+
+def run_ground_link(client: VehicleClient, report: FactReport) -> None:
+    """Listen, then be a ground station."""
+    wanted = client.system_id
+    if not client.listen(3.0, lambda: client.received.newest("HEARTBEAT") is not None):
+        client.send_heartbeat()
+        if not client.listen(5.0, lambda: client.received.newest("HEARTBEAT") is not None):
+            report.fail(FACTS, "nobody is heard there")
+            return
+    client.spend(4.2)
+    everybody = client.received.of("HEARTBEAT")
+    others = sorted({packet.system_id for packet in everybody if packet.component_id == 1} - {wanted})
+    if others and any(packet.system_id == wanted for packet in everybody):
+        report.skip(
+            FACTS, f"other autopilots send to this port as well (system {', '.join(map(str, others))}): stop them"
+        )
+        return
+    beats = [packet for packet in everybody if packet.system_id == wanted]
+    report.add("gcs.system", "yes" if beats else "no")
+    span_s = beats[-1].at_s - beats[0].at_s if len(beats) > 1 else math.nan
+    report.add("gcs.heartbeat", (len(beats) - 1) / span_s)
+    report.add("gcs.version", "MAVLink 2" if not client.received.v1_frames else "MAVLink 1 among them")
+    client.greet(as_ground_station=True)
+    client.spend(1.2)
+    report.add("gcs.answers", client.set_mode("OFFBOARD").partition(",")[0])
+    since_s = client.now_s
+    client.command(ARM, 1.0)  # in OFFBOARD without setpoints: refused, with a text
+    client.spend(0.5)
+    report.add("gcs.text", "sent" if client.texts(since_s) else "not sent")
+    client.set_mode("AUTO.LOITER")
+    client.next_heartbeat()
+
+
+def run_simulator_link(client: VehicleClient, report: FactReport) -> None:
+    """Listen, and say nothing: a viewer only watches."""
+    if not client.listen(3.0, lambda: client.received.newest("HIL_STATE_QUATERNION") is not None):
+        report.fail(SIMULATOR_FACTS, "no HIL_STATE_QUATERNION comes there")
+        return
+    before = _counts(client)
+    client.listen(_WATCH_S, lambda: False)  # by our clock: nothing here shows the vehicle's
+    counts = {name: count - before.get(name, 0) for name, count in _counts(client).items()}
+    report.add("sih.state", counts["HIL_STATE_QUATERNION"] / _WATCH_S)
+    report.add("sih.actuators", counts.get("HIL_ACTUATOR_CONTROLS", 0) / _WATCH_S)
+    report.add("sih.heartbeat", counts.get("HEARTBEAT", 0) / _WATCH_S)
+    others = sorted(set(counts) - {"HIL_STATE_QUATERNION", "HIL_ACTUATOR_CONTROLS", "HEARTBEAT", *_NOW_AND_THEN})
+    report.add("sih.others", ", ".join(others) or "nothing")
+    state = client.newest("HIL_STATE_QUATERNION")
+    senders = {packet.system_id for packet in client.received.of("HIL_STATE_QUATERNION")}
+    report.add("sih.system", "yes" if senders == {client.system_id} else "no")
+    report.add("sih.time", str(state.time_usec))
+    report.add("sih.latitude", 1e-7 * state.lat)
+    report.add("sih.longitude", 1e-7 * state.lon)
+
+
+def _counts(client: VehicleClient) -> dict[str, int]:
+    return {
+        NAMES.get(number, str(number)): len(packets) for number, packets in client.received.packets.items() if packets
+    }
+
+
+GROUND_LINK = Phase("the ground station's link", FACTS, run_ground_link, turns_motors=False)
+SIMULATOR_LINK = Phase("the simulator's link", SIMULATOR_FACTS, run_simulator_link, turns_motors=False)
