@@ -35,11 +35,12 @@ class Command(NamedTuple):
     name: str
     group: str
     help: str
+    file: str = ""  # where it stands in another command's file
 
     @property
     def module(self) -> str:
         """Module of the command."""
-        return f"groundstation.commands.{self.function}"
+        return f"groundstation.commands.{self.file or self.function}"
 
     @property
     def function(self) -> str:
@@ -60,6 +61,8 @@ COMMANDS = (
     Command("import", _BEFORE, "a show of Skybrush, or CSVs, made into a mission"),
     Command("check", _BEFORE, "whether fleet or mission files are right and can be flown"),
     Command("preflight", _BEFORE, "go or no-go of every vehicle, check by check"),
+    Command("secure", _BEFORE, "lock a fleet's bus: keys for every node, endpoints that use them", "keys"),
+    Command("keys", _BEFORE, "the keys of a fleet's bus: issued, listed, renewed, replaced"),
     Command("px4", _BEFORE, "PX4's parameters: what this fleet needs and why, read and set"),
     Command("replay", _AFTER, "a recorded flight in the console"),
     Command("plot", _AFTER, "figures of a recorded flight"),

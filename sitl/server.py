@@ -19,6 +19,8 @@ from msgspec.structs import asdict
 
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
+from onboard.bus.credentials import credentials_of
+from onboard.bus.roles import Role
 from onboard.bus.schema import FaultOrder, MocapPose, OrderReply, Truth
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
@@ -296,7 +298,13 @@ class Server:
 def simulator_bus(fleet: FleetConfig) -> BusSession:
     """Return the emulator's node on a fleet's bus, connected to its agents."""
     agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
-    return BusSession(namespace=fleet.namespace, node="sitl", listen=[fleet.simulator_endpoint], connect=agents)
+    return BusSession(
+        namespace=fleet.namespace,
+        node="sitl",
+        listen=[fleet.simulator_endpoint],
+        connect=agents,
+        credentials=credentials_of(fleet, Role.EMULATOR),
+    )
 
 
 def run(server: Server) -> None:

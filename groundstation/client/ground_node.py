@@ -7,6 +7,8 @@ import os
 
 from groundstation.orders.plan import random_id
 from onboard.bus.authority import GROUND
+from onboard.bus.credentials import credentials_of, files_of
+from onboard.bus.roles import Role
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig
 
@@ -24,7 +26,14 @@ def session(fleet: FleetConfig, role: str = GROUND) -> BusSession:
         namespace=fleet.namespace,
         node=f"{role}-{os.getpid()}-{random_id()[:4]}",
         connect=[*(vehicle.agent for vehicle in fleet.vehicles.values()), fleet.simulator_endpoint],
+        credentials=credentials_of(fleet, _key_of(fleet, role)),
     )
+
+
+def _key_of(fleet: FleetConfig, role: str) -> Role:
+    """Return whose key this ground uses; who may order may watch as well, with one key."""
+    may_watch = os.path.exists(os.path.join(fleet.keys_folder, files_of(Role.VIEWER)[1]))
+    return Role.VIEWER if role != GROUND and may_watch else Role.GROUND
 
 
 def user_name() -> str:

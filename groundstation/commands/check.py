@@ -24,6 +24,7 @@ from groundstation.commands.parameters import File
 from groundstation.missions.files import load_mission
 from groundstation.missions.findings import mission_findings
 from groundstation.missions.runner import load_function
+from groundstation.processes.loopback import is_loopback_host
 from onboard.config.example_files import existing_file
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet, read_toml
 from onboard.exit_status import EXIT_FAILED, EXIT_OK, EXIT_WRONG_INPUT
@@ -84,17 +85,31 @@ def examine(
             load_function(mission)
         what = "Python" if mission.is_python else f"{len(mission.steps)} steps"
         headline = f"{path}: a valid mission, {what}, for fleet '{fleet.fleet.name}' ({fleet.path})."
-        return headline, fleet, worst_first([*mission_findings(mission, errors), *fleet_findings(fleet, errors=errors)])
+        of_fleet = (*fleet_findings(fleet, errors=errors), *_bus_findings(fleet))
+        return headline, fleet, worst_first([*mission_findings(mission, errors), *of_fleet])
     fleet = load_fleet(path)
     names = ", ".join(fleet.enabled_names)
     headline = f"{path}: a valid fleet, {len(fleet.enabled_names)} vehicles ({names}), law '{fleet.law.name}'."
-    findings = fleet_findings(fleet, errors=errors)
+    findings = (*fleet_findings(fleet, errors=errors), *_bus_findings(fleet))
     if len(fleet.enabled_names) > 1:
         spots = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
         accuracy = ACCURACIES[errors or error_class(fleet)]
         above = spacing_finding(fleet, spots, "a take-off of all", accuracy)
         findings = findings if above.status == "ok" else (*findings, above)
     return headline, fleet, worst_first(findings)
+
+
+def _bus_findings(fleet: FleetConfig) -> list[Finding]:
+    """Return a warning for a bus that other computers reach, without keys."""
+    reached = [name for name in fleet.enabled_names if not is_loopback_host(fleet.vehicles[name].host)]
+    if fleet.has_keys or not reached:
+        return []
+    remedy = f"Lock the bus: covey secure {fleet.path} (docs/keys.md)."
+    sentence = (
+        f"The bus has no keys, and {_number(len(reached), 'vehicle')} can be reached from other computers: whoever "
+        f"reaches one of them orders, kills, and reads everything. {remedy}"
+    )
+    return [Finding("keys of the bus", "warning", len(reached), 0.0, "vehicles", "at most", sentence, remedy)]
 
 
 def _page(headline: str, fleet: FleetConfig, findings: Sequence[Finding], errors: ErrorClass | None) -> str:

@@ -6,6 +6,7 @@ Examples:
   covey demo --vehicles 8
   covey demo --headless --record flights/first
   covey demo --lockstep --bus-loss 0.1
+  covey demo --secure
 
 Exit status: 0 all came true; 1 an expectation failed; 2 wrong input, nothing started; 130 interrupted. Ctrl-C lands;
 a second one ends the processes that were started.
@@ -13,6 +14,10 @@ a second one ends the processes that were started.
 
 from __future__ import annotations
 
+import datetime
+import tempfile
+import tomllib
+from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -20,6 +25,9 @@ from msgspec.structs import replace
 
 from groundstation.commands.fly import fly_mission
 from groundstation.commands.parameters import BusOptions, File, FlightOptions
+from groundstation.keys.secured_fleet import secure_fleet
+from groundstation.missions.files import Mission, load_mission, with_fleet
+from groundstation.processes.free_ports import toml_text, with_free_ports
 from groundstation.processes.supervisor import most_agents
 from groundstation.starter.files import Answers, starter
 from onboard.config.fleet import ConfigError
@@ -31,6 +39,7 @@ def demo(
     *,
     mission: File | None = None,
     vehicles: Annotated[int | None, Parameter(metavar="N")] = None,
+    secure: bool = False,
     options: FlightOptions = _OPTIONS,
     bus: BusOptions = _BUS,
 ) -> int:
@@ -39,9 +48,23 @@ def demo(
     Args:
         mission: fly this mission instead
         vehicles: as many of the same drones form a ring instead
+        secure: with keys of its own: every link of the bus encrypted, both ends of it proven
     """
-    if vehicles is None:
-        return fly_mission(mission or "paper", options, bus, is_simulated=True, has_free_ports=True)
+    flown = mission or "paper" if vehicles is None else _made(mission, vehicles, options)
+    if not secure:
+        return fly_mission(flown, options, bus, is_simulated=True, has_free_ports=True)
+    if options.lockstep:
+        raise ConfigError("--secure is for the bus of real processes, and --lockstep has none. Leave one of them out.")
+    loaded = load_mission(flown, options.fleet) if isinstance(flown, str) else flown
+    with tempfile.TemporaryDirectory(prefix="covey-demo-") as folder:
+        file = Path(folder) / "fleet.toml"
+        file.write_text(toml_text(with_free_ports(tomllib.loads(loaded.fleet.text), loaded.fleet)), encoding="utf-8")
+        locked = with_fleet(loaded, secure_fleet(str(file), datetime.datetime.now(datetime.UTC)))
+        return fly_mission(locked, options, bus, is_simulated=True, has_free_ports=False)
+
+
+def _made(mission: str | None, vehicles: int, options: FlightOptions) -> Mission:
+    """Make a mission of as many vehicles."""
     for name, value in (("mission", mission), ("fleet", options.fleet)):
         if value is not None:
             raise ConfigError(f"--vehicles makes a fleet and a mission of its own: leave --{name} out.")
@@ -51,4 +74,4 @@ def demo(
             f"simulated time: covey demo --vehicles {vehicles} --lockstep"
         )
     made = starter(Answers(name="demo", vehicles=vehicles, type="ardrone"))
-    return fly_mission(replace(made.mission, path="demo.toml"), options, bus, is_simulated=True, has_free_ports=True)
+    return replace(made.mission, path="demo.toml")

@@ -152,7 +152,7 @@ def identify_from_record(
     elif flown:
         print(page(flown))
     if target is not None and flown:
-        from groundstation.identification.fleet_edit import write_changes
+        from groundstation.starter.fleet_edit import write_changes
 
         for text in toml_of_types(flown).values():
             write_changes(target, tomllib.loads(text))

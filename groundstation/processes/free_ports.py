@@ -15,7 +15,7 @@ from onboard.config.fleet import ConfigError, FleetConfig
 # Below the kernel's own range for outgoing connections, so that nobody is handed one of these by accident.
 PORT_RANGE = (20_000, 30_000)
 PX4_OFFSET = 40
-_LOOPBACK = re.compile(r"(tcp/|udpin://|udpout://|tcp://)(127\.|localhost:|\[::1\])")
+_LOOPBACK = re.compile(r"((?:tcp|quic|tls|udp)/|udpin://|udpout://|tcp://)(127\.|localhost:|\[::1\])")
 
 
 def is_free(port: int, kind: socket.SocketKind) -> bool:
@@ -61,10 +61,11 @@ def is_local(fleet: FleetConfig) -> bool:
 
 def busy_ports(fleet: FleetConfig) -> list[str]:
     """Return a sentence for each endpoint of a fleet file on this machine that is in use."""
-    endpoints = [("fleet.simulator", fleet.simulator_endpoint, 0, socket.SOCK_STREAM)]
+    bus = socket.SOCK_STREAM if fleet.simulator_endpoint.startswith(("tcp/", "tls/")) else socket.SOCK_DGRAM
+    endpoints = [("fleet.simulator", fleet.simulator_endpoint, 0, bus)]
     for name in fleet.enabled_names:
         vehicle = fleet.vehicles[name]
-        endpoints.append((f"vehicles.{name}.agent", vehicle.agent, 0, socket.SOCK_STREAM))
+        endpoints.append((f"vehicles.{name}.agent", vehicle.agent, 0, bus))
         for offset in (0, PX4_OFFSET):
             endpoints.append((f"vehicles.{name}.autopilot", vehicle.autopilot, offset, socket.SOCK_DGRAM))
         if vehicle.direct is not None:

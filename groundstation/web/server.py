@@ -12,7 +12,6 @@ import asyncio
 import contextlib
 import hmac
 import html
-import ipaddress
 import json
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -22,6 +21,7 @@ from urllib.parse import urlsplit
 import textual_serve
 from aiohttp import WSCloseCode, WSMsgType, web
 
+from groundstation.processes.loopback import is_loopback_host
 from groundstation.web.console_process import END_TIMEOUT_S, ConsoleProcess
 from onboard.config.fleet import ConfigError
 
@@ -46,22 +46,12 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 def require_loopback(host: str) -> str:
     """Return the host if only this machine can reach it; ConfigError in words otherwise."""
-    if is_loopback(host):
+    if is_loopback_host(host):
         return host
     raise ConfigError(
         f"--host {host}: the console in the browser is for this machine only, since whoever opens the page sees the "
         "fleet. Leave --host out, and from another machine go through ssh: ssh -L 8000:127.0.0.1:8000 here."
     )
-
-
-def is_loopback(host: str) -> bool:
-    """Whether a host name or address means this machine and nothing else."""
-    if host.lower() == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        return False
 
 
 class ConsoleServer:
@@ -164,7 +154,7 @@ class ConsoleServer:
         """Refuse another name for this machine, a script of another page, and whatever comes without the key."""
         name = urlsplit(f"//{request.host}").hostname or ""
         origin = request.headers.get("Origin")
-        if not is_loopback(name):
+        if not is_loopback_host(name):
             raise web.HTTPForbidden(text="This page is served to this machine only: open it at 127.0.0.1 or localhost.")
         if origin is not None and urlsplit(origin).netloc != request.host:
             raise web.HTTPForbidden(text="This console takes nothing from other pages.")

@@ -24,6 +24,7 @@ from onboard.agent.ticker import Ticker
 from onboard.agent.warm_up import warm_up
 from onboard.autopilot import LinkError
 from onboard.bus.codec import Malformed
+from onboard.bus.credentials import credentials_of
 from onboard.bus.protocol import BusError
 from onboard.bus.schema import Order, OrderReply
 from onboard.bus.session import BusSession
@@ -69,6 +70,7 @@ class AgentProcess:
             node=name,
             listen=[vehicle.agent],
             connect=[*agents, fleet.simulator_endpoint],
+            credentials=credentials_of(fleet, name),
         )
         mocap = MocapConfig() if has_bus_mocap else fleet.mocap
         self._inbox = Inbox(vehicle, self._core.boot_id, self._bus, mocap)

@@ -16,6 +16,7 @@ from typing import Any
 import zenoh
 
 from onboard.bus.codec import Malformed, decode, encode
+from onboard.bus.credentials import Credentials
 from onboard.bus.presence import Presence
 from onboard.bus.protocol import (
     LEASE_MS,
@@ -46,6 +47,7 @@ _MAX_FOLLOWED = 16  # samples of one followed name that wait for delivery
 # control loop's messages too.
 _BLOCKING_PRIORITY = zenoh.Priority.INTERACTIVE_HIGH
 _CLOSE_AFTER_US = 1_000_000  # then the connection to a peer that takes nothing is closed
+_OPEN_MS = 1000  # for a link: over QUIC a node that is not there refuses nothing, and silence takes this long
 _FAULT_NAME = "fault"
 
 
@@ -57,15 +59,25 @@ class BusSession:
         node: this node's name; its liveliness token is ``alive/<node>/<number>``, with a random number.
         listen: endpoints to listen at, for instance ``["tcp/127.0.0.1:7460"]``; empty for the ground.
         connect: endpoints of the others; retried for ever, so that the order of starting does not matter.
+        credentials: of this node, for ``quic/`` and ``tls/``; None for a bus without keys.
     """
 
     is_simulated = False
 
-    def __init__(self, *, namespace: str, node: str, listen: Sequence[str] = (), connect: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        *,
+        namespace: str,
+        node: str,
+        listen: Sequence[str] = (),
+        connect: Sequence[str] = (),
+        credentials: Credentials | None = None,
+    ) -> None:
         self.namespace = namespace
         self.node = node
         self._listen = list(listen)
         self._connect = [endpoint for endpoint in connect if endpoint not in self._listen]
+        self._credentials = credentials
         self._session: zenoh.Session | None = None
         self._sockets = PromptSockets()
         self._instance = secrets.token_hex(4)
@@ -91,8 +103,9 @@ class BusSession:
         config = zenoh.Config()
         for path, value in (
             ("mode", "peer"),
-            ("listen/endpoints", self._listen),
-            ("connect/endpoints", self._connect),
+            ("listen/endpoints", [_link_of(endpoint) for endpoint in self._listen]),
+            ("connect/endpoints", [_link_of(endpoint) for endpoint in self._connect]),
+            *_security(self._credentials),
             ("connect/timeout_ms", -1),
             ("connect/exit_on_failure", False),
             ("connect/retry", RETRY),
@@ -101,6 +114,7 @@ class BusSession:
             ("scouting/multicast/enabled", False),
             ("scouting/gossip/enabled", False),
             ("transport/link/tx/lease", LEASE_MS),
+            ("transport/unicast/open_timeout", _OPEN_MS),
             ("transport/shared_memory/enabled", False),  # messages are small, and its threads and memory are not free
             # a peer that hangs fills its queue: the publisher drops at once instead of waiting in the control loop
             ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", 0),
@@ -145,6 +159,7 @@ class BusSession:
             publisher = self._publishers[topic, name] = self._open.declare_publisher(
                 key(self.namespace, topic, name),
                 congestion_control=zenoh.CongestionControl.DROP if latest else zenoh.CongestionControl.BLOCK,
+                reliability=zenoh.Reliability.BEST_EFFORT if latest else zenoh.Reliability.RELIABLE,
                 priority=zenoh.Priority.REAL_TIME if urgent else zenoh.Priority.DATA if latest else _BLOCKING_PRIORITY,
                 allowed_destination=zenoh.Locality.REMOTE,  # a subscriber to all need not take its own messages
             )
@@ -274,6 +289,26 @@ class BusSession:
     def _declare_token(self, name: str) -> Any:
         """Two nodes of one name declare different tokens; otherwise who leaves would take the other's along."""
         return self._open.liveliness().declare_token(key(self.namespace, Topic.ALIVE, f"{name}/{self._instance}"))
+
+
+def _link_of(endpoint: str) -> str:
+    """Return an endpoint with what zenoh is told of it: QUIC carries what may be lost in datagrams, beside streams."""
+    return f"{endpoint}?mixed_rel=1" if endpoint.startswith("quic/") else endpoint
+
+
+def _security(credentials: Credentials | None) -> list[tuple[str, Any]]:
+    """Return the settings with which both ends of each link prove who they are."""
+    if credentials is None:
+        return []
+    tls = {
+        "root_ca_certificate": credentials.authority,
+        "enable_mtls": True,
+        "close_link_on_expiration": True,
+        **{f"{side}_certificate": credentials.certificate for side in ("listen", "connect")},
+        **{f"{side}_private_key": credentials.key for side in ("listen", "connect")},
+    }
+    settings: list[tuple[str, Any]] = [(f"transport/link/tls/{name}", value) for name, value in tls.items()]
+    return [*settings, ("access_control", credentials.access)]
 
 
 def _reason(error: zenoh.ZError) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 import re
 from collections.abc import Sequence
 from typing import Literal
@@ -62,6 +63,7 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     direct_command_timeout_s: float = 0.3  # kill and land go past an agent that has not answered for so long
     bus_lost_land_s: float = 5.0  # a vehicle that hears nobody holds, and lands after so long
     ground_lost_land_s: float = 60.0  # vehicles in flight land when nobody has been there to order for so long
+    keys: str = "keys"  # folder of the bus's keys, as seen from this file; docs/keys.md
     simulator: str | None = None  # where covey sitl listens on the bus; the port below the lowest agent's by default
 
     @property
@@ -77,7 +79,7 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     index: int
     system_id: int  # MAV_SYS_ID of its PX4
     start_enu_m: Vec3  # where it stands before take-off: east, north, up in the fleet frame
-    agent: str  # its agent on the bus: tcp/HOST:PORT of the companion computer
+    agent: str  # its agent on the bus: quic/HOST:PORT of the companion computer; tcp/ without keys
     autopilot: str  # PX4 as the companion sees it: udpin://HOST:PORT, udpout://HOST:PORT or serial://DEVICE:BAUD
     # PX4 as the ground sees it, past the companion: udpout://HOST:PORT, udpin://HOST:PORT or tcp://HOST:PORT
     direct: str | None = None
@@ -104,7 +106,7 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def host(self) -> str:
         """Name or address of the computer that runs the agent."""
-        return self.agent.removeprefix("tcp/").rpartition(":")[0]
+        return self.agent.partition("/")[2].rpartition(":")[0]
 
     @property
     def body(self) -> str | None:
@@ -144,9 +146,20 @@ class FleetConfig(msgspec.Struct, frozen=True):
     @property
     def config_hash(self) -> str:
         """Hash of all values: equal on all vehicles that read the same ones; differing hashes refuse take-off."""
-        parts = [self.fleet, self.law, self.formations, self.vehicles, self.obstacles, self.mocap]
+        fleet = msgspec.structs.replace(self.fleet, keys="keys")  # a place on one computer
+        parts = [fleet, self.law, self.formations, self.vehicles, self.obstacles, self.mocap]
         values = msgspec.json.encode(parts, order="deterministic")
         return hashlib.sha256(values).hexdigest()[:12]
+
+    @property
+    def has_keys(self) -> bool:
+        """Whether nodes of the bus prove who they are: the endpoints then say so."""
+        return any(vehicle.agent.startswith(("quic/", "tls/")) for vehicle in self.vehicles.values())
+
+    @property
+    def keys_folder(self) -> str:
+        """Folder of the bus's keys."""
+        return os.path.join(os.path.dirname(os.path.abspath(self.path)), self.fleet.keys)
 
     @property
     def enabled_names(self) -> tuple[str, ...]:
@@ -159,7 +172,8 @@ class FleetConfig(msgspec.Struct, frozen=True):
         if self.fleet.simulator:
             return self.fleet.simulator
         ports = [int(vehicle.agent.rsplit(":", 1)[1]) for vehicle in self.vehicles.values()]
-        return f"tcp/127.0.0.1:{min(ports) - 1}"
+        scheme = "quic" if self.has_keys else "tcp"
+        return f"{scheme}/127.0.0.1:{min(ports) - 1}"
 
     def select(self, vehicles: str | Sequence[str] | None, exclude: str | None = None) -> tuple[str, ...]:
         """Select vehicles by name or by index in the file.

@@ -36,7 +36,9 @@ VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
     "max_acceleration_m_s2": (0.1, 10.0),
     "system_id": (1, 255),
 }
-_AGENT_ENDPOINT = re.compile(r"tcp/(127\.\d+\.\d+\.\d+|localhost|\[::1\]|[A-Za-z0-9_.:\[\]-]+):(\d{1,5})")
+_AGENT_ENDPOINT = re.compile(r"(tcp|quic|tls|udp)/[A-Za-z0-9_.:\[\]-]+:\d{1,5}")
+_KEYED = ("quic/", "tls/")
+_NODE_NAMES = ("ground", "viewer", "mocap", "sitl", "ca")  # of keys beside the vehicles' own
 _AUTOPILOT_ENDPOINT = re.compile(r"(udpin|udpout|serial)://.+")
 
 
@@ -65,6 +67,7 @@ def _problems(config: FleetConfig) -> Iterator[str]:
     yield from obstacles.problems(config.obstacles, starts, clearance_m)
     yield from _start_problems(config)
     yield from _formation_problems(config)
+    yield from _bus_problems(config)
 
 
 def _fleet_section_problems(config: FleetConfig) -> Iterator[str]:
@@ -80,6 +83,23 @@ def _fleet_section_problems(config: FleetConfig) -> Iterator[str]:
         low, high = getattr(fleet.geofence_m, axis)
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             yield f"'fleet.geofence_m.{axis}' is [{low}, {high}]; give [low, high] with low < high."
+
+
+def _bus_problems(config: FleetConfig) -> Iterator[str]:
+    endpoints = {f"vehicles.{name}.agent": vehicle.agent for name, vehicle in config.vehicles.items()}
+    endpoints["fleet.simulator"] = config.simulator_endpoint
+    for key, endpoint in endpoints.items():
+        if re.match(r"[a-z]+/(0\.0\.0\.0|\[::\]):", endpoint):
+            yield (
+                f"'{key}' is {endpoint!r}. The others connect to this address: name the one at which they reach this "
+                "computer. With all networks at once nodes find each other one by one, in minutes."
+            )
+    keyed = {key for key, endpoint in endpoints.items() if endpoint.startswith(_KEYED)}
+    if keyed and len(keyed) < len(endpoints):
+        open_ones = ", ".join(f"'{key}'" for key in endpoints if key not in keyed)
+        yield f"{open_ones} is without keys (tcp/ or udp/) among endpoints with keys. Use quic/ for all, or for none."
+    if keyed and (clash := sorted(set(_NODE_NAMES) & config.vehicles.keys())):
+        yield f"A vehicle is named '{clash[0]}', which is the name of another node's key. Give it another name."
 
 
 def law_bounds(key: str) -> tuple[float, float]:

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from onboard.bus.credentials import files_of
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_OK, EXIT_WRONG_INPUT
 
@@ -77,6 +78,10 @@ def _deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) ->
     target = _target(fleet, name, arguments)
     commands = [["ssh", "--", target, f"mkdir -p {_FOLDER}"]]
     commands.append(["scp", "--", fleet.path, f"{target}:{_FOLDER}/fleet.toml"])
+    if fleet.has_keys:
+        keys = [str(Path(fleet.keys_folder) / file) for file in files_of(name)]
+        commands[0][-1] += f" && mkdir -p -m 700 {_FOLDER}/{fleet.fleet.keys}"
+        commands.append(["scp", "-p", "--", *keys, f"{target}:{_FOLDER}/{fleet.fleet.keys}/"])
     if arguments.wheel:
         commands.append(["scp", "--", *arguments.wheel, f"{target}:{_FOLDER}/"])
         wheel, pip = shlex.quote(f"./{Path(arguments.wheel[0]).name}"), ".venv/bin/pip install -q --find-links ."

@@ -17,6 +17,7 @@ PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "alarms": ("alarms.md", tables.alarms),
     "preflight": ("preflight.md", tables.preflight),
     "parameters": ("deployment.md", tables.parameters),
+    "roles": ("keys.md", tables.roles),
     "fleet-file": ("fleet-file.md", reference.fleet_file),
     "mission-file": ("mission-file.md", reference.mission_file),
     "python-api": ("python-api.md", api_reference.python_api),

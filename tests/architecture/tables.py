@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from groundstation.alarms import table as alarm_table
+from onboard.bus.roles import GRANTS, Grant, Role
+from onboard.bus.topics import Topic
 from onboard.flight import flight_table
 from onboard.flight.flight_table import Effect, Predicate
 from onboard.flight.types import Step
@@ -81,6 +83,26 @@ def parameters() -> str:
         "| `MPC_THR_HOVER` | `hover_thrust_frac` | allowed | PX4's own hold and land begin with this throttle. |"
     )
     return "\n".join(lines)
+
+
+def roles() -> str:
+    """Return the table of roles and topics for docs/keys.md."""
+    lines = [_line("topic", *(f"`{role.value}`" for role in Role)), "|---" * (len(Role) + 1) + "|"]
+    for topic in Topic:
+        lines.append(_line(f"`{topic.value}`", *(_granted(topic, GRANTS[role]) for role in Role)))
+    return "\n".join(lines)
+
+
+def _granted(topic: Topic, grant: Grant) -> str:
+    verbs = {"publishes": grant.publishes, "answers": grant.answers, "asks": grant.asks}
+    words = [f"{verb} {', '.join(map(_whose, names[topic]))}" for verb, names in verbs.items() if topic in names]
+    if topic is Topic.ALIVE:
+        words.append(f"tells {', '.join(map(_whose, grant.tokens))}")
+    return "; ".join([*words, *(["reads"] if topic in grant.reads else [])]) or "-"
+
+
+def _whose(pattern: str) -> str:
+    return {"{own}": "its own", "*": "any"}.get(pattern, f"`{pattern.replace('$*', '...')}`")
 
 
 def _line(*cells: str) -> str:

@@ -120,6 +120,8 @@ def _own_fleet(fleet: FleetConfig, folder: Path, law: str | None, has_free_ports
         data["law"] = {**data.get("law", {}), "name": law}
     if has_free_ports:
         data = with_free_ports(data, fleet)
+    elif fleet.has_keys:
+        data["fleet"] = {**data["fleet"], "keys": fleet.keys_folder}  # they stay where they are
     text = toml_text(
         data, f"Made from {fleet.path} for this flight; attach with: covey tui --fleet {folder}/fleet.toml"
     )

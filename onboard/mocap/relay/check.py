@@ -18,6 +18,8 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
+from onboard.bus.credentials import credentials_of
+from onboard.bus.roles import Role
 from onboard.bus.schema import Message, MocapPose, TickBatch, Vec4
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
@@ -126,7 +128,12 @@ class MocapCheck:
         self.fleet, self.say = fleet, say
         self.statistics = MocapStatistics(bodies_of(fleet))
         endpoints = [*(fleet.vehicles[name].agent for name in fleet.enabled_names), fleet.simulator_endpoint]
-        self._bus = BusSession(namespace=fleet.namespace, node=f"mocap-check-{os.getpid()}", connect=endpoints)
+        self._bus = BusSession(
+            namespace=fleet.namespace,
+            node=f"mocap-check-{os.getpid()}",
+            connect=endpoints,
+            credentials=credentials_of(fleet, Role.MOCAP),
+        )
         self._clock = ClockNode(self._bus)
         self._bodies: dict[str, Samples] = {}
         self._px4s: dict[str, Samples] = {}

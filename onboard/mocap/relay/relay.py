@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterator
 import msgspec
 
 from onboard.bus.clock_sync import BEAT_S, ClockNode
+from onboard.bus.credentials import credentials_of
+from onboard.bus.roles import Role
 from onboard.bus.schema import MocapPose
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
@@ -69,7 +71,13 @@ class Relay:
         self.fleet, self.say = fleet, say
         self.statistics = MocapStatistics(bodies_of(fleet))
         agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
-        self._bus = BusSession(namespace=fleet.namespace, node=NODE, listen=[fleet.simulator_endpoint], connect=agents)
+        self._bus = BusSession(
+            namespace=fleet.namespace,
+            node=NODE,
+            listen=[fleet.simulator_endpoint],
+            connect=agents,
+            credentials=credentials_of(fleet, Role.MOCAP),
+        )
         self._clock = ClockNode(self._bus)
         options = mock_options(fleet)
         self._source = SdkMocap(fleet.mocap, "*", self._pass_on, lambda: None, node=NODE, default_options=options)

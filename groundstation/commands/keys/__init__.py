@@ -1,0 +1,128 @@
+"""``covey secure`` locks a fleet's bus; ``covey keys``: its own authority, and the certificates of its nodes.
+
+Examples:
+  covey secure fleet.toml
+  covey keys list fleet.toml
+  covey keys issue fleet.toml mav3
+  covey keys renew fleet.toml
+  covey keys init fleet.toml --force
+
+covey secure makes what is missing in keys/ beside the fleet file, and turns its endpoints into quic/; a second call
+changes nothing. docs/keys.md says more. Exit status: 0 all right; 1 list found what is wrong; 2 wrong input.
+"""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, Parameter
+
+from groundstation.keys.authority import folder_of, load_authority, make_authority, nodes_of
+from groundstation.keys.secured_fleet import issue_all, refuse_example, secure_fleet
+from onboard.bus.credentials import check, files_of, read_certificate
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.exit_status import EXIT_FAILED, EXIT_OK
+
+keys = App(name="keys", help="The keys of a fleet's bus.")
+Fleet = Annotated[str, Parameter(name="FLEET")]
+Node = Annotated[str, Parameter(name="NODE")]
+
+
+def secure(fleet: Fleet, /) -> int:
+    """Make keys for every node of a fleet, and turn its endpoints into endpoints with keys.
+
+    Args:
+        fleet: the fleet file; its folder gets a folder keys/
+    """
+    secured = secure_fleet(fleet, _now())
+    folder, file = folder_of(secured), Path(secured.path).name
+    print(f"{secured.path}: every link of the bus is encrypted now, and both its ends prove who they are. Copy:")
+    for name, vehicle in secured.vehicles.items():
+        print(f"  to {vehicle.host}: {file}, keys/ca.pem, keys/{name}.pem, keys/{name}.key")
+    print(f"  to your ground: {file}, keys/ca.pem, keys/ground.pem, keys/ground.key")
+    print("  to whoever only watches: the same with viewer; to the relay of a motion capture: with mocap")
+    print(f"{folder / 'ca.key'} makes new nodes: it stays here.")
+    return EXIT_OK
+
+
+@keys.command
+def init(fleet: Fleet, /, *, force: bool = False) -> int:
+    """Make a new authority and issue all nodes anew: whoever holds an older key is locked out.
+
+    Args:
+        fleet: the fleet file
+        force: replace an authority that is there
+    """
+    config = _loaded(fleet)
+    folder, now = folder_of(config), _now()
+    if (folder / "ca.pem").exists() and not force:
+        raise ConfigError(
+            f"{folder / 'ca.pem'} exists. A new authority locks out every node until it has its new files: --force"
+        )
+    issue_all(config, make_authority(folder, config.fleet.name, now), nodes_of(config), now)
+    print(f"New authority in {folder}, {len(nodes_of(config))} nodes issued. With all vehicles on the ground copy each")
+    print("node's files to its computer and start it anew: a node with older files finds nobody.")
+    return EXIT_OK
+
+
+@keys.command
+def issue(fleet: Fleet, /, *nodes: Node) -> int:
+    """Issue key and certificate of a node; its former ones stay valid until they expire.
+
+    Args:
+        fleet: the fleet file
+        nodes: vehicles, ground, viewer, mocap or sitl
+    """
+    config = _loaded(fleet)
+    if not nodes:
+        raise ConfigError(f"Which nodes? {', '.join(nodes_of(config))}.")
+    issue_all(config, load_authority(folder_of(config)), nodes, _now())
+    print(f"Issued in {folder_of(config)}: {', '.join(nodes)}.")
+    return EXIT_OK
+
+
+@keys.command
+def renew(fleet: Fleet, /) -> int:
+    """Issue the certificates of all nodes anew, by the same authority: before they expire, or after hosts changed.
+
+    Args:
+        fleet: the fleet file
+    """
+    config = _loaded(fleet)
+    return issue(fleet, *nodes_of(config))
+
+
+@keys.command(name="list")
+def list_(fleet: Fleet, /) -> int:
+    """List the nodes: until when their certificates are valid, and what is wrong.
+
+    Args:
+        fleet: the fleet file
+    """
+    config = load_fleet(fleet)
+    folder, is_wrong = folder_of(config), False
+    for node in nodes_of(config):
+        authority, certificate, key = (folder / name for name in files_of(node))
+        if not certificate.exists():
+            print(f"{node:12s} not on this computer")
+            continue
+        try:
+            if key.exists():
+                check(str(authority), str(certificate), str(key), node, _now())
+            print(f"{node:12s} valid until {read_certificate(str(certificate)).not_valid_after_utc:%Y-%m-%d}")
+        except ConfigError as error:
+            is_wrong = True
+            print(f"{node:12s} {error}")
+    return EXIT_FAILED if is_wrong else EXIT_OK
+
+
+def _loaded(fleet: str) -> FleetConfig:
+    config = load_fleet(fleet)
+    refuse_example(config)
+    return config
+
+
+def _now() -> datetime.datetime:
+    return datetime.datetime.now(datetime.UTC)

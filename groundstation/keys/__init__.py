@@ -1,0 +1,1 @@
+"""A fleet's own authority, and the certificates of its nodes."""

@@ -1,0 +1,163 @@
+"""Make keys and certificates: a fleet's authority, and one certificate for each node.
+
+ECDSA keys on the curve P-256, certificates of X.509. The authority's key, ``ca.key``, makes new nodes: it stays on the
+computer where the fleet is prepared.
+"""
+
+from __future__ import annotations
+
+import datetime
+import ipaddress
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from onboard.bus.credentials import read_certificate
+from onboard.bus.roles import NODES, Role
+from onboard.config.fleet import ConfigError, FleetConfig
+
+AUTHORITY_DAYS, NODE_DAYS = 3650, 825
+_EARLIER = datetime.timedelta(days=1)  # clocks of companions without a network are behind
+
+
+@dataclass(frozen=True, slots=True)
+class Authority:
+    """A fleet's authority: whoever holds its key makes nodes."""
+
+    certificate: x509.Certificate
+    key: ec.EllipticCurvePrivateKey
+
+
+def folder_of(fleet: FleetConfig) -> Path:
+    """Return the folder of a fleet's keys."""
+    return Path(fleet.keys_folder)
+
+
+def hosts_of(fleet: FleetConfig, node: str) -> list[str]:
+    """Return the addresses at which others reach a node; a ground is reached by nobody."""
+    simulator = fleet.simulator_endpoint.partition("/")[2].rpartition(":")[0]
+    hosts = {Role.MOCAP.value: [simulator], Role.EMULATOR.value: [simulator]}
+    return [fleet.vehicles[node].host] if node in fleet.vehicles else hosts.get(node, [])
+
+
+def nodes_of(fleet: FleetConfig) -> list[str]:
+    """Return the names of all nodes that have a certificate."""
+    return [*fleet.vehicles, *(role.value for role in NODES)]
+
+
+def make_authority(folder: Path, fleet_name: str, now: datetime.datetime) -> Authority:
+    """Make a new authority and write it.
+
+    Args:
+        folder: of the keys.
+        fleet_name: for its common name.
+        now: begin of its validity.
+    """
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = _name(f"{fleet_name} authority")
+    certificate = (
+        _builder(name, name, key, now, AUTHORITY_DAYS)
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .sign(key, hashes.SHA256())
+    )
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    _write(folder / "ca.pem", certificate)
+    _write_key(folder / "ca.key", key)
+    return Authority(certificate, key)
+
+
+def load_authority(folder: Path) -> Authority:
+    """Read the authority.
+
+    Args:
+        folder: of the keys.
+    Raises:
+        ConfigError: it is not on this computer, or damaged.
+    """
+    path = folder / "ca.key"
+    if not path.exists():
+        raise ConfigError(
+            f"{path} is not on this computer. Certificates are issued where the fleet was prepared; or begin anew: "
+            "covey keys init FLEET --force"
+        )
+    try:
+        key = load_pem_private_key(path.read_bytes(), None)
+    except (OSError, ValueError, TypeError):
+        raise ConfigError(
+            f"{path} is no private key, or was cut off. Begin anew: covey keys init FLEET --force"
+        ) from None
+    certificate = read_certificate(str(folder / "ca.pem"))
+    if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
+        raise ConfigError(f"{path} does not belong to {folder / 'ca.pem'}. Copy both together, or begin anew.")
+    return Authority(certificate, key)
+
+
+def issue(folder: Path, authority: Authority, node: str, hosts: Iterable[str], now: datetime.datetime) -> None:
+    """Make a node's key and certificate and write them.
+
+    Args:
+        folder: of the keys.
+        authority: signs the certificate.
+        node: vehicle or role: the common name.
+        hosts: addresses and names at which others reach it.
+        now: begin of its validity.
+    """
+    key = ec.generate_private_key(ec.SECP256R1())
+    builder = _builder(_name(node), authority.certificate.subject, key, now, NODE_DAYS)
+    usages = x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH])
+    certificate = (
+        builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(usages, critical=False)
+        .add_extension(x509.SubjectAlternativeName([*map(_address, hosts), x509.DNSName(node)]), critical=False)
+        .sign(authority.key, hashes.SHA256())
+    )
+    _write(folder / f"{node}.pem", certificate)
+    _write_key(folder / f"{node}.key", key)
+
+
+def _builder(
+    subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePrivateKey, now: datetime.datetime, days: int
+) -> x509.CertificateBuilder:
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - _EARLIER)
+        .not_valid_after(now + datetime.timedelta(days=days))
+    )
+
+
+def _name(common_name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
+
+
+def _address(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host.strip("[]")))
+    except ValueError:
+        return x509.DNSName(host)
+
+
+def _write(path: Path, certificate: x509.Certificate) -> None:
+    path.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
+
+
+def _write_key(path: Path, key: ec.EllipticCurvePrivateKey) -> None:
+    """Write a private key that nobody else on this computer can read, not even for a moment."""
+    path.unlink(missing_ok=True)
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(
+            key.private_bytes(
+                serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+            )
+        )

@@ -1,0 +1,90 @@
+"""Turn a fleet's bus into one with keys: what is missing is made, the fleet file's endpoints say quic/."""
+
+from __future__ import annotations
+
+import datetime
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from groundstation.keys.authority import Authority, folder_of, hosts_of, issue, load_authority, make_authority, nodes_of
+from groundstation.starter.fleet_edit import edited, write_changes
+from onboard.config.example_files import EXAMPLES
+from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
+
+_PLAIN = ("tcp/", "udp/")
+
+
+def secure_fleet(path: str, now: datetime.datetime) -> FleetConfig:
+    """Make the authority, the certificates and the endpoints that are missing; a second call changes nothing.
+
+    Args:
+        path: of a fleet file, which is changed; its comments stay.
+        now: begin of the certificates' validity.
+    Returns:
+        the fleet as it is now.
+    Raises:
+        ConfigError: the fleet file is wrong, or an example, or cannot be written.
+    """
+    plain = load_fleet(path)
+    refuse_example(plain)
+    changes = _changes(plain)
+    text = edited(plain.text, changes)
+    secured = fleet_from_mapping(tomllib.loads(text), path=plain.path, text=text)
+    folder = folder_of(secured)
+    has_authority = (folder / "ca.pem").exists()
+    missing = [
+        node
+        for node in nodes_of(secured)
+        if not ((folder / f"{node}.pem").exists() and (folder / f"{node}.key").exists())
+    ]
+    if missing:
+        authority = load_authority(folder) if has_authority else make_authority(folder, plain.fleet.name, now)
+        issue_all(secured, authority, missing if has_authority else nodes_of(secured), now)
+    if changes:
+        write_changes(Path(plain.path), changes)
+    return secured
+
+
+def issue_all(fleet: FleetConfig, authority: Authority, nodes: Sequence[str], now: datetime.datetime) -> None:
+    """Issue the certificates of some nodes.
+
+    Args:
+        fleet: says at which addresses they are reached.
+        authority: signs them.
+        nodes: vehicles and roles.
+        now: begin of their validity.
+    Raises:
+        ConfigError: there is no such node.
+    """
+    known = nodes_of(fleet)
+    for node in nodes:
+        if node not in known:
+            raise ConfigError(f"'{node}' is no node of {fleet.path}. Its nodes: {', '.join(known)}.")
+    for node in nodes:
+        issue(folder_of(fleet), authority, node, hosts_of(fleet, node), now)
+
+
+def refuse_example(fleet: FleetConfig) -> None:
+    """Refuse to make keys beside an example.
+
+    Raises:
+        ConfigError: the fleet file is one that is installed with Covey.
+    """
+    if Path(fleet.path).resolve().is_relative_to(Path(EXAMPLES).resolve()):
+        raise ConfigError(f"{fleet.path} is an example that is installed with Covey. Copy it, and secure the copy.")
+
+
+def _changes(fleet: FleetConfig) -> dict[str, Any]:
+    changes: dict[str, Any] = {}
+    agents = {name: _with_keys(vehicle.agent) for name, vehicle in fleet.vehicles.items()}
+    if any(endpoint != fleet.vehicles[name].agent for name, endpoint in agents.items()):
+        changes["vehicles"] = {name: {"agent": endpoint} for name, endpoint in agents.items()}
+    if fleet.fleet.simulator is not None and fleet.fleet.simulator.startswith(_PLAIN):
+        changes["fleet"] = {"simulator": _with_keys(fleet.fleet.simulator)}
+    return changes
+
+
+def _with_keys(endpoint: str) -> str:
+    return f"quic/{endpoint.partition('/')[2]}" if endpoint.startswith(_PLAIN) else endpoint

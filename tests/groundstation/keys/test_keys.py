@@ -1,0 +1,150 @@
+"""A fleet's keys: made, issued, replaced, and refused in words when they do not fit."""
+
+from __future__ import annotations
+
+import datetime
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from groundstation.cli import main
+from groundstation.keys.authority import issue, load_authority, nodes_of
+from groundstation.keys.secured_fleet import secure_fleet
+from onboard.bus.credentials import credentials_of
+from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet, read_toml
+
+PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
+NOW = datetime.datetime.now(datetime.UTC)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a fleet that has keys."""
+    folder = tmp_path_factory.mktemp("fleet")
+    shutil.copy(PAPER, folder / "fleet.toml")
+    secure_fleet(str(folder / "fleet.toml"), NOW)
+    return folder
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    return Path(shutil.copytree(made, tmp_path / "copy"))
+
+
+def test_every_node_gets_its_files_and_the_comments_of_the_fleet_file_stay(made: Path) -> None:
+    fleet = load_fleet(made / "fleet.toml")
+    assert [vehicle.agent.partition("/")[0] for vehicle in fleet.vehicles.values()] == ["quic"] * 3
+    assert [line for line in fleet.text.splitlines() if "#" in line] == [
+        line for line in PAPER.read_text(encoding="utf-8").splitlines() if "#" in line
+    ]
+    for node in nodes_of(fleet):
+        assert credentials_of(fleet, node) is not None
+    assert {oct(path.stat().st_mode & 0o777) for path in (made / "keys").glob("*.key")} == {"0o600"}
+    assert credentials_of(load_fleet(PAPER), "mav0") is None
+
+
+def test_a_second_call_changes_nothing_and_makes_what_is_missing(folder: Path) -> None:
+    before = {path.name: path.read_bytes() for path in (folder / "keys").iterdir()}
+    (folder / "keys" / "mav1.key").unlink()
+    assert main(["secure", str(folder / "fleet.toml")]) == 0
+    after = {path.name: path.read_bytes() for path in (folder / "keys").iterdir()}
+    assert {name for name in before if before[name] != after[name]} == {"mav1.key", "mav1.pem"}
+
+
+def test_the_place_of_the_keys_is_no_part_of_what_agents_compare(folder: Path) -> None:
+    fleet = load_fleet(folder / "fleet.toml")
+    data, path, _ = read_toml(folder / "fleet.toml", "fleet file")
+    moved = fleet_from_mapping({**data, "fleet": {**data["fleet"], "keys": str(folder / "keys")}}, path=path)
+    assert moved.keys_folder == fleet.keys_folder
+    assert moved.config_hash == fleet.config_hash
+
+
+def _truncated(folder: Path) -> None:
+    file = folder / "keys" / "mav1.pem"
+    file.write_bytes(file.read_bytes()[:200])
+
+
+def _half_a_key(folder: Path) -> None:
+    file = folder / "keys" / "mav1.key"
+    file.write_bytes(file.read_bytes()[:100])
+
+
+def _of_another(folder: Path) -> None:
+    for kind in ("pem", "key"):
+        shutil.copy(folder / "keys" / f"mav2.{kind}", folder / "keys" / f"mav1.{kind}")
+
+
+def _mixed(folder: Path) -> None:
+    shutil.copy(folder / "keys" / "mav2.key", folder / "keys" / "mav1.key")
+
+
+def _foreign(folder: Path) -> None:
+    assert main(["keys", "init", str(folder / "fleet.toml"), "--force"]) == 0
+    shutil.copy(folder / "old" / "ca.pem", folder / "keys" / "ca.pem")
+
+
+def _issued(days: int) -> Callable[[Path], None]:
+    def issue_then(folder: Path) -> None:
+        authority = load_authority(folder / "keys")
+        issue(folder / "keys", authority, "mav1", ["127.0.0.1"], NOW + datetime.timedelta(days=days))
+
+    return issue_then
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda folder: (folder / "keys" / "mav1.pem").unlink(), "is missing: the agent of mav1"),
+        (lambda folder: (folder / "keys" / "mav1.key").chmod(0o644), "chmod 600"),
+        (_truncated, "is no certificate, or was cut off"),
+        (_half_a_key, "is no private key, or was cut off"),
+        (_of_another, "is the certificate of mav2, not of mav1"),
+        (_mixed, "does not belong to"),
+        (_foreign, "was not issued by"),
+        (_issued(-2000), "has expired on"),
+        (_issued(30), "is not valid before"),
+    ],
+)
+def test_what_does_not_fit_is_refused_at_the_start_with_the_remedy(
+    folder: Path, spoil: Callable[[Path], object], words: str
+) -> None:
+    shutil.copytree(folder / "keys", folder / "old")
+    spoil(folder)
+    with pytest.raises(ConfigError, match=words):
+        credentials_of(load_fleet(folder / "fleet.toml"), "mav1")
+
+
+def test_a_new_authority_locks_out_every_older_key(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = str(folder / "fleet.toml")
+    assert main(["keys", "init", file]) == 2  # not by accident
+    old = {path.name: path.read_bytes() for path in (folder / "keys").iterdir()}
+    assert main(["keys", "init", file, "--force"]) == 0
+    assert all(path.read_bytes() != old[path.name] for path in (folder / "keys").iterdir())
+    assert main(["keys", "list", file]) == 0
+    (folder / "keys" / "mav2.pem").write_bytes(old["mav2.pem"])
+    assert main(["keys", "list", file]) == 1
+    assert "was not issued by" in capsys.readouterr().out
+
+
+def test_examples_and_unknown_nodes_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["secure", "paper"]) == 2
+    assert "Copy it" in capsys.readouterr().err
+    assert main(["keys", "issue", str(folder / "fleet.toml"), "mav9"]) == 2
+    assert "'mav9' is no node" in capsys.readouterr().err
+
+
+def _fleet(**changes: str) -> FleetConfig:
+    data, path, _ = read_toml(PAPER, "fleet file")
+    for name, endpoint in changes.items():
+        data["vehicles"][name]["agent"] = endpoint
+    return fleet_from_mapping(data, path=path)
+
+
+def test_endpoints_that_contradict_each_other_are_refused() -> None:
+    with pytest.raises(ConfigError, match="among endpoints with keys"):
+        _fleet(mav1="quic/127.0.0.1:7461")
+    with pytest.raises(ConfigError, match="name the one at which they reach"):
+        _fleet(mav1="tcp/0.0.0.0:7461")
