@@ -356,7 +356,8 @@ INJECTIONS: tuple[Injection, ...] = (
               _f(C.BATTERY_LOW, C.BATTERY_FALLING, C.BATTERY_WARNING)),
     Injection("motor weak", _fault("motor_weak", 3.0, motor=2.0, effectiveness=0.85)),
     Injection("motor dead", _fault("motor_dead", motor=1.0),
-              _f(C.ATTITUDE_NOT_FOLLOWED, C.NOT_CLIMBING, C.FALLEN, C.DISARMED, C.PX4_FAILSAFE, C.LEFT_OFFBOARD),
+              _f(C.ATTITUDE_NOT_FOLLOWED, C.NOT_CLIMBING, C.FALLEN, C.DISARMED, C.PX4_FAILSAFE, C.LEFT_OFFBOARD,
+                 C.POSITION_JUMPED),  # from 0.25 m it hits the ground before anything else shows
               is_silenced=True, may_leave_fence=True, is_falling=True),
     Injection("PX4's own vision lost", _fault("vision_lost", 3.0)),
     Injection("PX4 reports the ground for 0.5 s", _landed_state(0.5, is_repeated=True)),
