@@ -68,10 +68,13 @@ def test_without_the_law_they_collide(tmp_path: Path) -> None:
     assert left_over(folder) == []
 
 
-def test_ctrl_c_lands_and_leaves_no_process(tmp_path: Path) -> None:
-    folder = tmp_path / "flight"
-    command = [*COVEY, "demo", "--headless", "--record", str(folder)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+def test_ctrl_c_lands_and_leaves_no_process_and_no_key(tmp_path: Path) -> None:
+    folder, keys = tmp_path / "flight", tmp_path / "keys"
+    keys.mkdir()
+    command = [*COVEY, "demo", "--secure", "--headless", "--record", str(folder)]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={**os.environ, "TMPDIR": str(keys)}
+    )
     try:
         deadline = time.monotonic() + 60.0
         events = folder / "events.txt"
@@ -79,6 +82,7 @@ def test_ctrl_c_lands_and_leaves_no_process(tmp_path: Path) -> None:
             assert process.poll() is None, process.communicate()[0]
             assert time.monotonic() < deadline, "nobody flew"
             time.sleep(0.1)
+        assert len(list(keys.rglob("*.key"))) == 8  # the bus of this flight is locked
         process.send_signal(signal.SIGINT)
         output, _ = process.communicate(timeout=60)
         assert process.returncode == 130, output
@@ -88,4 +92,6 @@ def test_ctrl_c_lands_and_leaves_no_process(tmp_path: Path) -> None:
             process.communicate()
     for name, track in truth(folder).items():
         assert track[-1, 3] < 0.1, f"{name} was left in the air"
+    assert not list(keys.rglob("*.key"))
+    assert not list(folder.rglob("*.key"))
     assert left_over(folder) == []
