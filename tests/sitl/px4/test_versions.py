@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import math
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 import sitl.px4
+from onboard.config.fleet import Vehicle, load_fleet
+from sitl.emulator.emulator import Emulator
 from sitl.mavlink.codec import text_of
 from sitl.px4.modes import Mode
 from sitl.px4.parameters import DEFAULTS
 from sitl.px4.versions import VERSIONS
+from sitl.server import profile_of
 from tests.sitl.px4.test_commander import offboard_at_height
-from tests.sitl.sitl_flying import Client, emulator, run_for, streamer, until
+from tests.sitl.sitl_flying import EAST_WXYZ, Client, emulator, run_for, streamer, until
 
 UNSUPPORTED = 3
 ALL = sorted(VERSIONS)
@@ -166,3 +171,39 @@ def test_a_roll_of_ten_degrees_takes_as_long_as_it_took_a_real_px4(px4, paramete
     first_s = reaches(0.63)
     assert first_s == pytest.approx(t63_s, abs=0.03)
     assert first_s + reaches(0.9) == pytest.approx(t90_s, abs=0.04)
+
+
+FLEET = load_fleet("configs/fleets/sih.toml")
+TYPES = tomllib.loads(Path("configs/fleets/sih.toml").read_text(encoding="utf-8"))["types"]
+
+
+def _of_type(name: str) -> Vehicle:
+    table = {key: value for key, value in TYPES[name].items() if key != "sitl"}
+    return replace(FLEET.vehicles["mav0"], **table)
+
+
+def _lag_s(emu: Emulator) -> float:
+    """How long the roll is behind a setpoint that turns at a constant rate."""
+    rate_rad_s, begin_s = math.radians(10.0), emu.time_s
+
+    def each() -> None:
+        half = 0.5 * rate_rad_s * (emu.time_s - begin_s)
+        w, x, (yaw_w, _, _, yaw_z) = math.cos(half), math.sin(half), EAST_WXYZ
+        emu.attitude_setpoint(0, [yaw_w * w, yaw_w * x, yaw_z * x, yaw_z * w], [0.0] * 3, 0.49, 7)
+
+    run_for(emu, 1.5, each)
+    return 1.5 - float(emu.world.vehicles.states.tilt_rad[0, 0]) / rate_rad_s
+
+
+@pytest.mark.parametrize("name", sorted(TYPES))
+def test_each_shipped_type_lags_in_the_emulator_as_it_says_and_as_the_vehicle_of_another_type_under_its_version(
+    name: str,
+) -> None:
+    vehicle = _of_type(name)
+    for body in (name, "sih"):  # the same quadrotor, identified with this version, and with v1.17 and 6.5
+        emu = emulator(profile=profile_of(_of_type(body)), px4=vehicle.px4_version)
+        params = emu.autopilots[0].params.values
+        params.update({key: value for key, value in vehicle.px4_params.items() if key in params})
+        emu.parameters_changed(0)
+        offboard_at_height(emu, 5.0)
+        assert _lag_s(emu) == pytest.approx(vehicle.lag_s, abs=0.012 if body == name else 0.02), body
