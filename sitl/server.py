@@ -27,7 +27,6 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
 from sitl.emulator.emulator import Emulator, Environment, VehicleSpec
 from sitl.emulator.mocap import Mocap, MocapSettings
-from sitl.faults import catalogue
 from sitl.faults.catalogue import Fault, FaultError
 from sitl.mavlink.endpoints import (
     Address,
@@ -91,12 +90,11 @@ def answer_fault(emulator: Emulator, order: FaultOrder | Malformed) -> OrderRepl
     """Plan the fault that a ground asks for, or say why not."""
     if isinstance(order, Malformed):
         return OrderReply(order_id="", vehicle="", is_accepted=False, reason=f"This is no fault: {order.reason}.")
-    names = [spec.name for spec in emulator.specs]
     fault = Fault(order.fault, order.vehicle, emulator.time_s + order.after_s, order.duration_s, order.parameters)
     try:
         if not 0.0 <= order.after_s <= 1e6:
             raise FaultError(f"{order.fault}: after_s is {order.after_s:g}; it must be 0 or more.")
-        taken = catalogue.check(fault, names) if order.is_rehearsal else emulator.inject(fault)
+        taken = emulator.check(fault) if order.is_rehearsal else emulator.inject(fault)
     except FaultError as error:
         return OrderReply(order_id=order.order_id, vehicle=order.vehicle, is_accepted=False, reason=str(error))
     return OrderReply(order_id=order.order_id, vehicle=order.vehicle, is_accepted=True, reason=taken.sentence)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from sitl.emulator.fault_effects import Disturbances
-from sitl.faults.catalogue import Fault
+from sitl.faults.catalogue import KINDS, Fault, FaultError, check
 from sitl.physics import frames
 from sitl.physics.contacts import Collision, Downwash, World
 from sitl.physics.frames import Array
@@ -82,6 +82,7 @@ class Emulator:
         _compile_loops()
         around = environment or Environment()
         self.specs = list(specs)
+        self.outside: Callable[[Fault, bool], None] | None = None  # begins and ends faults of bus and agents
         start_enu_m = np.array([spec.start_enu_m for spec in specs], dtype=np.float64).reshape(-1, 3)
         self.world = World(
             [s.profile for s in specs],
@@ -125,7 +126,22 @@ class Emulator:
         Raises:
             FaultError: unknown, out of bounds, or in contradiction to another one.
         """
+        self.check(fault)
         return self.disturbances.plan.add(fault, self.time_s)
+
+    def check(self, fault: Fault) -> Fault:
+        """Return the fault with its defaults; it is not planned.
+
+        Raises:
+            FaultError: unknown, out of bounds, or outside what is simulated here.
+        """
+        checked = check(fault, [spec.name for spec in self.specs])
+        if KINDS[fault.name].is_outside and self.outside is None:
+            raise FaultError(
+                f"{fault.name} is a fault of the bus or of an agent, which this flight does not simulate: fly it in "
+                "lockstep, or remove the fault."
+            )
+        return checked
 
     def reboot(self, index: int) -> None:
         """Start an autopilot anew, wherever its vehicle is: parameters and battery stay, all else is forgotten."""

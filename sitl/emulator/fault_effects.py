@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Protocol
 
-from sitl.faults.catalogue import Fault, FaultPlan
+from sitl.faults.catalogue import KINDS, Fault, FaultPlan
 from sitl.faults.lossy_channel import NO_FAULTS, ChannelFaults, LossyChannel
 from sitl.faults.pose_faults import PoseFault, PoseFaults
 from sitl.physics.contacts import World
@@ -25,6 +25,7 @@ class FaultyEmulator(Protocol):
     estimator: Estimator
     autopilots: list[Autopilot]
     disturbances: Disturbances
+    outside: Callable[[Fault, bool], None] | None
 
     @property
     def time_s(self) -> float:
@@ -190,6 +191,11 @@ def _setpoints(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) 
     emulator.disturbances.ignores_setpoints[index] = is_on
 
 
+def _outside(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
+    if emulator.outside is not None:
+        emulator.outside(fault, is_on)
+
+
 _EFFECTS: dict[str, Callable[[FaultyEmulator, int, Fault, bool], None]] = {
     "motor_weak": _motor,
     "motor_dead": _motor,
@@ -200,4 +206,5 @@ _EFFECTS: dict[str, Callable[[FaultyEmulator, int, Fault, bool], None]] = {
     "clock_drift": _clock_drift,
     "arming_refused": _arming,
     "setpoints_ignored": _setpoints,
+    **{name: _outside for name, kind in KINDS.items() if kind.is_outside},
 }

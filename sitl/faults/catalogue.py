@@ -40,6 +40,7 @@ class Kind:
     acts_on: str  # two faults that act on the same at the same time contradict each other
     parameters: tuple[Parameter, ...] = ()
     is_instant: bool = False  # it happens once and has no duration
+    is_outside: bool = False  # of the emulator: it needs a simulated bus and simulated agents
 
 
 def _kind(parameters: Mapping[str, dict[str, Any]], **values: Any) -> Kind:

@@ -66,7 +66,7 @@ class SimBus:
 
     def __init__(self, settings: BusSettings, now_ns: Callable[[], int], *, seed: int) -> None:
         self.now_ns = now_ns
-        self._settings, self._delay_ns = settings, round(settings.delay_s * 1e9)
+        self.settings, self._delay_ns = settings, round(settings.delay_s * 1e9)
         self._links: dict[Pair, BusSettings] = {}
         self._rng = np.random.default_rng([seed, 11])
         self._queue: list[tuple[int, int, Pair, Callable[..., None], tuple[object, ...]]] = []
@@ -89,6 +89,11 @@ class SimBus:
         """Give both directions between two nodes their own quality."""
         self._links[first, second] = self._links[second, first] = settings
 
+    def reset_link(self, first: str, second: str) -> None:
+        """Give two nodes the quality of every pair again."""
+        for pair in ((first, second), (second, first)):
+            self._links.pop(pair, None)
+
     def partition(self, *groups: Iterable[str], bridging: Iterable[str] = ()) -> None:
         """Cut the groups apart; who is in none forms one group more, except those ``bridging``, whom all still hear."""
         sets = [set(group) for group in groups]
@@ -105,15 +110,17 @@ class SimBus:
                 self._cut[pair] = self.now_ns()
                 self.call_at(self.now_ns() + _LEASE_NS, self._expire, pair, self.now_ns())
 
-    def heal(self) -> None:
-        """End all cuts."""
-        held, self._held = self._held, []
-        now_ns = self.now_ns()
+    def heal(self, *pairs: Pair) -> None:
+        """End the cuts between these pairs of nodes; without any, all cuts."""
+        healed = {*pairs, *((second, first) for first, second in pairs)} if pairs else set(self._cut)
+        held, now_ns = self._held, self.now_ns()
+        self._held = [entry for entry in held if entry[1] not in healed]
         for sent_ns, pair, function, args in held:
-            if now_ns - sent_ns < _LEASE_NS:
+            if pair in healed and now_ns - sent_ns < _LEASE_NS:
                 self._push(now_ns + round(self._of(pair).delay_s * 1e9), pair, function, args)
-        self._cut.clear()
-        for pair in sorted(self._unseen):
+        for pair in healed:
+            self._cut.pop(pair, None)
+        for pair in sorted(self._unseen & healed):
             self.call_at(now_ns + _RECONNECT_NS, self._rejoin, pair)
 
     def is_cut(self, first: str, second: str) -> bool:
@@ -166,7 +173,7 @@ class SimBus:
 
     def send_latest(self, sender: str, receivers: list[tuple[Node, OnMessage]], args: tuple[object, ...]) -> None:
         """A LATEST message for all its subscribers, at once where nothing can happen to it."""
-        if self._cut or self._links or self._settings.is_random:
+        if self._cut or self._links or self.settings.is_random:
             for node, on_message in receivers:
                 if node.name != sender:
                     self.send((sender, node.name), Delivery.LATEST, on_message, *args)
@@ -190,7 +197,7 @@ class SimBus:
 
     def post(self, sender: str, args: tuple[Topic, str, Message]) -> None:
         """A message for all who read in bulk."""
-        if self._cut or self._links or self._settings.is_random:
+        if self._cut or self._links or self.settings.is_random:
             self.send_latest(sender, self._readers, args)
         elif self._readers:
             self._push(self.now_ns() + self._delay_ns, (sender, ""), self._arrive, (args[2],))
@@ -212,7 +219,7 @@ class SimBus:
         return count
 
     def _of(self, pair: Pair) -> BusSettings:
-        return self._links.get(pair, self._settings) if self._links else self._settings
+        return self._links.get(pair, self.settings) if self._links else self.settings
 
     def _push(self, due_ns: int, pair: Pair, function: Callable[..., None], args: tuple[object, ...]) -> None:
         heappush(self._queue, (due_ns, next(self._count), pair, function, args))

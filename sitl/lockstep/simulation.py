@@ -10,6 +10,7 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
@@ -71,6 +72,7 @@ class Simulation:
         self._tables = FleetTables(list(self.agents.values()))
         self._batch = Batch(self._tables if is_batched else None)
         self._indices = {name: index for index, name in enumerate(fleet.vehicles)}
+        self.emulator.outside = self._change_outside
         self._planned: list[tuple[int, int, Callable[[], object]]] = []
         self._count = itertools.count()
 
@@ -93,8 +95,28 @@ class Simulation:
         heapq.heappush(self._planned, (round(time_s * 1e9), next(self._count), function))
 
     def inject(self, fault: Fault) -> Fault:
-        """Plan a fault of the emulator or of the motion capture; FaultError when that is impossible."""
+        """Plan a fault of emulator, link, motion capture, bus or agent; FaultError when that is impossible."""
         return self.emulator.inject(fault)
+
+    def _change_outside(self, fault: Fault, is_on: bool) -> None:
+        """Begin or end a fault of the bus or of an agent."""
+        if fault.name in ("agent_dead", "agent_hang"):
+            agent = self.agents[fault.vehicle]
+            change = (agent.kill, agent.start) if fault.name == "agent_dead" else (agent.hang, agent.resume)
+            change[not is_on]()
+            return
+        which = fault.word("others") if fault.name == "bus_cut" else "all"
+        for other in [name for name in self.bus.nodes if name not in (fault.vehicle, _SIMULATOR)]:
+            if which != "all" and (which == "vehicles") != (other in self.agents):
+                continue
+            if fault.name == "bus_cut":
+                self.bus.cut(fault.vehicle, other) if is_on else self.bus.heal((fault.vehicle, other))
+            elif is_on:
+                quality = replace(self.bus.settings, loss=fault.number("share"))
+                quality = replace(quality, delay_s=quality.delay_s + fault.number("delay_s"))
+                self.bus.set_link(fault.vehicle, other, quality)
+            else:
+                self.bus.reset_link(fault.vehicle, other)
 
     def step(self) -> None:
         """Advance by 4 ms."""

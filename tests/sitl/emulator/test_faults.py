@@ -78,6 +78,10 @@ def test_every_fault_of_the_table_has_a_sentence_and_can_begin_and_end() -> None
     needed = {"motor": 1.0, "other": "v1"}
     for name, kind in KINDS.items():
         emu = emulator((0.0, 0.0, 0.0), (3.0, 0.0, 0.0))
+        if kind.is_outside:
+            with pytest.raises(FaultError, match="lockstep"):
+                emu.inject(Fault(name, "v0", 0.1))
+        emu.outside = lambda fault, is_on: None
         values = {p.name: needed[p.name] for p in kind.parameters if p.default is None}
         fault = emu.inject(Fault(name, "v0", 0.1, 0.0 if kind.is_instant else 0.1, values))
         assert "{" not in fault.sentence
