@@ -23,6 +23,7 @@ from groundstation.fleet.own_stall import AFTER_STALL_S, OwnStall, boot_clock_ns
 from groundstation.fleet.state import GROUND_STALLED, FleetState, Received, fold_batch, initial
 from groundstation.fleet.tick_stream import BusTickStream
 from groundstation.orders.grammar import Intent, PathVerb, default_formation, parse
+from groundstation.orders.obstruction import explained
 from groundstation.orders.path_orders import path_orders
 from groundstation.orders.plan import HeldFormation, PlannedOrder, check_again, plan_order
 from groundstation.orders.result import OrderResult, VehicleResult
@@ -279,7 +280,9 @@ class FleetClient:
         Raises:
             OrderError: the line is no order.
         """
-        return await self.submit_now(order).wait(timeout_s)
+        sent = self.submit_now(order)
+        results = await sent.wait(timeout_s)
+        return explained(results, sent.planned, self.fleet, self._state, self._clock_ns())
 
     async def fault(
         self,

@@ -4,6 +4,7 @@ Examples:
   covey fly my_mission.py --sitl
   covey fly configs/missions/paper.toml --fleet fleet.toml --headless --record flights/first
   covey fly configs/missions/paper.toml --lockstep --law off
+  covey fly my_mission.py --lockstep --arg height_m=1.5
 
 Exit status: 0 all that the mission declares came true; 1 something did not; 2 wrong input, nothing started;
 130 interrupted. Ctrl-C lands; a second one ends the processes that were started.
@@ -68,6 +69,7 @@ def fly_mission(
         is_headless=options.headless or options.lockstep,
         seed=options.seed,
         needs_ports=not options.lockstep,
+        arguments=_arguments(options.arg),
     )
     if not options.lockstep:
         return asyncio.run(MissionFlight(settings, say=clock_say()).fly())
@@ -75,6 +77,17 @@ def fly_mission(
     from sitl.lockstep.command import fly_mission as fly_in_lockstep
 
     return fly_in_lockstep(settings.mission, settings.folder, seed=settings.seed, bus=BusSettings(**bus.given))
+
+
+def _arguments(written: tuple[str, ...]) -> dict[str, str]:
+    """Return NAME=VALUE by name."""
+    arguments: dict[str, str] = {}
+    for word in written:
+        name, sign, value = word.partition("=")
+        if not sign or not name.isidentifier() or name in arguments:
+            raise ConfigError(f"--arg {word}: write each argument once, as NAME=VALUE.")
+        arguments[name] = value
+    return arguments
 
 
 def new_folder() -> Path:

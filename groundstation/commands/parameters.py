@@ -55,6 +55,7 @@ class FlightOptions:
         law: avoidance law instead of the fleet file's (simulated flights)
         seed: seed of everything random in the emulator
         lockstep: agents and emulator in one process, in simulated time
+        arg: argument of a Python mission, NAME=VALUE; may be given several times
     """
 
     fleet: Annotated[str | None, Parameter(metavar="FILE", help="fleet file instead of the mission's")] = None
@@ -63,3 +64,4 @@ class FlightOptions:
     law: LawName = None
     seed: int = 0
     lockstep: bool = False
+    arg: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()

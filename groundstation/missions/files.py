@@ -57,6 +57,7 @@ class Mission(msgspec.Struct, frozen=True):
     on_failure: OnFailure
     text: str
     is_python: bool = False
+    arguments: Mapping[str, str] = {}  # of a Python mission's function, as they were written
     paths: Mapping[str, Path] = {}  # by the files that the steps name
     shapes: Mapping[str, FormationShape] = {}  # formations of the mission's own
 

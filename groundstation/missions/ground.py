@@ -7,12 +7,10 @@ from collections.abc import Callable
 from groundstation.client.client import FleetClient
 from groundstation.missions.verdict import Arrival, StepResult, arrival_of, smallest
 from groundstation.orders.grammar import Intent
-from groundstation.orders.obstruction import in_the_way
+from groundstation.orders.obstruction import explained
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderFailed, Results
 from onboard.config.fleet import Vec3
-
-_BLOCKED = ("unfinished", "timed out")
 
 
 class MissionGround:
@@ -53,14 +51,12 @@ class MissionGround:
         begin_ns = client.now_ns()
         planned = client.plan(intent)
         order = client.send(planned if change is None else change(planned))
-        results = await order.wait(timeout_s)
+        ended = await order.wait(timeout_s)
+        results = explained(ended, order.planned, client.fleet, client.state, client.now_ns())
         for name, message in order.planned.orders.items():
             goal = message.position_enu_m
             if goal is not None and not message.then_land:
                 self.add_arrival(str(intent.verb), name, goal)
-            if goal is not None and results[name].phase in _BLOCKED:
-                words = in_the_way(client.fleet, client.state, name, goal, client.now_ns())
-                results[name] = results[name].with_more(words)
         step = StepResult(
             step=str(intent),
             duration_s=round((client.now_ns() - begin_ns) * 1e-9, 2),

@@ -15,6 +15,7 @@ from groundstation.client.preflight_page import advice_of
 from groundstation.fleet.state import FleetState
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
 from groundstation.missions.files import Mission, with_shapes
+from groundstation.missions.python_file import arguments_of
 from groundstation.missions.step_runner import MissionFailed, StepRunner
 from groundstation.missions.verdict import FlightObservations, Verdict, is_landed, judge
 from groundstation.orders.grammar import Intent
@@ -184,10 +185,10 @@ def load_function(mission: Mission) -> Callable[[Fleet], Awaitable[None]]:
         mission: loaded and checked.
 
     Returns:
-        The function.
+        The function, with the mission's arguments.
 
     Raises:
-        ConfigError: its module cannot be run.
+        ConfigError: its module cannot be run, or it does not take these arguments.
     """
     spec = importlib.util.spec_from_file_location(f"covey_mission_{mission.name}", mission.path)
     if spec is None or spec.loader is None:
@@ -200,4 +201,5 @@ def load_function(mission: Mission) -> Callable[[Fleet], Awaitable[None]]:
     function = module.mission
     if not inspect.iscoroutinefunction(function):
         raise ConfigError(f"{mission.path}: 'mission' must be written as 'async def mission(fleet):'.")
-    return function  # type: ignore[no-any-return]
+    arguments = arguments_of(function, mission.arguments, mission.path)
+    return lambda fleet: function(fleet, **arguments)

@@ -6,11 +6,30 @@ import math
 from collections.abc import Iterator
 
 from groundstation.fleet.state import FleetState
+from groundstation.orders.plan import PlannedOrder
+from groundstation.orders.result import Results
 from onboard.config.fleet import FleetConfig, Vec3, parking_distance_m
 
+_BLOCKED = ("unfinished", "timed out")
 _NEAR_WALL_M = 0.5
 _MOST = 3
 _ACTIVE_M_S2 = 0.05  # of the law's intervention
+
+
+def explained(results: Results, planned: PlannedOrder, fleet: FleetConfig, state: FleetState, now_ns: int) -> Results:
+    """Return the results of an order; those of moves that are not finished say what stands in the way.
+
+    Args:
+        results: of its vehicles.
+        planned: the order.
+        fleet: the fleet file.
+        state: the fleet as known now.
+        now_ns: the ground's monotonic clock [ns].
+    """
+    blocked = [name for name, one in results.items() if one.phase in _BLOCKED and name in planned.orders]
+    goals = {name: planned.orders[name].position_enu_m for name in blocked}
+    words = {name: in_the_way(fleet, state, name, goal, now_ns) for name, goal in goals.items() if goal is not None}
+    return {name: one.with_more(words.get(name, "")) for name, one in results.items()}
 
 
 def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Vec3, now_ns: int) -> str:

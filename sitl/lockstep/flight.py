@@ -10,6 +10,8 @@ from collections.abc import AsyncIterator, Callable, Coroutine
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+from msgspec.structs import replace
+
 from groundstation.client.client import FleetClient
 from groundstation.client.direct_mavlink import DirectKind, DirectResult
 from groundstation.fleet.state import FleetState
@@ -176,10 +178,15 @@ class Lockstep:
         """Land and disarm."""
         return self.wait_for(self.fleet.land(vehicles))
 
-    def fly(self, mission: Mission | str | Path) -> Verdict:
-        """Fly a mission, from the first step to the verdict; with a folder the record is finished with it."""
+    def fly(self, mission: Mission | str | Path, **arguments: object) -> Verdict:
+        """Fly a mission, from the first step to the verdict; with a folder the record is finished with it.
+
+        ``arguments`` are those of a Python mission.
+        """
         if not isinstance(mission, Mission):
             mission = load_mission(mission, self.config)
+        if arguments:
+            mission = replace(mission, arguments={name: str(value) for name, value in arguments.items()})
         return self.wait_for(self._fly(mission))
 
     async def _fly(self, mission: Mission) -> Verdict:

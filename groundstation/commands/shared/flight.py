@@ -10,13 +10,16 @@ import tomllib
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
+
+from msgspec.structs import replace
 
 from groundstation.client.client import FleetClient
 from groundstation.missions.files import Mission, load_mission, with_fleet
 from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.findings import refuse_unflyable
 from groundstation.missions.interruption import listen, listen_no_more
-from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
+from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun, load_function
 from groundstation.missions.verdict import Verdict
 from groundstation.processes.free_ports import busy_ports, is_local, toml_text, with_free_ports
 from groundstation.processes.supervisor import ProcessError, Processes, agent_command, leaves_room
@@ -55,12 +58,14 @@ def prepare(
     is_headless: bool,
     seed: int,
     needs_ports: bool = True,
+    arguments: Mapping[str, str] = MappingProxyType({}),
 ) -> Settings:
     """Check everything before anything starts, and put the files that are really used into the folder.
 
     Args:
         mission: as it was read, or its path.
         needs_ports: False for a flight without sockets.
+        arguments: of a Python mission, as they were written.
     Raises:
         ConfigError: wrong files, wrong combination, ports in use, no terminal, a folder that cannot be used.
     """
@@ -68,6 +73,11 @@ def prepare(
         raise ConfigError("--law is for simulated flights: agents that run already fly the law of their fleet file.")
     if isinstance(mission, str):
         mission = load_mission(mission, fleet_path)
+    if arguments and not mission.is_python:
+        raise ConfigError(f"{mission.path}: only Python missions have arguments. Leave --arg out.")
+    mission = replace(mission, arguments=arguments)
+    if mission.is_python:
+        load_function(mission)  # a mistake in it is found before anything starts
     if is_simulated:
         fleet = simulated_fleet(mission.fleet, folder, law=law, has_free_ports=has_free_ports, needs_ports=needs_ports)
         mission = with_fleet(mission, fleet)
