@@ -7,10 +7,12 @@ import re
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from groundstation.cli import main
+from tests.clients.running import running_emulator
 
 
 def test_nobody_at_the_endpoint_is_exit_status_ten(capsys: pytest.CaptureFixture[str]) -> None:
@@ -32,3 +34,20 @@ def test_the_command_checks_a_running_emulator_over_udp_and_prints_json(emulator
     assert shown["agrees"] >= len(facts) - 1
     assert {"name", "section", "expected", "measured", "verdict", "reason"} <= set(shown["facts"][0])
     assert re.search(r"agrees\s+param.MPC_THR_HOVER", done.stderr)
+
+
+def test_an_emulator_of_v1_18_passes_as_what_it_reports_and_fails_as_another_version(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with running_emulator(tmp_path, "--px4", "1.18") as emulator:
+        check = [
+            "sitl-check",
+            f"udpin://127.0.0.1:{emulator.companion}",
+            "--only",
+            "request.version",
+            "param.MC_ROLL_P",
+        ]
+        assert main(check) == 0
+        assert "it is PX4 v1.18" in capsys.readouterr().out
+        assert main([*check, "--px4", "1.16"]) == 1
+        assert "0 agrees, 2 differs" in capsys.readouterr().out
