@@ -19,7 +19,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from onboard.bus.credentials import read_certificate
+from onboard.bus.certificates import read_certificate
 from onboard.bus.roles import NODES, Role
 from onboard.config.fleet import ConfigError, FleetConfig
 

@@ -21,7 +21,8 @@ from cyclopts import App, Parameter
 
 from groundstation.keys.authority import folder_of, load_authority, make_authority, nodes_of
 from groundstation.keys.secured_fleet import issue_all, refuse_example, secure_fleet
-from onboard.bus.credentials import check, files_of, read_certificate
+from onboard.bus.certificates import check, read_certificate
+from onboard.bus.credentials import files_of
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
 
