@@ -20,6 +20,7 @@ from groundstation.alarms.alarms import Alarms
 from groundstation.console.clients import ConsoleClient
 from groundstation.console.history import History
 from groundstation.console.layout import LOW, NARROW, rooms
+from groundstation.console.mission_orders import MissionOrders
 from groundstation.console.mission_run import Mission, MissionRun
 from groundstation.console.order_entry import OrderEntry
 from groundstation.console.panels import Panels
@@ -114,6 +115,7 @@ class ConsoleApp(App[int]):
         self.filters = TerminalFilters()
         self.orders = OrderEntry(self, fleet, client, self.panels, forecaster=forecaster, refresh=self.refresh_fleet)
         self.mission = MissionRun(self, self.panels, mission=mission, connect=connect, progress=progress)
+        self.orders.missions = MissionOrders(client, self.mission.begin)
         self.shutdown = Shutdown(self, client, self.orders, self.mission, self.terminal, self._warn)
         self._newest_event: LoggedEvent | None = None  # of those that stand in the log
 

@@ -44,7 +44,7 @@ class MissionRun:
     @property
     def has_mission(self) -> bool:
         """Whether this console flies a mission, so that its end is the end of what was started for it."""
-        return self._mission is not None
+        return self._mission is not None or self.is_running
 
     @property
     def is_running(self) -> bool:
@@ -58,6 +58,22 @@ class MissionRun:
         if self._mission is not None:
             self._line = "mission flies"
             self._mission_worker = self._app.run_worker(self._fly(self._mission), exit_on_error=False)
+
+    def begin(self, mission: Mission, progress: Callable[[], str]) -> bool:
+        """Fly a mission that the operator has started here, unless one flies already.
+
+        Args:
+            mission: flies, and returns a verdict.
+            progress: returns one line about it.
+
+        Returns:
+            Whether it was begun.
+        """
+        if self.is_running:
+            return False
+        self._line, self._progress = "mission flies", progress
+        self._mission_worker = self._app.run_worker(self._fly(mission), exit_on_error=False)
+        return True
 
     def cancel(self) -> None:
         """End the mission without a verdict."""

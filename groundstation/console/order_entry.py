@@ -8,9 +8,10 @@ from collections.abc import Callable
 
 from textual.app import App
 
-from groundstation.console import theme
+from groundstation.console import mission_orders, theme
 from groundstation.console.clients import ConsoleClient, OrderingClient
 from groundstation.console.kill_latch import KillLatch
+from groundstation.console.mission_orders import MissionOrders
 from groundstation.console.panels import Panels
 from groundstation.console.screens.preview import PreviewScreen
 from groundstation.console.screens.vehicle import VehicleScreen
@@ -55,6 +56,7 @@ class OrderEntry:
         self._is_warm = False
         self._sent_early: deque[OrderResult] = deque()  # by the thread that reads the keys; their turn comes
         self._latch = KillLatch()
+        self.missions: MissionOrders | None = None  # starts missions by written orders
         self._written = ""  # the order that is being taken from the order line
         self.newest: OrderResult | None = None  # the order whose results are shown
 
@@ -113,6 +115,8 @@ class OrderEntry:
         verb = next((verb for verb in USAGE if text.lower().split()[:1] == [verb]), None)
         if verb is not None:
             self._panels.results.show_sentence(USAGE[verb], FAINT)
+        elif text.lower().split()[:1] == ["mission"]:
+            self._panels.results.show_sentence(mission_orders.USAGE, FAINT)
         if text.strip():
             self.warm_up()
 
@@ -123,6 +127,10 @@ class OrderEntry:
         words = text.split()
         if words[:2] in (["take", "control"], ["give", "control"], ["keep", "control"]) and len(words) <= 3:
             self._change_control(words[0], *words[2:])
+        elif words[0] in mission_orders.WORDS and self.missions is not None:
+            refusal = self.missions.take(words)
+            if refusal:
+                self._refuse(text, refusal)
         elif words[0] == "reset":
             self._reset(" ".join(words[1:]))
         else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 
 from groundstation.client.client import FleetClient
@@ -11,6 +12,8 @@ from groundstation.orders.obstruction import explained
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderFailed, Results
 from onboard.config.fleet import Vec3
+
+_WAITS_FOR_STEP = ("arm", "takeoff", "move", "goto", "formation", "rotate", "yaw")
 
 
 class MissionGround:
@@ -28,6 +31,8 @@ class MissionGround:
         self.arrivals: list[Arrival] = []
         self.left_out: set[str] = set()  # vehicles that the mission goes on without
         self.goes_on_without = False  # a vehicle that fails is left out; the others go on
+        self._is_stepping = False
+        self._next = asyncio.Event()
 
     async def order(
         self, intent: Intent, timeout_s: float, *, change: Callable[[PlannedOrder], PlannedOrder] | None = None
@@ -46,6 +51,10 @@ class MissionGround:
             ConfigError: the order is none.
             OrderFailed: a vehicle did not do it, and the mission does not go on without it.
         """
+        if self._is_stepping and intent.verb in _WAITS_FOR_STEP:
+            self._next.clear()
+            self.say(f"Waits before: {intent}")
+            await self._next.wait()
         self.say(f"{intent}")
         client = self.client
         begin_ns = client.now_ns()
@@ -75,6 +84,16 @@ class MissionGround:
         elif missing:
             raise OrderFailed(intent, results)
         return results
+
+    def go_on(self, *, is_stepping: bool) -> None:
+        """Let the order that waits begin.
+
+        Args:
+            is_stepping: have the next order to start or to move wait for this call again; those that bring vehicles
+                down or stop them wait for nobody.
+        """
+        self._is_stepping = is_stepping
+        self._next.set()
 
     def leave_out(self, *names: str) -> None:
         """Go on without these vehicles: "all" does not mean them any more, and their results fail nothing.

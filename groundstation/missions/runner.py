@@ -58,6 +58,7 @@ class MissionRun:
             mission.name, mission.fleet, client.state, steps, arrivals, begin_ns=now_ns, end_ns=now_ns
         )
         self._task: asyncio.Task[Any] | None = None
+        self._is_over = False
 
     async def run(self) -> Verdict:
         """Fly it. Cancelling this coroutine is an interruption: all vehicles land, then it returns.
@@ -95,7 +96,13 @@ class MissionRun:
         # ends of orders are never lost, but telemetry may be: the next one shows the result of the last step
         await self.client.wait_for(self._is_at_rest, LAST_TELEMETRY_S)
         self._flown.end_ns = self.client.now_ns()
+        self._is_over = True
         return judge(self.flown(), self.mission.expect)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has ended: its steps, and what came after them."""
+        return self._is_over
 
     def interrupt(self) -> None:
         """Stop the mission and land all vehicles; :meth:`run` returns when they are down."""

@@ -1,0 +1,101 @@
+"""Missions by written orders: started, stepped through, and ended, beside the orders by hand."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+
+from msgspec.structs import replace
+
+from groundstation.client.client import FleetClient
+from groundstation.console.clients import ConsoleClient
+from groundstation.console.mission_run import Mission
+from groundstation.missions.files import load_mission
+from groundstation.missions.findings import refuse_unflyable
+from groundstation.missions.runner import MissionRun, load_function
+from groundstation.missions.verdict import Verdict
+from onboard.config.fleet import ConfigError
+
+WORDS = ("mission", "step", "continue", "stop")
+USAGE = "mission FILE [stepping] [NAME=VALUE ...]; then: step (the next order), continue (all), stop (lands all)"
+_READY_S, _WATCH_S = 10.0, 0.2
+
+
+class MissionOrders:
+    """Takes written orders about missions.
+
+    Args:
+        client: of the fleet; only one that may order flies missions.
+        begin: flies a mission in a worker, unless one flies already; with the function of its line for the title.
+    """
+
+    def __init__(self, client: ConsoleClient, begin: Callable[[Mission, Callable[[], str]], bool]) -> None:
+        self._client, self._begin = client, begin
+        self._run: MissionRun | None = None
+        self._line = ""
+
+    def take(self, words: Sequence[str]) -> str:
+        """Carry out an order.
+
+        Args:
+            words: of the line.
+
+        Returns:
+            A sentence when it is refused, or else nothing.
+        """
+        if words[0] == "mission":
+            return self._start(words[1:])
+        run = self._run
+        if run is None or run.is_over:
+            return f"No mission flies that was started here. Write: {USAGE}"
+        if words[0] == "stop":
+            run.interrupt()
+        else:
+            run.fleet.ground.go_on(is_stepping=words[0] == "step")
+        return ""
+
+    def _start(self, words: Sequence[str]) -> str:
+        client = self._client
+        if not isinstance(client, FleetClient):
+            return "This console only watches: attach one that may order."
+        refusal = client.control.refusal("takeoff")
+        if refusal is not None:
+            return refusal
+        names = [word for word in words if "=" not in word and word != "stepping"]
+        if len(names) != 1:
+            return f"Which mission? Write: {USAGE}"
+        try:
+            mission = load_mission(names[0], client.fleet)
+            arguments = dict(word.split("=", 1) for word in words if "=" in word)
+            if arguments and not mission.is_python:
+                return f"{names[0]}: only Python missions have arguments."
+            mission = replace(mission, arguments=arguments)
+            if mission.is_python:
+                load_function(mission)
+            refuse_unflyable(mission, client.state.is_simulated)
+        except ConfigError as error:
+            return str(error)
+        run = MissionRun(mission, client, say=self._say, ready_timeout_s=_READY_S)
+        if "stepping" in words:
+            run.fleet.ground.go_on(is_stepping=True)
+        if not self._begin(lambda: self._fly(run), lambda: self._line):
+            return "A mission flies already. Write: stop"
+        self._run = run
+        return ""
+
+    async def _fly(self, run: MissionRun) -> Verdict:
+        watch = asyncio.create_task(_watched(run))
+        try:
+            return await run.run()
+        finally:
+            watch.cancel()
+
+    def _say(self, line: str) -> None:
+        self._line = line.strip()
+        if isinstance(self._client, FleetClient):
+            self._client.publish_event("info", "mission", self._line)
+
+
+async def _watched(run: MissionRun) -> None:
+    while not run.abort_if_silent():  # noqa: ASYNC110 - silence is no event
+        await asyncio.sleep(_WATCH_S)
