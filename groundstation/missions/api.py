@@ -22,7 +22,8 @@ from groundstation.orders.result import OrderFailed as OrderFailed
 from onboard.bus.schema import Event
 from onboard.config.fleet import ConfigError, FleetConfig
 
-AtEnd = Literal["land", "hold"]
+_HOME_S = 90.0
+AtEnd = Literal["land", "hold", "home"]
 
 
 class Fleet(Group):
@@ -85,12 +86,14 @@ class Fleet(Group):
         """Leave vehicles that still fly in this state.
 
         Args:
-            at_end: land them, or have them hold.
+            at_end: land them where they are, at their take-off spots, or have them hold.
         """
         up = tuple(name for name in self._names if self.state.vehicles[name].is_airborne)
         if at_end == "hold" and up:
             await self.client.order(Intent("hold", up), 15.0)
-        elif at_end == "land":
+        elif at_end != "hold":
+            if at_end == "home" and up:
+                await self.client.order(Intent("home", up), _HOME_S)
             await self.land_all()
 
     @property

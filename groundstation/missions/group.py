@@ -14,6 +14,7 @@ from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
 from groundstation.formations.slots import formation_names, formation_slots
 from groundstation.missions.conditions import Condition, ConditionTimeout, Moment
+from groundstation.missions.following import follow, present_offsets
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import Lights, Paths, follow_paths
 from groundstation.orders.grammar import DEFAULT_HEIGHT_M, Intent, OrderError
@@ -283,6 +284,22 @@ class Group:
             except ValueError as error:
                 raise ConfigError(f"{name}: {error}") from None
         return await self.follow_path(paths, on_lag=on_lag)
+
+    async def follow(self, leader: str, duration_s: float, *, offsets: Mapping[str, Vec3] | None = None) -> Results:
+        """Follow another vehicle for a time, each at its offset; then, and also when this is cancelled, hold.
+
+        Args:
+            leader: the vehicle that is followed.
+            duration_s: for how long [s].
+            offsets: of the followers from the leader [m], ENU; None: all others of the group, each as it is now.
+
+        Raises:
+            ConfigError: the leader or a follower does not report where it is.
+        """
+        if offsets is None:
+            offsets = present_offsets(self.client, leader, self.names)
+        followers = self.select(list(offsets))
+        return await follow(self.ground, leader, {name: offsets[name] for name in followers}, duration_s)
 
     async def hold(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
         """Hold the present position."""

@@ -119,6 +119,25 @@ def test_a_reaction_may_end_what_is_done_now(lockstep: Any) -> None:
     assert flight.time_s - begin_s < 60.0
 
 
+def test_vehicles_follow_a_leader_and_hold_when_it_is_over(lockstep: Any) -> None:
+    flight = lockstep(PAPER, seed=2)
+    flight.takeoff(1.0)
+    fleet = flight.fleet
+    x, y, z = fleet["mav1"].position_enu_m
+
+    async def mission() -> None:
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(fleet["mav1"].move((x, y + 2.0, z)))
+            results = await fleet.follow("mav1", 7.0)
+        assert set(results) == {"mav0", "mav2"}
+        assert all(result.is_done for result in results.values())
+
+    flight.wait_for(mission())
+    assert flight.min_separation_m > 0.8
+    for name, side in (("mav0", -1.5), ("mav2", 1.5)):
+        assert math.dist(fleet[name].position_enu_m, (x + side, y + 2.0, z)) < 0.35
+
+
 def test_a_blocked_vehicle_says_what_stands_in_its_way(lockstep: Any) -> None:
     flight = lockstep(PAPER, seed=2)
     flight.takeoff(1.0)
