@@ -15,10 +15,10 @@ from types import MappingProxyType
 from msgspec.structs import replace
 
 from groundstation.client.client import FleetClient
+from groundstation.commands.shared.interruption import listen, listen_no_more
 from groundstation.missions.files import Mission, load_mission, with_fleet
 from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.findings import refuse_unflyable
-from groundstation.missions.interruption import listen, listen_no_more
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun, load_function
 from groundstation.missions.verdict import Verdict
 from groundstation.processes.free_ports import busy_ports, is_local, toml_text, with_free_ports

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from groundstation.client.client import FleetClient
+from groundstation.commands.shared.interruption import listen, listen_no_more
 from groundstation.missions.files import load_mission
-from groundstation.missions.interruption import listen, listen_no_more
 from groundstation.missions.runner import MissionRun
 from onboard.config.fleet import FleetConfig
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-_ROOT = os.path.realpath(Path(__file__).parents[1]) + os.sep
+_ROOT = os.path.realpath(Path(__file__).parents[2]) + os.sep
 _TOGETHER_S = 0.3  # signals that the loop hears within this time are one: it was blocked when they came
 
 
