@@ -19,6 +19,7 @@ from onboard.config.sitl import SitlProfile
 from onboard.config.toml_reading import ConfigError
 
 Vec3 = tuple[float, float, float]
+PX4_VERSIONS = ("1.16", "1.17", "1.18")  # that Covey was measured with
 
 
 class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

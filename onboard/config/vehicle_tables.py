@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from onboard.config.fleet_config import Vehicle
+from onboard.config.fleet_config import PX4_VERSIONS, Vehicle
 from onboard.config.sitl import SitlProfile
 from onboard.config.toml_reading import ConfigError, convert
 
@@ -64,5 +64,12 @@ def vehicle_from_tables(
         for entry, value in table.items():
             nested = entry in ("px4_params", "sitl") and isinstance(value, dict)
             merged[entry] = {**merged.get(entry, {}), **value} if nested else value
+    _check_px4_version(merged.get("px4_version", PX4_VERSIONS[0]), f"{path}: '{key}.px4_version'")
     convert(merged.get("sitl", {}), SitlProfile, path, f"{key}.sitl")  # names the keys that are known there
     return convert({**merged, "name": name, "index": index}, Vehicle, path, key)  # type: ignore[no-any-return]
+
+
+def _check_px4_version(version: object, where: str) -> None:
+    if version not in PX4_VERSIONS:
+        known = ", ".join(f'"{each}"' for each in PX4_VERSIONS)
+        raise ConfigError(f"{where} is {version!r}. Write one of {known}, in quotes; for another PX4 the nearest one.")

@@ -55,6 +55,8 @@ WRONG = [
     ("fleet.geofence_m", {"x": [1, -1], "y": [-1, 1], "z": [0, 1]}, "low < high"),
     ("fleet.name", "a/b", "fleet.name"),
     ("fleet.body_diameter_m", 2.0, "fleet.body_diameter_m"),
+    ("types.ardrone.px4_version", "1.15", 'Write one of "1.16", "1.17", "1.18", in quotes'),
+    ("vehicles.mav1.px4_version", 1.17, "'vehicles.mav1.px4_version' is 1.17. Write one of"),
     ("schema", 2, "schema"),
 ]
 
