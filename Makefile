@@ -2,13 +2,14 @@
 # make test             lint, types, import contracts and every test that needs no real time (about 5 minutes)
 # make test-realtime    tests with processes, sockets and terminals
 # make test-long        tests that take longer than that
+# make test-px4 PX4_BUILD=PX4/build/px4_sitl_default    real PX4s, if you have a build of one: docs/px4-sitl.md
 # make wheel            dist/covey-VERSION-py3-none-any.whl: Covey without a clone
 # make docs             the pages of docs/ as a site with search, in .venv/site
 # make pins             write requirements/*.txt anew: the newest libraries that pyproject.toml allows, with hashes
 # make bench-NAME       one benchmark, with options in ARGS; make bench lists them
 SHELL := bash
 export PYTHON ?=
-.PHONY: demo test test-realtime test-long lint bench wheel docs pins clean
+.PHONY: demo test test-realtime test-long test-px4 lint bench wheel docs pins clean
 DEMO_ARGS ?=
 ARGS ?=
 
@@ -33,6 +34,10 @@ test-realtime:
 test-long:
 	@.ci/setup dev
 	.venv/bin/pytest -m long --timeout 1800
+
+test-px4:
+	@.ci/setup dev
+	PX4_BUILD=$(PX4_BUILD) .venv/bin/pytest tests/px4 -m long -rs -v
 
 bench:
 	@.ci/setup dev

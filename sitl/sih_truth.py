@@ -199,7 +199,8 @@ class Relay:
         self.bus.publish(Topic.MOCAP, name, pose)
 
 
-async def _run(fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, with_mocap: bool) -> None:
+async def serve(fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, with_mocap: bool) -> None:
+    """Relay the truth of these vehicles onto a bus until SIGINT or SIGTERM; see :func:`run`."""
     loop, stopped = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopped.set)
@@ -250,4 +251,4 @@ def run(fleet: FleetConfig, names: Sequence[str], *, with_mocap: bool) -> None:
         BusError: the bus cannot be opened.
         StartError: a port is taken.
     """
-    asyncio.run(_run(fleet, names, simulator_bus(fleet), with_mocap=with_mocap))
+    asyncio.run(serve(fleet, names, simulator_bus(fleet), with_mocap=with_mocap))

@@ -1,0 +1,235 @@
+"""One flight of real PX4s with real agents, judged by PX4's own truth; and things that break in it."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from groundstation.processes.free_ports import toml_text, with_free_ports
+from onboard.config.fleet import FleetConfig, fleet_from_mapping
+from onboard.px4.required_params import all_params
+from tests.px4.build import Px4Build, free_instances, running
+
+_ROOT = Path(__file__).parents[2]
+_READY_S, _FLIGHT_S, _DOWN_S = 60.0, 180.0, 60.0
+_GROUND_LOST_S = 10.0
+_AIRBORNE_M, _DOWN_M, _STILL_M_S = 0.10, 0.15, 0.10
+_WATCH_S = 1.0
+
+
+def fleet_of(count: int, folder: Path, instances: list[int]) -> FleetConfig:
+    """Write a fleet file for so many PX4s: three as in configs/fleets/sih.toml, or more of its vehicles in a ring."""
+    data = tomllib.loads((_ROOT / "configs/fleets/sih.toml").read_text(encoding="utf-8"))
+    first = next(iter(data["vehicles"].values()))
+    starts = [table["start_enu_m"] for table in data["vehicles"].values()]
+    if count > len(starts):
+        angles = [2.0 * math.pi * index / count for index in range(count)]
+        ring = [[round(2.2 * math.cos(a), 3), round(2.2 * math.sin(a), 3), 0.0] for a in angles]
+        starts = ring
+        names = [f"mav{index}" for index in range(count)]
+        opposite = ring[count // 2 :] + ring[: count // 2]
+        data["formations"] = {
+            "ring": dict(zip(names, ring, strict=True)),
+            "opposite": dict(zip(names, opposite, strict=True)),
+        }
+        data["fleet"]["geofence_m"] = {"x": [-6.0, 6.0], "y": [-6.0, 6.0], "z": [0.0, 3.0]}
+    data["vehicles"] = {
+        f"mav{index}": {**first, "start_enu_m": starts[index], "mocap_body": f"mav{index}", "system_id": number + 1}
+        for index, number in enumerate(instances)
+    }
+    for index, table in enumerate(data["vehicles"].values()):
+        table.update(agent=f"tcp/127.0.0.1:{7460 + index}", autopilot=f"udpin://127.0.0.1:{14540 + index}")
+        table.update(direct=f"udpout://127.0.0.1:{18570 + index}")
+    data["fleet"]["ground_lost_land_s"] = _GROUND_LOST_S
+    data = with_free_ports(data, fleet_from_mapping(data))
+    for table, number in zip(data["vehicles"].values(), instances, strict=True):  # PX4's ports are its own
+        table["autopilot"] = f"udpin://127.0.0.1:{14540 + number}"
+        table["direct"] = f"udpout://127.0.0.1:{18570 + number}"
+    path = folder / "fleet.toml"
+    path.write_text(toml_text(data), encoding="utf-8")
+    return fleet_from_mapping(data, path=str(path), text=path.read_text(encoding="utf-8"))
+
+
+@dataclass(slots=True)
+class Flight:
+    """A flight under way: its processes, its files, and what was measured."""
+
+    fleet: FleetConfig
+    folder: Path
+    px4s: Mapping[str, subprocess.Popen[bytes]]
+    agents: Mapping[str, subprocess.Popen[bytes]]
+    ground: subprocess.Popen[bytes] | None = None
+    lost: set[str] = field(default_factory=set)  # vehicles whose PX4 is gone: they cannot come down
+    fault_s: float = math.nan  # monotonic time of the fault
+
+    @property
+    def log(self) -> str:
+        """All that the ground has printed."""
+        return (self.folder / "fly.log").read_text(encoding="utf-8", errors="replace")
+
+    def cut_poses(self, seconds: float = math.inf) -> None:
+        """Withhold the poses of all vehicles, for a while or for good."""
+        (self.folder / "cut").touch()
+        if math.isfinite(seconds):
+            time.sleep(seconds)
+            (self.folder / "cut").unlink()
+
+    def tracks(self) -> dict[str, NDArray[np.float64]]:
+        """Per vehicle an array (T, 7): seconds, position and velocity in fleet ENU, by PX4's truth."""
+        rows: dict[str, list[list[float]]] = {name: [] for name in self.fleet.enabled_names}
+        for line in (self.folder / "truth.jsonl").read_text(encoding="utf-8").splitlines():
+            with contextlib.suppress(json.JSONDecodeError):  # the last line may be cut
+                name, *values = json.loads(line)
+                rows[name].append(values)
+        return {name: np.array(values) for name, values in rows.items()}
+
+    def closest_m(self) -> float:
+        """Smallest horizontal distance of two centres while one of the two flies, over the whole flight."""
+        closest = math.inf
+        for a, b in itertools.combinations(self.tracks().values(), 2):
+            t = np.arange(max(a[0, 0], b[0, 0]), min(a[-1, 0], b[-1, 0]), 0.02)
+            first, second = ([np.interp(t, one[:, 0], one[:, i]) for i in (1, 2, 3)] for one in (a, b))
+            is_flying = np.maximum(first[2], second[2]) > _AIRBORNE_M
+            distance = np.hypot(first[0] - second[0], first[1] - second[1])[is_flying]
+            closest = min(closest, float(distance.min(initial=math.inf)))
+        return closest
+
+    def down_after_s(self) -> float:
+        """Seconds from the fault until all that can have come down to rest; infinite when one is in the air."""
+        latest_s = self.fault_s
+        for name, track in self.tracks().items():
+            if name in self.lost:
+                continue
+            in_air = (track[:, 3] > _DOWN_M) | (np.linalg.norm(track[:, 4:7], axis=1) > _STILL_M_S)
+            if in_air[-25:].any():
+                return math.inf
+            latest_s = max(latest_s, float(track[in_air, 0].max(initial=self.fault_s)))
+        return latest_s - self.fault_s
+
+    def wait_until_down(self) -> None:
+        """Wait until the ground has ended or is stopped, and everything is down."""
+        end_s = time.monotonic() + _DOWN_S
+        while time.monotonic() < end_s and not math.isfinite(self.down_after_s()):
+            time.sleep(_WATCH_S)
+
+
+@contextlib.contextmanager
+def flying(build: Px4Build, count: int, folder: Path, mission: str) -> Iterator[Flight]:
+    """PX4s, poses, agents that are ready, and a ground that has begun a mission; all ended with the block."""
+    instances = free_instances(count)
+    fleet = fleet_of(count, folder, instances)
+    (folder / "mission.toml").write_text(mission, encoding="utf-8")
+    names = dict(zip(instances, fleet.enabled_names, strict=True))
+    params = {
+        number: {param.name: param.value for param in all_params(fleet.vehicles[name], build.version)}
+        for number, name in names.items()
+    }
+    with contextlib.ExitStack() as stack:
+        px4s = stack.enter_context(running(build, params, folder))
+        stack.enter_context(_python(folder, "poses", "tests.px4.poses", fleet.path, str(folder)))
+        words = ("--fleet", fleet.path, "--realtime", "--vehicle")
+        agents = {n: stack.enter_context(_python(folder, n, "onboard", *words, n)) for n in names.values()}
+        flight = Flight(fleet, folder, {names[number]: px4 for number, px4 in px4s.items()}, agents)
+        _wait(lambda: all(f"agent {n}: ready" in _log(folder, n) for n in agents), _READY_S, lambda: _logs(folder))
+        words = ("fly", str(folder / "mission.toml"), "--fleet", fleet.path, "--headless")
+        record = ("--record", str(folder / "record"))
+        flight.ground = stack.enter_context(_python(folder, "fly", "groundstation", *words, *record))
+        yield flight
+
+
+def break_in(flight: Flight, step: str, after_s: float, fault: Callable[[Flight], None]) -> None:
+    """Wait until a step of the mission has begun and ``after_s`` more, then break something."""
+    line = re.compile(rf"^ *[\d.]+ s  {step}\b", re.MULTILINE)
+    _wait(lambda: line.search(flight.log) is not None, _FLIGHT_S, lambda: flight.log)
+    time.sleep(after_s)
+    flight.fault_s = time.monotonic()
+    fault(flight)
+
+
+def end(flight: Flight) -> int:
+    """Wait for the ground's verdict; its exit status."""
+    assert flight.ground is not None
+    return flight.ground.wait(_FLIGHT_S)
+
+
+def told(flight: Flight, step: str, after_s: float) -> tuple[float, str]:
+    """Seconds from a fault to the first warning that the operator read after it, and its sentence.
+
+    Args:
+        flight: with a ground that was there.
+        step: during which the fault came.
+        after_s: from the begin of that step.
+    """
+    begin = re.search(rf"^ *([\d.]+) s  {step}\b", flight.log, re.MULTILINE)
+    assert begin is not None, flight.log
+    fault_s = float(begin[1]) + after_s
+    for time_s, sentence in re.findall(
+        r"^ *([\d.]+) s    (\[\w+\] (?:warning|critical): .*)$", flight.log, re.MULTILINE
+    ):
+        if float(time_s) >= fault_s - 0.05:
+            return float(time_s) - fault_s, sentence
+    return math.inf, ""
+
+
+def _wait(is_true: Callable[[], bool], timeout_s: float, explain: Callable[[], str]) -> None:
+    end_s = time.monotonic() + timeout_s
+    while not is_true():
+        assert time.monotonic() < end_s, explain()
+        time.sleep(0.05)
+
+
+@contextlib.contextmanager
+def _python(folder: Path, name: str, *words: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A Python program with its output in a file; interrupted, and then killed, with the block."""
+    with (folder / f"{name}.log").open("wb") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", *words],
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+            cwd=_ROOT,
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            process_group=0,
+        )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGCONT)
+            os.killpg(process.pid, signal.SIGTERM)
+            try:
+                process.wait(5)
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+
+
+def _log(folder: Path, name: str) -> str:
+    path = folder / f"{name}.log"
+    return path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+
+
+def _logs(folder: Path) -> str:
+    return "\n".join(f"--- {log.name}\n{_log(folder, log.stem)[-2000:]}" for log in sorted(folder.glob("*.log")))
+
+
+def verdict(flight: Flight) -> dict[str, Any]:
+    """The ground's verdict.json."""
+    content: dict[str, Any] = json.loads((flight.folder / "record/verdict.json").read_text(encoding="utf-8"))
+    return content

@@ -1,0 +1,148 @@
+"""Real PX4s from whoever has a build of them: ``make test-px4 PX4_BUILD=/path/to/PX4/build/px4_sitl_default``."""
+
+from __future__ import annotations
+
+import math
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.px4.build import Px4Build, free_instances, running
+from tests.px4.flight import Flight, break_in, end, flying, told, verdict
+from tests.px4.table import Table
+
+pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
+
+_PAPER = Path(__file__).parents[2] / "configs/missions/paper.toml"
+_SWAPS = """
+schema = 1
+fleet = "fleet.toml"
+[[step]]
+do = "takeoff"
+height_m = 1.2
+[[step]]
+do = "formation"
+name = "opposite"
+position_enu_m = [0.0, 0.0, 1.2]
+timeout_s = 60
+[[step]]
+do = "formation"
+name = "ring"
+position_enu_m = [0.0, 0.0, 1.2]
+timeout_s = 60
+[[step]]
+do = "land"
+timeout_s = 60
+[expect]
+min_separation_m = 0.80
+arrived_within_m = 0.15
+all_landed = true
+[on_failure]
+do = "land"
+"""
+_CROSSING_S = 3.0  # into the formation of the paper's mission
+_LEAST_M = 0.50  # a body
+_TOLD_WITHIN_S = 1.0
+
+
+def _paper() -> str:
+    return re.sub(r"(?m)^fleet = .*$", 'fleet = "fleet.toml"', _PAPER.read_text(encoding="utf-8"))
+
+
+def test_px4_is_as_its_version_was_measured(build: Px4Build, table: Table, tmp_path: Path) -> None:
+    (number,) = free_instances(1)
+    words = ["sitl-check", f"udpin://127.0.0.1:{14540 + number}", "--wait", "30"]
+    check = subprocess.Popen(
+        [sys.executable, "-m", "groundstation", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        time.sleep(2.5)  # boot facts: PX4 starts while the check waits
+        with running(build, {number: {}}, tmp_path):
+            output, _ = check.communicate(timeout=800)
+    finally:
+        check.kill()
+    different = re.findall(r"^X DIFFERS (\S+)", output, re.MULTILINE)
+    counts = output.strip().rpartition("\n")[2]
+    table.add("`covey sitl-check`", f"{counts}{': ' + ', '.join(different) if different else ''}")
+    assert check.returncode in (0, 1), output
+    assert len(different) <= 3, output  # on a busy machine a fact of time scatters
+
+
+def test_the_papers_mission_is_flown(build: Px4Build, table: Table, tmp_path: Path) -> None:
+    with flying(build, 3, tmp_path, _paper()) as flight:
+        status = end(flight)
+        table.add("three, the paper's mission", _success(flight))
+        assert status == 0, flight.log
+        assert flight.closest_m() >= 0.80
+
+
+def test_six_swap_across_a_ring(build: Px4Build, table: Table, tmp_path: Path) -> None:
+    with flying(build, 6, tmp_path, _SWAPS) as flight:
+        status = end(flight)
+        table.add("six change places across a ring, twice", _success(flight))
+        assert status == 0, flight.log
+        assert flight.closest_m() >= 0.80
+
+
+def _success(flight: Flight) -> str:
+    judged = verdict(flight)
+    off_m = max((arrival["distance_m"] for arrival in judged["arrivals"]), default=math.nan)
+    times = ", ".join(f"{step['duration_s']:.1f}" for step in judged["steps"] if "formation" in step["step"])
+    word = "passed" if judged["passed"] else "FAILED"
+    return f"{word}: closest {flight.closest_m():.2f} m, goals within {off_m:.2f} m, formations in {times} s"
+
+
+def _kill_agent(flight: Flight) -> None:
+    flight.agents["mav0"].kill()
+
+
+def _hang_agent(flight: Flight) -> None:
+    flight.agents["mav0"].send_signal(signal.SIGSTOP)
+    time.sleep(4.0)
+    flight.agents["mav0"].send_signal(signal.SIGCONT)
+
+
+def _kill_px4(flight: Flight) -> None:
+    flight.px4s["mav0"].kill()
+    flight.lost.add("mav0")
+
+
+def _stop_ground(flight: Flight) -> None:
+    assert flight.ground is not None
+    flight.ground.send_signal(signal.SIGSTOP)
+
+
+_FAULTS: dict[str, Callable[[Flight], None]] = {
+    "the agent of mav0 killed": _kill_agent,
+    "the agent of mav0 stopped for 4 s": _hang_agent,
+    "the PX4 of mav0 killed": _kill_px4,
+    "the poses of all cut for 2 s": lambda flight: flight.cut_poses(2.0),
+    "the poses of all cut for good": lambda flight: flight.cut_poses(),
+    "the ground stopped": _stop_ground,
+}
+
+
+@pytest.mark.parametrize("what", _FAULTS)
+def test_after_a_fault_in_the_crossing_nobody_touches_and_all_come_down(
+    build: Px4Build, table: Table, tmp_path: Path, what: str
+) -> None:
+    with flying(build, 3, tmp_path, _paper()) as flight:
+        break_in(flight, "formation", _CROSSING_S, _FAULTS[what])
+        flight.wait_until_down()
+        closest_m, down_s = flight.closest_m(), flight.down_after_s()
+        row = f"closest {closest_m:.2f} m, {'all others' if flight.lost else 'all'} down after {down_s:.1f} s"
+        has_ground = what != "the ground stopped"
+        told_s, sentence = told(flight, "formation", _CROSSING_S) if has_ground else (0.0, "")
+        table.add(what, row + (f"; after {told_s:.1f} s: {sentence}" if has_ground else ""))
+        assert closest_m >= _LEAST_M, flight.log
+        assert math.isfinite(down_s), flight.log
+        assert told_s <= _TOLD_WITHIN_S, flight.log
