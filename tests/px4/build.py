@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
 import re
+import signal
 import socket
 import subprocess
 import time
@@ -18,8 +20,15 @@ _PORTS = {"onboard, from": 14580, "onboard, to": 14540, "ground": 18570, "truth,
 _BETWEEN_STARTS_S = 3.0  # SIH draws the same random numbers in each instance
 _PRIORITY = 50
 _STOP_S = 8.0
+_PR_SET_PDEATHSIG = 1
+_LIBC = ctypes.CDLL(None)
 _HOME = {"PX4_HOME_LAT": "47.3977060", "PX4_HOME_LON": "8.5455408", "PX4_HOME_ALT": "489.4"}
 _MODEL = {"PX4_SYS_AUTOSTART": "10040", "PX4_SIM_MODEL": "sihsim_quadx", "PX4_PARAM_SDLOG_MODE": "-1"}
+
+
+def die_with_parent() -> None:
+    """Have the kernel end a child when the tests end, however they do."""
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +130,7 @@ def _start(build: Px4Build, number: int, params: Mapping[str, float | int], fold
             stdout=log,
             stderr=subprocess.STDOUT,
             process_group=0,
+            preexec_fn=die_with_parent,
         )
     time.sleep(0.5)
     with contextlib.suppress(OSError, AttributeError):  # without the right to it, a busy machine stalls PX4

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from groundstation.processes.free_ports import toml_text, with_free_ports
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
 from onboard.px4.required_params import all_params
-from tests.px4.build import Px4Build, free_instances, running
+from tests.px4.build import Px4Build, die_with_parent, free_instances, running
 
 _ROOT = Path(__file__).parents[2]
 _READY_S, _FLIGHT_S, _DOWN_S = 60.0, 180.0, 60.0
@@ -206,6 +206,7 @@ def _python(folder: Path, name: str, *words: str) -> Iterator[subprocess.Popen[b
             stdout=log,
             stderr=subprocess.STDOUT,
             process_group=0,
+            preexec_fn=die_with_parent,
         )
     try:
         yield process
