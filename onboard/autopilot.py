@@ -32,8 +32,15 @@ class LinkError(RuntimeError):
 
 Version = tuple[int, int]  # of PX4, as it reports it: major and minor number
 MEASURED_VERSIONS: tuple[Version, Version] = ((1, 16), (1, 18))  # oldest and newest that Covey was measured with
+SIGNING_SINCE: Version = (1, 18)  # PX4 takes a key for MAVLink from this version on
+_LARGEST_MAJOR = 9
 BATTERY_KNOWN_NS = 5_000_000_000  # PX4 sends it twice a second
 ACCURACY_KNOWN_NS = 5_000_000_000  # PX4 sends it once a second
+
+
+def plausible_version(version: Version | None) -> Version | None:
+    """Return a reported version, or None for one that no PX4 can have."""
+    return version if version is not None and 1 <= version[0] <= _LARGEST_MAJOR else None
 
 
 class Snapshot(Struct, frozen=True):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from groundstation.client.client import FleetClient
@@ -114,7 +114,26 @@ def pages_of(state: FleetState, fleet: FleetConfig, names: Sequence[str], now_ns
     Returns:
         A page for each, as :func:`page_of` makes it.
     """
-    return tuple(page_of(state.vehicles[name], fleet, now_ns) for name in names)
+    pages = (page_of(state.vehicles[name], fleet, now_ns) for name in names)
+    versions = _versions(state, fleet, names)
+    return tuple(replace(page, lines=(*page.lines, *versions)) if page.answers else page for page in pages)
+
+
+def _versions(state: FleetState, fleet: FleetConfig, names: Sequence[str]) -> list[PageLine]:
+    """Return a line when the vehicles have reported different versions of PX4, else none."""
+    vehicles: dict[tuple[int, int], list[str]] = {}
+    for name in names:
+        report = state.vehicles[name].preflight
+        if report is not None and report.px4_version is not None:
+            vehicles.setdefault(report.px4_version, []).append(name)
+    if len(vehicles) < 2:
+        return []
+    words = {version: ".".join(map(str, version)) for version in sorted(vehicles)}
+    listed = "; ".join(f"v{word}: {', '.join(vehicles[version])}" for version, word in words.items())
+    first, *_, last = words.values()
+    said = f"This fleet has {len(vehicles)} versions of PX4: {listed}."
+    remedy = "Each is asked for the parameters of its own version. What else differs: "
+    return [PageLine("versions", True, said, f"{remedy}covey px4 compare {first} {last} --fleet {fleet.path}.")]
 
 
 def has_reported(state: FleetState, names: Sequence[str], now_ns: int) -> bool:

@@ -121,6 +121,7 @@ class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
     # (name, is_ok, sentence, remedy) in the order in which a person looks for the fault. Not ok refuses take-off; ok
     # with a remedy is advice; ok without one needs no action.
     checks: tuple[tuple[str, bool, str, str], ...]
+    px4_version: tuple[int, int] | None = None  # as this vehicle's PX4 reports it
 
     @property
     def is_go(self) -> bool:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from onboard.autopilot import Version
+from onboard.autopilot import Version, plausible_version
 from onboard.config.fleet import Vehicle
 
 Value = float | int
@@ -94,8 +94,9 @@ def all_params(vehicle: Vehicle, version: Version | None = None) -> tuple[Requir
 
     Args:
         vehicle: of the fleet file.
-        version: of its PX4; None when it is not known.
+        version: of its PX4, as reported; None when it is not known.
     """
+    version = plausible_version(version)
     hover = min(max(vehicle.hover_thrust_frac, 0.1), 0.8)
     built_in = (
         *(BUILT_IN if vehicle.mocap_required else _FAILSAFE),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from onboard.autopilot import MEASURED_VERSIONS, Version
+import re
+
+from onboard.autopilot import MEASURED_VERSIONS, SIGNING_SINCE, Version, plausible_version
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.feasibility.bounds import LAG_ERROR_S
 from onboard.safety.attitude_lag import lag_s
@@ -12,6 +14,7 @@ from onboard.safety.preflight_facts import HEARTBEAT_SILENT_S, PreflightFacts
 from onboard.safety.preflight_rule import FINE, NO_PX4, OK, SKIP, Judgement, rules
 
 _EVERY_NETWORK = ("", "0.0.0.0", "::", "[::]")
+_NO_NETWORK = re.compile(r"serial://|\w+://(127\.|localhost:|\[?::1\]?:)")
 LEAST_ATTITUDE_HZ, USUAL_ATTITUDE_HZ = 20.0, 35.0
 
 # conditions that another rule shows; for SHUTDOWN, the refusal of the order itself does
@@ -38,6 +41,8 @@ def _version(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
         return NO_PX4
     if facts.px4_version is None:
         return "unknown", {}
+    if plausible_version(facts.px4_version) is None:
+        return "nonsense", {"version": _dotted(facts.px4_version)}
     oldest, newest = MEASURED_VERSIONS
     words: dict[str, object] = {"version": _dotted(facts.px4_version), "oldest": _dotted(oldest)}
     words |= {"newest": _dotted(newest), "file": vehicle.px4_version, "type": vehicle.type or "the vehicle"}
@@ -67,6 +72,15 @@ def _link(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 def _port(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     host = vehicle.autopilot.removeprefix("udpin://").rpartition(":")[0]
     return ("open" if vehicle.autopilot.startswith("udpin://") and host in _EVERY_NETWORK else OK), {}
+
+
+def _signing(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
+    if not facts.has_autopilot:
+        return NO_PX4
+    version = plausible_version(facts.px4_version)
+    links = [link for link in (vehicle.autopilot, vehicle.direct) if link and not _NO_NETWORK.match(link)]
+    takes_keys = version is None or version >= SIGNING_SINCE
+    return ("open" if links and takes_keys else OK), {"links": " and ".join(links)}
 
 
 def _alone(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
@@ -122,6 +136,7 @@ AUTOPILOT_RULES = rules(
         "version": _version,
         "link": _link,
         "port": _port,
+        "signing": _signing,
         "alone": _alone,
         "health": _health,
         "disarmed": _disarmed,

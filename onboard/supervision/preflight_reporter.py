@@ -119,6 +119,7 @@ class PreflightReporter:
             sequence=self._sequence,
             stamp_ns=now_ns,
             checks=tuple((check.name, check.is_ok, check.sentence, check.remedy) for check in checks),
+            px4_version=facts.px4_version,
         )
 
     def _gather(self, view: FlightView, is_airborne: bool, hover_frac: float) -> PreflightFacts:

@@ -59,6 +59,20 @@ def test_the_page_says_go_or_names_who_is_not_and_why(fleet: FleetConfig, make_t
     assert preflight_page.as_text(both).endswith("Go: mav0, mav2.")
 
 
+def test_two_versions_of_px4_in_one_fleet_are_said_of_each_vehicle(fleet: FleetConfig, make_telemetry: Any) -> None:
+    state = heard(fleet, make_telemetry, {"mav0": [FINE], "mav1": [FINE], "mav2": [FINE]})
+    for name, version in (("mav0", (1, 16)), ("mav1", (1, 18)), ("mav2", None)):
+        state = fold(state, msgspec.structs.replace(report(name, FINE, sequence=2), px4_version=version), 0)
+    pages = preflight_page.pages_of(state, fleet, fleet.enabled_names, SECOND)
+    for page in pages:
+        line = next(line for line in page.lines if line.name == "versions")
+        assert line.status == "advice"
+        assert "v1.16: mav0; v1.18: mav1." in line.sentence
+        assert "covey px4 compare 1.16 1.18 --fleet" in line.remedy
+    one = preflight_page.pages_of(state, fleet, ["mav0", "mav2"], SECOND)
+    assert not any(line.name == "versions" for page in one for line in page.lines)
+
+
 def test_silence_another_file_and_a_vehicle_in_the_air_are_no_go_in_words(
     fleet: FleetConfig, make_telemetry: Any
 ) -> None:

@@ -59,11 +59,16 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("version", "unmeasured"): ({"px4_version": (1, 19)}, "v1.19 was never measured"),
     ("version", "other"): ({"px4_version": (1, 18)}, "lags by 0.29 s instead of 0.25 s"),
     ("version", "alike"): ({"px4_version": (1, 16), "vehicle": STEADY}, "PX4 is v1.16, the fleet file says v1.17"),
+    ("version", "nonsense"): ({"px4_version": (255, 255)}, "version 255.255, which no PX4 has"),
     ("link", "slow"): ({"attitude_hz": 9.0}, "only 9 Hz"),
     ("link", "low"): ({"attitude_hz": 30.0}, "30 Hz"),
     ("port", "open"): (
         {"vehicle": msgspec.structs.replace(VEHICLE, autopilot="udpin://0.0.0.0:14541")},
         "every network",
+    ),
+    ("signing", "open"): (
+        {"px4_version": (1, 18), "vehicle": msgspec.structs.replace(VEHICLE, direct="udpout://192.168.1.11:18570")},
+        "udpout://192.168.1.11:18570, and while it is disarmed it takes a key",
     ),
     ("alone", "duplicate"): ({"has_duplicate": True}, "Another agent runs for mav1"),
     ("health", "failsafe"): ({"is_failsafe": True}, "failsafe"),
@@ -81,6 +86,11 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ),
     ("parameters", "unread"): ({"param_problems": None}, "not read yet"),
     ("parameters", "differ"): ({"param_problems": ("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)}, "0.3"),
+    ("position", "several"): ({"pose_sources": 2}, "2 programs send poses of mocap body 'mav1'"),
+    ("position", "unemulated"): (
+        {"position_age_s": math.inf, "sample_age_s": math.inf, "vehicle": EMULATED},
+        "which covey sitl is to send",
+    ),
     ("position", "untracked"): ({"position_age_s": math.inf, "sample_age_s": math.inf}, "mocap body 'mav1'"),
     ("position", "source"): (
         {"position_age_s": math.inf, "source_problem": "OptiTrack at 127.0.0.9 does not answer."},
