@@ -293,13 +293,19 @@ class Server:
                 self.bus.publish(Topic.TRUTH, truth.vehicle, truth)
 
 
-def simulator_bus(fleet: FleetConfig) -> BusSession:
-    """Return the emulator's node on a fleet's bus, connected to its agents."""
+def simulator_bus(fleet: FleetConfig, node: str = "sitl", *, is_partial: bool = False) -> BusSession:
+    """Return the node of an emulator or of a relay of truth on a fleet's bus, connected to its agents.
+
+    Args:
+        fleet: the fleet file.
+        node: its name.
+        is_partial: it emulates a part of the fleet, beside a relay of the other part's poses.
+    """
     agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
     return BusSession(
         namespace=fleet.namespace,
-        node="sitl",
-        listen=[fleet.simulator_endpoint],
+        node=node,
+        listen=[fleet.pose_endpoints[is_partial]],
         connect=agents,
         credentials=credentials_of(fleet, Role.EMULATOR),
     )

@@ -251,4 +251,4 @@ def run(fleet: FleetConfig, names: Sequence[str], *, with_mocap: bool) -> None:
         BusError: the bus cannot be opened.
         StartError: a port is taken.
     """
-    asyncio.run(serve(fleet, names, simulator_bus(fleet), with_mocap=with_mocap))
+    asyncio.run(serve(fleet, names, simulator_bus(fleet, "sitl-truth"), with_mocap=with_mocap))

@@ -149,7 +149,7 @@ def has_reported(state: FleetState, names: Sequence[str], now_ns: int) -> bool:
 
 
 def advice_of(state: FleetState, names: Sequence[str], *, is_recording: bool = False) -> dict[str, list[str]]:
-    """Collect the advice of the newest reports. Emulated vehicles need no kill switch.
+    """Collect the advice of the newest reports. A vehicle whose truth is known is simulated and needs no kill switch.
 
     Args:
         state: the fleet as known now.
@@ -159,12 +159,13 @@ def advice_of(state: FleetState, names: Sequence[str], *, is_recording: bool = F
     Returns:
         Advice -> vehicles.
     """
-    skipped = {name for name, skips in (("kill switch", state.is_simulated), ("record", is_recording)) if skips}
     advice: dict[str, list[str]] = {}
     for name in names:
-        report = state.vehicles[name].preflight
+        view = state.vehicles[name]
+        skipped = {"kill switch": view.truth is not None, "record": is_recording}
+        report = view.preflight
         for check, is_ok, sentence, remedy in report.checks if report is not None else ():
-            if is_ok and remedy and check not in skipped:
+            if is_ok and remedy and not skipped.get(check):
                 advice.setdefault(f"{sentence} {remedy}", []).append(name)
     return advice
 

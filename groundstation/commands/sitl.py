@@ -59,7 +59,7 @@ def sitl(
     """Emulate the PX4s of a fleet, with their vehicles.
 
     Args:
-        vehicles: names or indices, for instance mav0,mav2 or 0-1 (default: all enabled)
+        vehicles: names or indices, for instance mav0,mav2 or 0-1 (default: those with emulated = true, else all)
         exclude: vehicles to leave out
         seed: seed of everything random
         mocap_noise_m: standard deviation of the emulated motion capture
@@ -88,7 +88,7 @@ def sitl(
     if gcs is not None and no_gcs:
         raise ConfigError("--gcs and --no-gcs exclude each other. Give one of them.")
     config = load_fleet(fleet)
-    names = config.select(vehicles, exclude)
+    names = _select(config, vehicles, exclude, has_poses=not no_bus)
     if not names or seed < 0:
         raise ConfigError("there is nothing to emulate: select at least one vehicle, and a seed of 0 or more.")
     wind = WindSettings(_wind(wind_m_s), gust_m_s, gust_s, common_gusts)
@@ -105,7 +105,7 @@ def sitl(
                 dropout_per_s=mocap_dropouts_per_s,
                 dropout_s=mocap_dropout_s,
             ),
-            bus=None if no_bus else simulator_bus(config),
+            bus=None if no_bus else simulator_bus(config, is_partial=set(names) != set(config.enabled_names)),
             truth_offset_m=truth_offset_m,
             station=_station(config, names, gcs, is_silent=no_gcs),
             environment=Environment(wind, has_common_errors=common_errors, error_scale=error_scale),
@@ -116,6 +116,19 @@ def sitl(
     except (StartError, SpawnError, FaultError) as error:
         raise ConfigError(str(error)) from None
     return EXIT_OK
+
+
+def _select(fleet: FleetConfig, vehicles: Names | None, exclude: str | None, *, has_poses: bool) -> tuple[str, ...]:
+    """Return the vehicles to emulate: no body may get poses from two sources."""
+    marked = fleet.emulated_names
+    names = fleet.select(vehicles or marked, exclude)
+    real = [name for name in names if marked and name not in marked]
+    if real and has_poses:
+        raise ConfigError(
+            f"{', '.join(real)}: real by {fleet.path}, which marks {', '.join(marked)} with emulated = true. A body "
+            "may get its poses from one source only. Mark it too, or give --no-bus to emulate its PX4 without poses."
+        )
+    return names
 
 
 def _wind(text: str) -> tuple[float, float, float]:

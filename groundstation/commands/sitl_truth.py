@@ -19,12 +19,20 @@ def sitl_truth(*, fleet: FleetFile, vehicles: Names | None = None, mocap: bool =
     """Put the ground truth of real PX4s (SITL with SIH) on the fleet's bus, for verdicts and records.
 
     Args:
-        vehicles: names or indices (default: all enabled)
+        vehicles: names or indices (default: all enabled that are not emulated)
         mocap: publish it as motion capture too, at 50 Hz
     """
     config = load_fleet(fleet)
+    emulated = config.emulated_names
+    names = config.select(vehicles, None if vehicles else ",".join(emulated))
+    both = [name for name in names if name in emulated]
+    if both or not names:
+        raise ConfigError(
+            f"{', '.join(both or emulated)}: emulated = true in {config.path}. The emulator tells their truth and "
+            "their poses; a body may get them from one source only. Name the others, or remove the key."
+        )
     try:
-        run(config, config.select(vehicles), with_mocap=mocap)
+        run(config, names, with_mocap=mocap)
     except StartError as error:
         raise ConfigError(str(error)) from None
     return EXIT_OK

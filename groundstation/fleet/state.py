@@ -149,8 +149,8 @@ class FleetState(Struct, frozen=True):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether any ground truth was received."""
-        return any(view.truth is not None for view in self.vehicles.values())
+        """Whether the ground truth of every vehicle was received; no real vehicle tells its own."""
+        return all(view.truth is not None for view in self.vehicles.values())
 
     @property
     def airborne_names(self) -> tuple[str, ...]:

@@ -69,10 +69,10 @@ class AgentProcess:
             namespace=fleet.namespace,
             node=name,
             listen=[vehicle.agent],
-            connect=[*agents, fleet.simulator_endpoint],
+            connect=[*agents, *fleet.pose_endpoints],
             credentials=credentials_of(fleet, name),
         )
-        mocap = MocapConfig() if has_bus_mocap else fleet.mocap
+        mocap = MocapConfig() if has_bus_mocap or vehicle.emulated else fleet.mocap
         self._inbox = Inbox(vehicle, self._core.boot_id, self._bus, mocap)
         self._executor = CommandExecutor(name, others, self._link, self._bus, self._inbox, self._exit)
         self._upkeep = LinkUpkeep(

@@ -87,6 +87,7 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mocap_body: str | None = None  # name of its body in the mocap; the vehicle's own by default
     type: str = ""  # a table [types.NAME], which holds for what the vehicle does not say
     enabled: bool | Literal["scan"] = True  # false: takes no part; "scan": flies where it answers, is not waited for
+    emulated: bool = False  # true: covey sitl plays its PX4 and its poses, beside real vehicles: docs/mixed-reality.md
     mass_kg: float = 1.0  # with battery
     hover_thrust_frac: float = 0.5  # throttle that hovers, 0 to 1; starting value: MPC_THR_HOVER of a tuned PX4, or 0.5
     attitude_delay_s: float = 0.04  # dead time of its attitude; starting value 0.04
@@ -175,6 +176,18 @@ class FleetConfig(msgspec.Struct, frozen=True):
         ports = [int(vehicle.agent.rsplit(":", 1)[1]) for vehicle in self.vehicles.values()]
         scheme = "quic" if self.has_keys else "tcp"
         return f"{scheme}/127.0.0.1:{min(ports) - 1}"
+
+    @property
+    def emulated_names(self) -> tuple[str, ...]:
+        """Vehicles that take part and are marked as emulated, in the order of the file."""
+        return tuple(name for name in self.enabled_names if self.vehicles[name].emulated)
+
+    @property
+    def pose_endpoints(self) -> tuple[str, str]:
+        """Endpoints at which poses and truth are offered: by a relay or the emulator of a whole fleet, and, at the port
+        below it, by an emulator of a part of the fleet, whose other part has a relay."""
+        host, _, port = self.simulator_endpoint.rpartition(":")
+        return self.simulator_endpoint, f"{host}:{int(port) - 1}"
 
     def select(self, vehicles: str | Sequence[str] | None, exclude: str | None = None) -> tuple[str, ...]:
         """Select vehicles by name or by index in the file.

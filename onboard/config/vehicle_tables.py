@@ -9,7 +9,7 @@ from onboard.config.fleet_config import PX4_VERSIONS, Vehicle
 from onboard.config.sitl import SitlProfile
 from onboard.config.toml_reading import ConfigError, convert
 
-_VEHICLE_ONLY = {"system_id", "start_enu_m", "agent", "autopilot", "direct", "mocap_body"}
+_VEHICLE_ONLY = {"system_id", "start_enu_m", "agent", "autopilot", "direct", "mocap_body", "emulated"}
 _DERIVED = {"name", "index"}
 
 

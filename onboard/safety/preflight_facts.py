@@ -46,6 +46,7 @@ class PreflightFacts:
     # mocap
     sample_delay_s: float | None = None  # arrival of the newest sample minus its stamp; None without one
     sample_age_s: float = math.inf  # since that arrival
+    pose_sources: int = 0  # programs that have sent poses of the own body lately
     source_problem: str = ""  # of the mocap that is read on this computer, as a sentence
     speed_m_s: float = 0.0  # highest of the last second
     px4_position_enu_m: Vec3 | None = None  # PX4's own estimate

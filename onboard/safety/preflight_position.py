@@ -30,6 +30,8 @@ _REJECTED = frozenset({Condition.MOCAP_FROZEN, Condition.MOCAP_SWAPPED, Conditio
 
 
 def _position(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
+    if facts.pose_sources > 1:
+        return "several", {"count": facts.pose_sources}
     if facts.has_position:
         return OK, {"position": coordinates(facts.position_enu_m), "age": 1e3 * facts.position_age_s}
     if facts.has_wrong_clock:
@@ -40,7 +42,7 @@ def _position(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
         return "silent", {}
     if facts.source_problem:
         return "source", {"problem": facts.source_problem}
-    return "untracked", {}
+    return ("unemulated" if vehicle.emulated else "untracked"), {}
 
 
 def _clock(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from onboard.autopilot import Snapshot, Vec4
 from onboard.bus.authority import GROUND, WATCHER
-from onboard.bus.schema import Telemetry
+from onboard.bus.schema import MocapPose, Telemetry
 from onboard.events import (
     ClocksCompared,
     EventIn,
@@ -23,6 +23,7 @@ from onboard.neighbours.duplicate_agents import DuplicateAgents
 
 RECORDER = "recorder"  # first word of the bus node of a recorder
 _DUPLICATE_FOR_NS = 3_000_000_000
+_POSE_SOURCE_NS = 500_000_000
 
 
 class MocapSample(NamedTuple):
@@ -47,6 +48,7 @@ class PreflightInputs:
     source_problem: str = ""  # of the mocap that is read here
     clock_bounds_s: dict[str, float] = field(default_factory=dict)  # node on another host -> error of its clock
     duplicates: DuplicateAgents = field(default_factory=DuplicateAgents)
+    _pose_sources: dict[int, int] = field(default_factory=dict)  # sender's boot id -> arrival of its last pose here
     _recorders: set[str] = field(default_factory=set)
     _duplicate_ns: int | None = None
 
@@ -54,6 +56,10 @@ class PreflightInputs:
     def has_recorder(self) -> bool:
         """Whether a recorder is on the bus."""
         return bool(self._recorders)
+
+    def pose_sources(self, now_ns: int) -> int:
+        """Number of programs that have sent poses of the own body lately."""
+        return sum(now_ns - heard_ns < _POSE_SOURCE_NS for heard_ns in self._pose_sources.values())
 
     def has_duplicate(self, now_ns: int) -> bool:
         """Whether another agent has published for this vehicle in the last seconds."""
@@ -63,8 +69,7 @@ class PreflightInputs:
         """Take an event; most kinds change nothing here."""
         match event:
             case PoseReceived(pose, received_ns) if pose.body == self.body and pose.is_tracked:
-                delay_s = (received_ns - pose.stamp_ns) * 1e-9
-                self.sample = MocapSample(pose.quaternion_enu_flu_wxyz, received_ns, delay_s)
+                self._take_pose(pose, received_ns)
             case NeighbourReceived(message, received_ns) if message.vehicle == self.vehicle:
                 if message.boot_id != self.boot_id:
                     self._duplicate_ns = received_ns
@@ -86,3 +91,10 @@ class PreflightInputs:
                 self.loop_p99_ms = event.p99_ms
             case MocapProblemChanged(sentence):
                 self.source_problem = sentence
+
+    def _take_pose(self, pose: MocapPose, received_ns: int) -> None:
+        """Keep the newest sample, and who has sent one lately."""
+        delay_s = (received_ns - pose.stamp_ns) * 1e-9
+        self.sample = MocapSample(pose.quaternion_enu_flu_wxyz, received_ns, delay_s)
+        recent = {sender: ns for sender, ns in self._pose_sources.items() if received_ns - ns < _POSE_SOURCE_NS}
+        self._pose_sources = recent | {pose.boot_id: received_ns}

@@ -144,6 +144,7 @@ class PreflightReporter:
             sample_delay_s=None if sample is None else sample.delay_s,
             sample_age_s=math.inf if sample is None else _age_s(now_ns, sample.received_ns),
             source_problem=inputs.source_problem,
+            pose_sources=inputs.pose_sources(now_ns),
             px4_position_enu_m=enu_from_ned(snapshot.position_local_ned_m) if snapshot.local_position_ns else None,
             heading_miss_rad=own.heading_offset_rad,
             tilt_miss_rad=self._tilt.difference_rad,

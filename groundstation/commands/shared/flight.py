@@ -126,6 +126,8 @@ def simulated_fleet(
 
 def _own_fleet(fleet: FleetConfig, folder: Path, law: str | None, has_free_ports: bool) -> FleetConfig:
     data = tomllib.loads(fleet.text)
+    for vehicle in data["vehicles"].values():
+        vehicle.pop("emulated", None)  # here all are
     if law is not None:
         data["law"] = {**data.get("law", {}), "name": law}
     if has_free_ports:

@@ -127,7 +127,7 @@ class MocapCheck:
     def __init__(self, fleet: FleetConfig, say: Callable[[str], None]) -> None:
         self.fleet, self.say = fleet, say
         self.statistics = MocapStatistics(bodies_of(fleet))
-        endpoints = [*(fleet.vehicles[name].agent for name in fleet.enabled_names), fleet.simulator_endpoint]
+        endpoints = [*(fleet.vehicles[name].agent for name in fleet.enabled_names), *fleet.pose_endpoints]
         self._bus = BusSession(
             namespace=fleet.namespace,
             node=f"mocap-check-{os.getpid()}",

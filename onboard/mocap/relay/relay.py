@@ -69,7 +69,9 @@ class Relay:
 
     def __init__(self, fleet: FleetConfig, say: Callable[[str], None]) -> None:
         self.fleet, self.say = fleet, say
-        self.statistics = MocapStatistics(bodies_of(fleet))
+        emulated = {fleet.vehicles[name].body for name in fleet.emulated_names}
+        bodies = {name: body for name, body in bodies_of(fleet).items() if body not in emulated}
+        self.statistics = MocapStatistics(bodies)
         agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
         self._bus = BusSession(
             namespace=fleet.namespace,
@@ -83,6 +85,8 @@ class Relay:
         self._source = SdkMocap(fleet.mocap, "*", self._pass_on, lambda: None, node=NODE, default_options=options)
         self._lock = threading.Lock()
         self._unnameable: set[str] = set()
+        self._emulated = emulated
+        self._withheld: set[str] = set()
 
     def run(self, *, seconds: float | None, every_s: float, stopped: threading.Event) -> int:
         """Relay until ``stopped`` or for ``seconds``; return the exit status.
@@ -117,7 +121,7 @@ class Relay:
             self.statistics.close_window(time.monotonic_ns())
             rows = list(self.statistics.rows()) if self.statistics.bodies else ["  no pose has arrived yet"]
             is_complete = self.statistics.is_complete
-            bad = sorted(self._unnameable)
+            bad, withheld = sorted(self._unnameable), sorted(self._withheld)
         here, all_ = len(self.statistics.bodies), len(self.statistics.vehicles)
         self.say(f"{time.strftime('%H:%M:%S')} {here} bodies, {all_} vehicles")
         for row in rows:
@@ -125,6 +129,12 @@ class Relay:
         if bad:
             names = ", ".join(map(repr, bad))
             self.say(f"  ! Not published, because these names cannot be keys on the bus: {names}. Rename them.")
+        if withheld:
+            names = ", ".join(map(repr, withheld))
+            self.say(
+                f"  ! Not published, because the emulator sends the poses of these bodies: {names}. Switch them off in "
+                "the mocap's software, or remove emulated = true."
+            )
         if self._source.problem:
             self.say(f"  ! {self._source.problem}")
         if is_complete and not was_complete:
@@ -134,6 +144,9 @@ class Relay:
     def _pass_on(self, pose: MocapPose, _received_ns: int) -> None:
         if not re.fullmatch(BODY_NAME, pose.body):
             self._unnameable.add(pose.body)
+            return
+        if pose.body in self._emulated:  # a body has one source
+            self._withheld.add(pose.body)
             return
         self._bus.publish(Topic.MOCAP, pose.body, pose)
         with self._lock:

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -31,13 +32,15 @@ _LEVEL = (1.0, 0.0, 0.0, 0.0)
 pytest.importorskip("motioncapture", reason="the optional package 'motioncapture' is not installed")
 
 
-def _fleet_file(folder: Path, mocap: dict | None = None, **bodies: str) -> Path:
+def _fleet_file(folder: Path, mocap: dict | None = None, *, emulated: Sequence[str] = (), **bodies: str) -> Path:
     data = tomllib.loads(_PAPER.read_text())
     data = copy.deepcopy(with_free_ports(data, fleet_from_mapping(data)))
     if mocap is not None:
         data["mocap"] = mocap
     for vehicle, body in bodies.items():
         data["vehicles"][vehicle]["mocap_body"] = body
+    for vehicle in emulated:
+        data["vehicles"][vehicle]["emulated"] = True
     path = folder / "fleet.toml"
     path.write_text(toml_text(data))
     return path
@@ -118,14 +121,17 @@ def test_wrong_input_and_a_silent_system_have_a_sentence_and_a_status(
     assert words in found.stdout + found.stderr
 
 
-def test_unknown_missing_and_unnameable_bodies_are_reported_and_the_rest_is_passed_on(tmp_path: Path) -> None:
+def test_unknown_missing_unnameable_and_emulated_bodies_are_reported_and_the_rest_is_passed_on(tmp_path: Path) -> None:
+    names = ["mav0", "cf 2", "person", "third"]
+
     def bodies() -> dict[str, Pose | None]:
         x = 0.1 * math.sin(time.monotonic())
-        return dict.fromkeys(("mav0", "cf 2", "person"), ((x, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)))
+        return dict.fromkeys(names, ((x, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)))
 
-    with NatNetServer(["mav0", "cf 2", "person"], bodies) as server:
-        table = {"source": "motioncapture", "type": "optitrack", "hostname": "127.0.0.1"}
-        fleet = load_fleet(_fleet_file(tmp_path, {**table, "options": {"port_command": server.port}}, mav2="third"))
+    with NatNetServer(names, bodies) as server:
+        table: dict = {"source": "motioncapture", "type": "optitrack", "hostname": "127.0.0.1"}
+        table["options"] = {"port_command": server.port}
+        fleet = load_fleet(_fleet_file(tmp_path, table, emulated=["mav2"], mav2="third"))
         lines: list[str] = []
         relay = Relay(fleet, lines.append)
         with _Ear(fleet) as ear:
@@ -134,8 +140,8 @@ def test_unknown_missing_and_unnameable_bodies_are_reported_and_the_rest_is_pass
     assert status == EXIT_FAILED
     assert {pose.body for pose in ear.poses} == {"mav0", "person"}
     assert "has sent no body 'mav1' yet. Bodies that are no vehicle here: person." in text
-    assert "vehicles.mav2.mocap_body" in text
-    assert "'third'" in text
+    assert "vehicles.mav1.mocap_body" in text
+    assert "the emulator sends the poses of these bodies: 'third'" in text
     assert "names cannot be keys on the bus: 'cf 2'" in text
     assert "no vehicle of the fleet" in text
     assert "ready" not in text

@@ -20,6 +20,8 @@ from tests.architecture import tables
 FLEET = load_fleet("configs/fleets/paper.toml")
 VEHICLE = FLEET.vehicles["mav1"]
 BARE = msgspec.structs.replace(VEHICLE, mocap_required=False)
+EMULATED = msgspec.structs.replace(VEHICLE, emulated=True)
+REACHED = msgspec.structs.replace(VEHICLE, px4_version="1.18", direct="udpout://192.168.1.11:18570")
 OUTSIDE = msgspec.structs.replace(VEHICLE, start_enu_m=(9.0, 0.0, 0.0))
 STEADY = msgspec.structs.replace(VEHICLE, px4_params={"MC_ROLL_P": 6.5, "MC_PITCH_P": 6.5})
 FINE = PreflightFacts(
@@ -67,7 +69,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "every network",
     ),
     ("signing", "open"): (
-        {"px4_version": (1, 18), "vehicle": msgspec.structs.replace(VEHICLE, direct="udpout://192.168.1.11:18570")},
+        {"px4_version": (1, 18), "vehicle": REACHED},
         "udpout://192.168.1.11:18570, and while it is disarmed it takes a key",
     ),
     ("alone", "duplicate"): ({"has_duplicate": True}, "Another agent runs for mav1"),
