@@ -7,7 +7,9 @@ neither a ground nor an agent.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -18,26 +20,35 @@ from sitl.server import simulator_bus
 from sitl.sih_truth import serve
 
 
+_PERIOD_S = 0.019  # of the file
+_PRIORITY = 20  # a motion capture waits for no computer: above the agents, below PX4
+
+
 class _CutBus:
     """A bus that passes truth on, writes it down, and withholds poses while they are cut."""
 
     def __init__(self, bus: Any, folder: Path) -> None:
         self._bus, self._cut = bus, folder / "cut"
         self._file = (folder / "truth.jsonl").open("w", buffering=1, encoding="utf-8")
-        self._every = 0
+        self._written_s: dict[str, float] = {}
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._bus, name)
 
     def publish(self, topic: Topic, name: str, message: Any, *args: Any) -> None:
         if topic is Topic.TRUTH:
-            row = [name, message.stamp_ns * 1e-9, *message.position_enu_m, *message.velocity_enu_m_s]
-            self._file.write(json.dumps([row[0], *(round(value, 3) for value in row[1:])]) + "\n")
+            stamp_s = message.stamp_ns * 1e-9
+            if stamp_s - self._written_s.get(name, 0.0) > _PERIOD_S:
+                self._written_s[name] = stamp_s
+                row = (stamp_s, *message.position_enu_m, *message.velocity_enu_m_s)
+                self._file.write(json.dumps([name, *(round(value, 3) for value in row)]) + "\n")
         elif self._cut.exists():
             return
         self._bus.publish(topic, name, message, *args)
 
 
 if __name__ == "__main__":
+    with contextlib.suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_PRIORITY))
     fleet = load_fleet(sys.argv[1])
     asyncio.run(serve(fleet, fleet.enabled_names, _CutBus(simulator_bus(fleet), Path(sys.argv[2])), with_mocap=True))
