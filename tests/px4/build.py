@@ -64,6 +64,16 @@ class Px4Build:
         return (int(numbers[1]), int(numbers[2])) if numbers else None
 
 
+def is_taken(port: int) -> bool:
+    """Whether a UDP port of this machine is in use."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("0.0.0.0", port))
+        except OSError:
+            return True
+    return False
+
+
 def free_instances(count: int) -> list[int]:
     """Return the first instances in a row whose ports nobody has.
 
@@ -72,21 +82,12 @@ def free_instances(count: int) -> list[int]:
     """
     for first in range(_LAST_INSTANCE + 2 - count):
         row = range(first, first + count)
-        if not any(_is_taken(base + number) for number in row for base in _PORTS.values()):
+        if not any(is_taken(base + number) for number in row for base in _PORTS.values()):
             return list(row)
     raise RuntimeError(
         f"{count} PX4s in a row need free UDP ports {', '.join(f'{base}+N ({what})' for what, base in _PORTS.items())} "
         f"for N from 0 to {_LAST_INSTANCE}; another PX4 or emulator has them. Stop it."
     )
-
-
-def _is_taken(port: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(("0.0.0.0", port))
-        except OSError:
-            return True
-    return False
 
 
 @contextlib.contextmanager

@@ -19,7 +19,6 @@ from onboard.config.fleet import load_fleet
 from sitl.server import simulator_bus
 from sitl.sih_truth import serve
 
-
 _PERIOD_S = 0.019  # of the file
 _PRIORITY = 20  # a motion capture waits for no computer: above the agents, below PX4
 

@@ -1,0 +1,253 @@
+"""PX4 itself over one of its links: its parameters, and what it says of itself. Blocking.
+
+A parameter that is sent may be refused, unknown or lost with the link; PX4 v1.16 answers all three with silence. So
+each is read back, and the heartbeat decides whether PX4 or the link is silent.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from groundstation.client.mavlink_port import (
+    ARMED_FLAG,
+    AUTOPILOT,
+    is_of_autopilot,
+    keep_link,
+    open_as_companion,
+    send_heartbeat,
+    take_link,
+)
+
+Value = float | int
+_REQUEST_MESSAGE, _PREFLIGHT_STORAGE = 512, 245
+_AUTOPILOT_VERSION = 148
+_PARAM_INT32, _PARAM_REAL32 = 6, 9
+_ANSWER_S, _ATTEMPTS = 0.4, 4
+_LIST_SILENT_S, _LIST_S = 1.5, 60.0
+_MOST_MISSING = 200  # asked for one by one
+_HEARTBEAT_S = 2.5
+
+
+class LinkSilentError(RuntimeError):
+    """PX4 is not heard any more."""
+
+
+class AutopilotLink:
+    """One link to one PX4.
+
+    Args:
+        endpoint: of the fleet file.
+        system_id: PX4's MAVLink system id.
+        is_own: the vehicle's own link, which is used as its agent would; else PX4's ground link.
+
+    Raises:
+        OSError: the endpoint cannot be opened.
+        ValueError: it is written wrongly.
+    """
+
+    def __init__(self, endpoint: str, system_id: int, *, is_own: bool = False) -> None:
+        self.endpoint, self.system_id, self._is_own = endpoint, system_id, is_own
+        self._link = open_as_companion(endpoint, system_id) if is_own else take_link(endpoint)
+        self._kinds: dict[str, int] = {}
+        self.other_system_id: int | None = None  # of another autopilot that is heard here instead
+
+    def stop(self) -> None:
+        """Close the vehicle's own link; keep the ground's for the next command."""
+        if self._is_own:
+            self._link.close()
+        else:
+            keep_link(self.endpoint, self._link)
+
+    def is_armed(self, timeout_s: float = _HEARTBEAT_S) -> bool | None:
+        """Wait for PX4's next heartbeat.
+
+        Args:
+            timeout_s: longest wait [s].
+
+        Returns:
+            Whether PX4 is armed; None when no heartbeat came.
+        """
+        end_s = time.monotonic() + timeout_s
+        while time.monotonic() < end_s:
+            send_heartbeat(self._link)
+            message = self._link.recv_match(type="HEARTBEAT", blocking=True, timeout=0.5)
+            if message is None or message.get_srcComponent() != AUTOPILOT:
+                continue
+            if message.get_srcSystem() == self.system_id:
+                return bool(message.base_mode & ARMED_FLAG)
+            self.other_system_id = message.get_srcSystem()
+        return None
+
+    def version(self, timeout_s: float = 1.0) -> tuple[int, int] | None:
+        """Ask for PX4's version.
+
+        Args:
+            timeout_s: longest wait [s].
+
+        Returns:
+            Major and minor number; None when PX4 does not answer or does not know.
+        """
+        heard = self.listen(timeout_s, [_AUTOPILOT_VERSION], until="AUTOPILOT_VERSION")
+        number = heard["AUTOPILOT_VERSION"].flight_sw_version if "AUTOPILOT_VERSION" in heard else 0
+        return (number >> 24 & 0xFF, number >> 16 & 0xFF) if number else None
+
+    def listen(
+        self,
+        seconds: float,
+        requested: Iterable[int] = (),
+        *,
+        until: str = "",
+        take: Callable[[Any], object] = lambda message: None,
+    ) -> dict[str, Any]:
+        """Return the newest message of each kind that PX4 sends.
+
+        Args:
+            seconds: longest time to listen [s].
+            requested: numbers of messages to request first.
+            until: name of a message that ends it.
+            take: called with every message.
+        """
+        for number in requested:
+            self._command(_REQUEST_MESSAGE, float(number))
+        heard: dict[str, Any] = {}
+        end_s = time.monotonic() + seconds
+        while (left_s := end_s - time.monotonic()) > 0.0 and until not in heard:
+            message = self._link.recv_match(blocking=True, timeout=min(left_s, 0.2))
+            if message is not None and is_of_autopilot(message, self.system_id):
+                heard[message.get_type()] = message
+                take(message)
+        return heard
+
+    def read(self, name: str) -> Value | None:
+        """Read a parameter.
+
+        Args:
+            name: of the parameter.
+
+        Returns:
+            PX4's value; None when it does not know it.
+
+        Raises:
+            LinkSilentError: PX4 is not heard any more.
+        """
+        return self._value_after(name, lambda: self._request(name))
+
+    def read_params(self, names: Iterable[str]) -> dict[str, Value | None]:
+        """Read parameters as :meth:`read` does."""
+        return {name: self.read(name) for name in names}
+
+    def read_all(self) -> dict[str, Value]:
+        """Read every parameter.
+
+        Returns:
+            Name -> value.
+
+        Raises:
+            LinkSilentError: PX4 is not heard any more, or does not send them all.
+        """
+        values: dict[str, Value] = {}
+        indices: set[int] = set()
+        count = 0
+
+        def take(seconds: float) -> bool:
+            nonlocal count
+            reply = self._next_value(seconds)
+            if reply is None:
+                return False
+            if reply.param_index < reply.param_count:  # not the hash, nor the answer to another request
+                count = reply.param_count
+                indices.add(reply.param_index)
+                values[reply.param_id] = self._value(reply)
+            return True
+
+        self._link.mav.param_request_list_send(self.system_id, AUTOPILOT)
+        end_s = time.monotonic() + _LIST_S
+        while time.monotonic() < end_s and not (count and len(indices) == count) and take(_LIST_SILENT_S):
+            pass
+        missing = [index for index in range(count) if index not in indices]
+        for index in missing if len(missing) <= _MOST_MISSING else ():
+            for _ in range(_ATTEMPTS):
+                self._link.mav.param_request_read_send(self.system_id, AUTOPILOT, b"", index)
+                if take(_ANSWER_S) and index in indices:
+                    break
+        if not count or len(indices) < count:
+            raise LinkSilentError(f"PX4 sent {len(indices)} of {count or 'its'} parameters.")
+        return values
+
+    def write(self, name: str, value: Value) -> Value | None:
+        """Set a parameter and read it back.
+
+        Args:
+            name: of the parameter.
+            value: to set.
+
+        Returns:
+            PX4's value after it; None when PX4 does not know it.
+
+        Raises:
+            LinkSilentError: PX4 is not heard any more; it may have the old value or the new one.
+        """
+        if name not in self._kinds and self.read(name) is None:
+            return None
+        kind = self._kinds[name]
+        # PX4 puts whole numbers bit by bit into the field of a float
+        sent = struct.unpack("<f", struct.pack("<i", round(value)))[0] if kind == _PARAM_INT32 else float(value)
+        told = self._value_after(
+            name, lambda: self._link.mav.param_set_send(self.system_id, AUTOPILOT, name.encode(), sent, kind)
+        )
+        return told if told is not None else self.read(name)
+
+    def request_storage(self, timeout_s: float) -> int | None:
+        """Have PX4 write its parameters to its storage.
+
+        Args:
+            timeout_s: longest wait for the acknowledgement [s].
+
+        Returns:
+            PX4's MAV_RESULT, which comes before it writes; None when it does not answer.
+        """
+        self._command(_PREFLIGHT_STORAGE, 1.0)
+        end_s = time.monotonic() + timeout_s
+        while time.monotonic() < end_s:
+            ack = self._link.recv_match(type="COMMAND_ACK", blocking=True, timeout=0.05)
+            if ack is not None and ack.get_srcSystem() == self.system_id and ack.command == _PREFLIGHT_STORAGE:
+                return int(ack.result)
+        return None
+
+    def _command(self, command: int, param1: float) -> None:
+        self._link.mav.command_long_send(self.system_id, AUTOPILOT, command, 0, param1, *(0.0,) * 6)
+
+    def _request(self, name: str) -> None:
+        self._link.mav.param_request_read_send(self.system_id, AUTOPILOT, name.encode(), -1)
+
+    def _value_after(self, name: str, send: Callable[[], object]) -> Value | None:
+        """Return the value in PX4's reply to what ``send`` sends; None when PX4 lives and does not reply."""
+        for _ in range(_ATTEMPTS):
+            send()
+            end_s = time.monotonic() + _ANSWER_S
+            while (left_s := end_s - time.monotonic()) > 0.0:
+                reply = self._next_value(left_s)
+                if reply is not None and reply.param_id == name:
+                    return self._value(reply)
+        if self.is_armed() is None:
+            raise LinkSilentError(f"PX4 fell silent at {self.endpoint}.")
+        return None
+
+    def _next_value(self, timeout_s: float) -> Any:
+        end_s = time.monotonic() + timeout_s
+        while (left_s := end_s - time.monotonic()) > 0.0:
+            reply = self._link.recv_match(type="PARAM_VALUE", blocking=True, timeout=left_s)
+            if reply is None or not is_of_autopilot(reply, self.system_id):
+                continue
+            if reply.param_type in (_PARAM_INT32, _PARAM_REAL32):
+                self._kinds[reply.param_id] = int(reply.param_type)
+                return reply
+        return None
+
+    def _value(self, reply: Any) -> Value:
+        if reply.param_type == _PARAM_INT32:
+            return int(struct.unpack("<i", struct.pack("<f", reply.param_value))[0])
+        return float(reply.param_value)

@@ -1,0 +1,158 @@
+"""Links of this computer to an autopilot over MAVLink.
+
+The only file of the ground that imports pymavlink, and only when a link is opened. A link to PX4's ground link is kept
+for the next command. The vehicle's own link is opened as its agent would, and closed again: the agent comes back to it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import socket
+import termios
+import threading
+import tty
+from typing import Any
+
+GCS_SYSTEM, GCS_COMPONENT, AUTOPILOT = 255, 190, 1
+_COMPANION_COMPONENT = 191
+ARMED_FLAG = 128
+_GCS, _ONBOARD_CONTROLLER, _NO_AUTOPILOT = 6, 18, 8
+_MAX_DATAGRAM = 65_535
+
+# PX4 answers for ever to the address that sent to it first. So a link is kept for the next command, and every process
+# of this computer sends from the same port, which follows from PX4's; of several processes the newest gets the answers.
+_FIRST_PORT, _PORTS = 10_000, 4_000
+_idle_links: dict[str, Any] = {}
+_opening = threading.Lock()  # pymavlink keeps its dialect in a module
+
+
+def mavutil_address(endpoint: str) -> str:
+    """Return the fleet file's ``udpout://HOST:PORT`` in pymavlink's spelling.
+
+    Args:
+        endpoint: as in the fleet file.
+
+    Returns:
+        As pymavlink expects it.
+
+    Raises:
+        ValueError: it is no such endpoint.
+    """
+    match = re.fullmatch(r"(udpin|udpout|tcp)://(.+:\d+)", endpoint)
+    if match is None:
+        raise ValueError(f"'{endpoint}' is no direct endpoint; write it as udpout://127.0.0.1:18570")
+    return f"{match[1]}:{match[2]}"
+
+
+def is_of_autopilot(message: Any, system_id: int) -> bool:
+    """Whether a message is of this vehicle's autopilot, and not of another sender."""
+    return bool(message.get_srcSystem() == system_id and message.get_srcComponent() == AUTOPILOT)
+
+
+def send_heartbeat(link: Any) -> None:
+    """Send a heartbeat: of a ground station, or of a companion computer on the vehicle's own link."""
+    is_ground = link.source_system == GCS_SYSTEM
+    link.mav.heartbeat_send(_GCS if is_ground else _ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, 0, 0)
+
+
+def take_link(endpoint: str) -> Any:
+    """Return the ground's link to this endpoint, emptied of old messages.
+
+    Args:
+        endpoint: PX4's ground link, as in the fleet file.
+
+    Raises:
+        OSError: it cannot be opened.
+        ValueError: it is written wrongly.
+    """
+    link = _idle_links.pop(endpoint, None)
+    if link is None:
+        address = mavutil_address(endpoint)
+        link = _connection(address, GCS_SYSTEM, GCS_COMPONENT)
+        if address.startswith("udpout:"):
+            link.port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            with contextlib.suppress(OSError):  # taken by something else: any port then
+                link.port.bind(("", _FIRST_PORT + int(address.rpartition(":")[2]) % _PORTS))
+            _receive_from_px4_only(link)
+    while link.recv_match(blocking=False) is not None:
+        pass
+    return link
+
+
+def keep_link(endpoint: str, link: Any) -> None:
+    """Keep the ground's link for its next command."""
+    _idle_links[endpoint] = link
+
+
+def open_as_companion(endpoint: str, system_id: int) -> Any:
+    """Return the vehicle's own link, as its agent opens it; close it after use.
+
+    Args:
+        endpoint: ``autopilot`` of the fleet file.
+        system_id: PX4's MAVLink system id.
+
+    Raises:
+        OSError: it cannot be opened.
+        ValueError: it is written wrongly.
+    """
+    if not endpoint.startswith("serial://"):
+        return _connection(mavutil_address(endpoint), system_id, _COMPANION_COMPONENT)
+    device, _, baud = endpoint.removeprefix("serial://").rpartition(":")
+    speed = getattr(termios, f"B{baud}", None)
+    if not device or speed is None:
+        raise ValueError(f"'{endpoint}' is no serial endpoint; write it as serial:///dev/ttyAMA0:921600")
+    return _serial(device, speed, system_id)
+
+
+def _connection(address: str, system_id: int, component_id: int) -> Any:
+    with _opening:
+        from pymavlink import mavutil
+
+        return mavutil.mavlink_connection(
+            address, source_system=system_id, source_component=component_id, dialect="common"
+        )
+
+
+def _serial(device: str, speed: int, system_id: int) -> Any:
+    """A serial device without pyserial, which the ground does not have."""
+    with _opening:
+        from pymavlink import mavutil
+
+        mavutil.set_dialect("common")
+    descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        tty.setraw(descriptor)
+        attributes = termios.tcgetattr(descriptor)
+        attributes[4] = attributes[5] = speed
+        termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+    except termios.error as error:
+        os.close(descriptor)
+        raise OSError(f"{device} is no serial device ({error})") from None
+    link = mavutil.mavfile(descriptor, device, source_system=system_id, source_component=_COMPANION_COMPONENT)
+
+    def receive(count: int | None = None) -> bytes:
+        try:
+            return os.read(descriptor, count or _MAX_DATAGRAM)
+        except BlockingIOError:
+            return b""
+
+    link.recv, link.write = receive, lambda data: os.write(descriptor, data)
+    link.close = lambda: os.close(descriptor)
+    return link
+
+
+def _receive_from_px4_only(link: Any) -> None:
+    """Drop datagrams of any other address: the port is predictable, and anybody could play the autopilot there."""
+    host, port = link.destination_addr
+    px4 = (socket.gethostbyname(host), port)
+
+    def receive(_: int | None = None) -> bytes:
+        try:
+            data, sender = link.port.recvfrom(_MAX_DATAGRAM)
+        except (BlockingIOError, ConnectionRefusedError):
+            return b""
+        return data if sender == px4 else b""
+
+    link.recv = receive
