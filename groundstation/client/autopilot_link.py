@@ -27,7 +27,7 @@ _AUTOPILOT_VERSION = 148
 _PARAM_INT32, _PARAM_REAL32 = 6, 9
 _ANSWER_S, _ATTEMPTS = 0.4, 4
 _LIST_SILENT_S, _LIST_S = 1.5, 60.0
-_MOST_MISSING = 200  # asked for one by one
+_MOST_AT_ONCE = 20
 _HEARTBEAT_S = 2.5
 
 
@@ -111,7 +111,7 @@ class AutopilotLink:
             take: called with every message.
         """
         for number in requested:
-            self._command(_REQUEST_MESSAGE, float(number))
+            self.command(_REQUEST_MESSAGE, float(number))
         heard: dict[str, Any] = {}
         end_s = time.monotonic() + seconds
         while (left_s := end_s - time.monotonic()) > 0.0 and until not in heard:
@@ -148,34 +148,29 @@ class AutopilotLink:
         Raises:
             LinkSilentError: PX4 is not heard any more, or does not send them all.
         """
-        values: dict[str, Value] = {}
-        indices: set[int] = set()
+        values: dict[int, tuple[str, Value]] = {}
         count = 0
-
-        def take(seconds: float) -> bool:
-            nonlocal count
-            reply = self._next_value(seconds)
-            if reply is None:
-                return False
-            if reply.param_index < reply.param_count:  # not the hash, nor the answer to another request
-                count = reply.param_count
-                indices.add(reply.param_index)
-                values[reply.param_id] = self._value(reply)
-            return True
-
         self._link.mav.param_request_list_send(self.system_id, AUTOPILOT)
         end_s = time.monotonic() + _LIST_S
-        while time.monotonic() < end_s and not (count and len(indices) == count) and take(_LIST_SILENT_S):
-            pass
-        missing = [index for index in range(count) if index not in indices]
-        for index in missing if len(missing) <= _MOST_MISSING else ():
-            for _ in range(_ATTEMPTS):
-                self._link.mav.param_request_read_send(self.system_id, AUTOPILOT, b"", index)
-                if take(_ANSWER_S) and index in indices:
-                    break
-        if not count or len(indices) < count:
-            raise LinkSilentError(f"PX4 sent {len(indices)} of {count or 'its'} parameters.")
-        return values
+        while time.monotonic() < end_s and not (count and len(values) == count):
+            reply = self._next_value(_LIST_SILENT_S)
+            if reply is not None and reply.param_index < reply.param_count:  # not the hash, nor an answer by name
+                count = reply.param_count
+                values[reply.param_index] = reply.param_id, self._value(reply)
+            elif reply is None and self.is_armed() is None:
+                break
+            elif reply is None:
+                self._request_missing([index for index in range(count) if index not in values])
+        if not count or len(values) < count:
+            raise LinkSilentError(f"PX4 sent {len(values)} of {count or 'its'} parameters.")
+        return dict(values.values())
+
+    def _request_missing(self, indices: list[int]) -> None:
+        """Request what got lost of a list; all of it, when nothing has come."""
+        if not indices:
+            self._link.mav.param_request_list_send(self.system_id, AUTOPILOT)
+        for index in indices[:_MOST_AT_ONCE]:
+            self._link.mav.param_request_read_send(self.system_id, AUTOPILOT, b"", index)
 
     def write(self, name: str, value: Value) -> Value | None:
         """Set a parameter and read it back.
@@ -209,7 +204,7 @@ class AutopilotLink:
         Returns:
             PX4's MAV_RESULT, which comes before it writes; None when it does not answer.
         """
-        self._command(_PREFLIGHT_STORAGE, 1.0)
+        self.command(_PREFLIGHT_STORAGE, 1.0)
         end_s = time.monotonic() + timeout_s
         while time.monotonic() < end_s:
             ack = self._link.recv_match(type="COMMAND_ACK", blocking=True, timeout=0.05)
@@ -217,7 +212,13 @@ class AutopilotLink:
                 return int(ack.result)
         return None
 
-    def _command(self, command: int, param1: float) -> None:
+    def command(self, command: int, param1: float) -> None:
+        """Send a command without waiting for its answer.
+
+        Args:
+            command: MAV_CMD.
+            param1: its first parameter; the others are 0.
+        """
         self._link.mav.command_long_send(self.system_id, AUTOPILOT, command, 0, param1, *(0.0,) * 6)
 
     def _request(self, name: str) -> None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import queue
 import threading
 import time
 from collections.abc import Mapping
@@ -327,28 +326,6 @@ class Px4Link:
                 except ParamError:
                     continue
                 break
-
-    def request_storage(self, timeout_s: float) -> int | None:
-        """PREFLIGHT_STORAGE, to write parameters: PX4's MAV_RESULT, which comes before it writes; None: no answer."""
-        direct = self._direct
-        if direct is None:
-            return None
-        results: queue.SimpleQueue[int] = queue.SimpleQueue()
-
-        def keep(message: MavlinkMessage, _: Any) -> None:
-            keep_thread_state()
-            ack = msgspec.json.decode(message.fields_json)
-            if message.system_id == self.system_id and ack.get("command") == modes.CMD_PREFLIGHT_STORAGE:
-                results.put(int(ack["result"]))
-
-        subscription = direct.subscribe_message("COMMAND_ACK", keep)
-        try:
-            self._command(modes.CMD_PREFLIGHT_STORAGE, 1.0)
-            return results.get(timeout=timeout_s)
-        except queue.Empty:
-            return None
-        finally:
-            direct.unsubscribe_message(subscription)
 
     def _read_param(self, name: str, like: float | int) -> float | int | None:
         if self._param is None:

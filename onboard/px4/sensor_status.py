@@ -34,6 +34,12 @@ def unhealthy(snapshot: Snapshot, has_mocap: bool) -> tuple[tuple[str, bool], ..
     return tuple((name, is_required) for name, is_required in sensors if is_required is not None)
 
 
+def sensors(snapshot: Snapshot) -> tuple[tuple[str, bool], ...]:
+    """Return the name of each sensor that is enabled, and whether it is healthy."""
+    enabled, healthy = snapshot.sensors_enabled, snapshot.sensors_healthy
+    return tuple((name, bool(healthy & bit)) for bit, name, _, _ in _SENSORS if enabled & bit)
+
+
 def has_rc(snapshot: Snapshot) -> bool | None:
     """Whether PX4 hears a radio control; None before the first SYS_STATUS."""
     if not snapshot.sensors_ns:

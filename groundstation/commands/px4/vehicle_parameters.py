@@ -1,71 +1,22 @@
-"""Parameters of each vehicle's PX4 beside those that close flight needs; setting them, and reading them back.
-
-The vehicle's own link is used when no agent holds it, else PX4's ground link (``direct``): PX4 answers on a link only
-the program that it heard there first, so nothing may push in between an agent and its autopilot.
-"""
+"""Parameters of each vehicle's PX4 beside those that close flight needs; setting them, and reading them back."""
 
 from __future__ import annotations
 
-import multiprocessing
 import textwrap
-import time
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
-from groundstation.client.direct_mavlink import DirectParams
-from onboard.autopilot import LinkError, Version
-from onboard.config.fleet import Vehicle
+from groundstation.client.autopilot_link import LinkSilentError
+from groundstation.commands.px4.changes import Change, Outcome, write_all
+from groundstation.commands.px4.links import VehicleLink, for_each
+from groundstation.commands.px4.parameter_file import write_file
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSWER, EXIT_OK
-from onboard.px4.mavsdk_link import Px4Link
-from onboard.px4.required_params import RequiredParam, all_params
+from onboard.px4.required_params import RequiredParam, Value, all_params
 
-_ANSWER_S, _VERSION_S = 4.0, 1.0
-_STORE_S, _SECOND_WRITE_S = 5.0, 0.5
-_ACCEPTED = 0
 _WIDTH = 118
-_LARGEST_BATCH = 8
-Result = TypeVar("Result")
-
-
-class ParamsLink(Protocol):
-    """Connection to PX4's parameters."""
-
-    def stop(self) -> None: ...
-    def is_armed(self, timeout_s: float) -> bool | None: ...
-    def version(self, timeout_s: float) -> Version | None: ...
-    def read_params(self, names: Mapping[str, float | int]) -> dict[str, float | int | None]: ...
-    def apply_params(self, values: Mapping[str, float | int]) -> None: ...
-    def request_storage(self, timeout_s: float) -> int | None: ...
-
-
-class _LinkParams(Px4Link):
-    """The agent's own link, taken over from here while no agent runs."""
-
-    def __init__(self, endpoint: str, system_id: int) -> None:
-        super().__init__(endpoint, system_id)
-        self.start()
-
-    def is_armed(self, timeout_s: float) -> bool | None:
-        """Return whether the first heartbeat says armed; None without a heartbeat."""
-        end_s = time.monotonic() + timeout_s
-        if not self.connect(timeout_s):
-            return None
-        while time.monotonic() < end_s:
-            if self.snapshot().heartbeat_ns:
-                return self.snapshot().is_armed
-            time.sleep(0.02)
-        return None
-
-    def version(self, timeout_s: float) -> Version | None:
-        """Return major and minor number of PX4's version; None when it does not say it in time."""
-        end_s = time.monotonic() + timeout_s
-        while self.snapshot().px4_version is None and time.monotonic() < end_s:
-            time.sleep(0.02)
-        return self.snapshot().px4_version
+ARMED = "It is armed, and parameters are set on the ground only: land and disarm it."
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +24,8 @@ class ParameterState:
     """One parameter of one vehicle."""
 
     demand: RequiredParam
-    value: float | int | None  # None: PX4 did not send it
-    before: float | int | None = None  # another value, until it was set here
+    value: Value | None  # None: PX4 did not send it
+    change: Change | None = None  # it was to be set
 
     @property
     def is_met(self) -> bool:
@@ -84,7 +35,7 @@ class ParameterState:
     @property
     def was_set(self) -> bool:
         """Whether it was set, and read back."""
-        return self.before is not None and self.is_met
+        return self.change is not None and self.change.outcome is Outcome.SET
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +46,9 @@ class VehicleParams:
     endpoint: str
     rows: tuple[ParameterState, ...]
     trouble: str = ""
+    version: str = ""  # of its PX4, in words
     is_stored: bool = False  # PX4 has written them: a restart keeps them
+    is_armed: bool = False
 
     @property
     def answers(self) -> bool:
@@ -113,117 +66,107 @@ class VehicleParams:
         return tuple(row.demand.name for row in self.rows if row.was_set and row.demand.needs_restart)
 
 
-def read_or_set_all(vehicles: Sequence[Vehicle], *, applies: bool) -> list[VehicleParams]:
-    """Do for each what :func:`read_or_set` does for one, several at a time."""
-    if len(vehicles) == 1:
-        return [read_or_set(vehicles[0], applies=applies)]
-    crashed = "The reading crashed twice, perhaps after a parameter was set: run it again."
-    with ThreadPoolExecutor(_LARGEST_BATCH) as pool:
-        found = pool.map(lambda vehicle: in_own_process(read_or_set, vehicle, applies=applies), vehicles)
-        return [state or _without_answer(vehicle, crashed) for state, vehicle in zip(found, vehicles, strict=True)]
-
-
-def in_own_process(function: Callable[..., Result], *args: Any, **kwargs: Any) -> Result | None:
-    """Call a function in a process of its own, and once more when that crashes; None when it crashes again.
-
-    Several links in one process crash MAVSDK 4.1 now and then.
-    """
-    for _ in range(2):
-        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool, suppress(BrokenProcessPool):
-            return pool.submit(function, *args, **kwargs).result()
-    return None
-
-
-def read_or_set(vehicle: Vehicle, *, applies: bool) -> VehicleParams:
-    """Read one vehicle's parameters at the endpoint that answers; ``applies``: set those that differ."""
-    troubles: list[str] = []
-    links: list[tuple[str, type[Any]]] = [(vehicle.autopilot, _LinkParams)]
-    if vehicle.direct is not None:
-        links.append((vehicle.direct, DirectParams))
-    for endpoint, kind in links:
+def read_one(link: VehicleLink) -> VehicleParams:
+    """Read what one vehicle needs."""
+    demands = all_params(link.vehicle, link.version)
+    values: dict[str, Value | None] = {}
+    trouble = link.trouble
+    if link.link is not None:
         try:
-            link: ParamsLink = kind(endpoint, vehicle.system_id)
-        except (LinkError, OSError, ValueError) as error:
-            troubles.append(str(error))
-            continue
-        try:
-            is_armed = link.is_armed(_ANSWER_S)
-            if is_armed is not None:
-                return _by(link, vehicle, endpoint, is_armed, applies)
-            troubles.append(f"Nothing is heard from PX4 at {endpoint}.")
-        except LinkError as error:
-            troubles.append(str(error))
-        finally:
-            link.stop()
-    if vehicle.direct is None:
-        troubles.append(
-            f"The fleet file gives no direct endpoint: stop its agent, or set vehicles.{vehicle.name}.direct to PX4's "
-            "ground link."
-        )
-    else:
-        troubles.append("Start PX4, or check cable and ports.")
-    return _without_answer(vehicle, " ".join(troubles))
+            for demand in demands:
+                values[demand.name] = link.link.read(demand.name)
+        except LinkSilentError as error:
+            trouble = f"{error} {len(values)} of {len(demands)} parameters were read. Run this once more."
+    rows = tuple(ParameterState(demand, values.get(demand.name)) for demand in demands)
+    version = link.version_text if link.link is not None else ""
+    return VehicleParams(link.vehicle.name, link.endpoint, rows, trouble, version, is_armed=link.is_armed)
 
 
-def _without_answer(vehicle: Vehicle, trouble: str) -> VehicleParams:
-    return VehicleParams(
-        vehicle.name, "", tuple(ParameterState(demand, None) for demand in all_params(vehicle)), trouble
-    )
+def set_all(links: Sequence[VehicleLink], states: Sequence[VehicleParams], backup: Path) -> list[VehicleParams]:
+    """Set what differs, after all parameters of the vehicles concerned are in a backup.
 
+    Args:
+        links: to the vehicles.
+        states: as they were read.
+        backup: file to write, if anything is to be set.
 
-def _by(link: ParamsLink, vehicle: Vehicle, endpoint: str, is_armed: bool, applies: bool) -> VehicleParams:
-    wanted = all_params(vehicle, link.version(_VERSION_S))
-    values = link.read_params({demand.name: demand.value for demand in wanted})
-    wrong = {demand.name: demand.value for demand in wanted if not demand.is_met(values[demand.name])}
-    rows = tuple(ParameterState(demand, values[demand.name]) for demand in wanted)
-    if not applies or (is_armed and not wrong):
-        return VehicleParams(vehicle.name, endpoint, rows)
-    if is_armed:
-        return VehicleParams(
-            vehicle.name, endpoint, rows, "It is armed, and parameters are set on the ground only: land and disarm it."
-        )
-    link.apply_params({name: value for name, value in wrong.items() if values[name] is not None})
-    is_stored = store(link.request_storage, _STORE_S)
-    again = link.read_params(wrong)
-    rows = tuple(
-        ParameterState(
-            demand, again.get(demand.name, values[demand.name]), values[demand.name] if demand.name in wrong else None
-        )
-        for demand in wanted
-    )
-    failed = [row.demand.name for row in rows if row.before is not None and not row.was_set]
-    troubles = [f"PX4 did not take {', '.join(failed)}."] if failed else []
-    if not is_stored:
-        troubles.append(
-            "PX4 did not confirm that it stored them: a restart may lose them. Run this once more before a restart."
-        )
-    return VehicleParams(vehicle.name, endpoint, rows, " ".join(troubles), is_stored)
-
-
-def store(
-    request: Callable[[float], int | None], timeout_s: float, sleep: Callable[[float], None] = time.sleep
-) -> bool:
-    """Have PX4 write its parameters, and wait until it has; False when that was not confirmed in time.
-
-    PX4 writes changed parameters by itself up to 3.5 s later, and a restart before that loses them. PREFLIGHT_STORAGE
-    writes at once, but is accepted before the writing. While PX4 writes it rejects another one: so the next acceptance
-    shows that the first writing has ended. The second has nothing new to write.
+    Raises:
+        ConfigError: the backup cannot be written; nothing was changed.
     """
-    end_s = time.monotonic() + timeout_s
-    accepted = 0
-    while accepted < 2 and time.monotonic() < end_s:
-        accepted += request(0.5) == _ACCEPTED
-        sleep(0.1)
-    if accepted == 2:
-        sleep(_SECOND_WRITE_S)
-    return accepted == 2
+    needed = {
+        state.name: [row.demand for row in state.rows if not row.is_met and row.value is not None] for state in states
+    }
+    concerned = [
+        link
+        for link, state in zip(links, states, strict=True)
+        if needed[state.name] and not state.trouble and not state.is_armed
+    ]
+    saved, _ = save(concerned, backup)
+
+    def set_one(link: VehicleLink) -> VehicleParams:
+        state = next(state for state in states if state.name == link.vehicle.name)
+        if state.is_armed and needed[state.name]:
+            return replace(state, trouble=ARMED)
+        if link not in concerned:
+            return state
+        if saved[state.name]:
+            return replace(state, trouble=f"Nothing was changed, since it could not be saved: {saved[state.name]}")
+        assert link.link is not None
+        before = {row.demand.name: row.value for row in state.rows}
+        changes, trouble = write_all(link.link, needed[state.name], before)
+        of_name = {change.name: change for change in changes}
+        rows = tuple(
+            replace(row, value=of_name[row.demand.name].after, change=of_name[row.demand.name])
+            if row.demand.name in of_name
+            else row
+            for row in state.rows
+        )
+        return replace(state, rows=rows, trouble=trouble, is_stored=not trouble)
+
+    return for_each(set_one, links)
+
+
+def save(links: Sequence[VehicleLink], path: Path) -> tuple[dict[str, str], dict[str, int]]:
+    """Write all parameters of vehicles to one file.
+
+    Returns:
+        Vehicle -> why it is not in the file, empty when it is; vehicle -> number of its parameters.
+
+    Raises:
+        ConfigError: the file cannot be written.
+    """
+    read = for_each(read_whole, links)
+    whole = {
+        link.vehicle.system_id: (f"{link.vehicle.name}, {link.version_text}", values)
+        for link, values in zip(links, read, strict=True)
+        if not isinstance(values, str)
+    }
+    if whole:
+        write_file(path, whole)
+    of_name = dict(zip((link.vehicle.name for link in links), read, strict=True))
+    troubles = {name: values if isinstance(values, str) else "" for name, values in of_name.items()}
+    return troubles, {name: len(values) for name, values in of_name.items()}
+
+
+def read_whole(link: VehicleLink) -> dict[str, Value] | str:
+    """Return all parameters of one vehicle, or a sentence on why not."""
+    if link.link is None:
+        return link.trouble
+    try:
+        return link.link.read_all()
+    except LinkSilentError as error:
+        return str(error)
 
 
 def exit_status(answers: Sequence[VehicleParams]) -> int:
     """0 all are as needed; 1 none is; 10 nobody answered; 50 some are and some are not."""
     if not any(answer.answers for answer in answers):
         return EXIT_NO_ANSWER
-    fine = [answer.is_fine for answer in answers]
+    return status_of([answer.is_fine for answer in answers])
+
+
+def status_of(fine: Sequence[bool]) -> int:
+    """0 all are fine; 1 none is; 50 some are."""
     return EXIT_OK if all(fine) else EXIT_MIXED if any(fine) else EXIT_FAILED
 
 
@@ -236,27 +179,32 @@ def as_text(answers: Sequence[VehicleParams]) -> str:
             lines += textwrap.wrap(f"{answer.name}: no answer. {answer.trouble}", _WIDTH, subsequent_indent="  ")
             continue
         state = f"{off} of {len(answer.rows)} differ" if off else f"all {len(answer.rows)} are as they should be"
-        lines.append(f"{answer.name}, read at {answer.endpoint}: {state}.")
+        lines.append(f"{answer.name}, {answer.version}, read at {answer.endpoint}: {state}.")
         for row in answer.rows:
             lines += textwrap.wrap(_line(row), _WIDTH, subsequent_indent=" " * 10, initial_indent="  ")
-        if answer.trouble:
-            lines.append(f"  {answer.trouble}")
+        lines += textwrap.wrap(answer.trouble, _WIDTH, initial_indent="  ", subsequent_indent="  ")
         if answer.is_stored:
             lines.append("  Stored: PX4 keeps them over a restart.")
         if answer.restarts_for:
             lines.append(f"  Restart PX4: it reads {', '.join(answer.restarts_for)} only when it starts.")
+    versions = {answer.version for answer in answers if answer.version}
+    if len(versions) > 1:
+        lines.append(
+            f"Not all are of one version ({', '.join(sorted(versions))}): each was asked for what its own needs."
+        )
     return "\n".join(lines)
 
 
 def _line(row: ParameterState) -> str:
-    demand = row.demand
+    demand, change = row.demand, row.change
     value = "not sent" if row.value is None else f"{row.value:g}"
-    if row.was_set:
-        return f"{'set':<8}{demand.name:<16} {row.before:g} -> {value}, read back: {demand.reason}"
+    if change is not None and row.was_set:
+        return f"{'set':<8}{demand.name:<16} {change.before:g} -> {value}, read back: {demand.reason}"
     if row.is_met:
         return f"{'ok':<8}{demand.name:<16} {value}"
     mark = "better" if demand.is_advice else "WRONG"
-    return f"{mark:<8}{demand.name:<16} {value}, should be {demand.value:g}: {demand.reason}"
+    became = f" ({change.outcome.value})" if change is not None else ""
+    return f"{mark:<8}{demand.name:<16} {value}{became}, should be {demand.value:g}: {demand.reason}"
 
 
 def as_mapping(answers: Sequence[VehicleParams]) -> dict[str, Any]:
@@ -265,6 +213,7 @@ def as_mapping(answers: Sequence[VehicleParams]) -> dict[str, Any]:
         answer.name: {
             "answers": answer.answers,
             "is_fine": answer.is_fine,
+            "version": answer.version,
             "asked_at": answer.endpoint,
             "trouble": answer.trouble,
             "is_stored": answer.is_stored,
@@ -277,6 +226,7 @@ def as_mapping(answers: Sequence[VehicleParams]) -> dict[str, Any]:
                     "is_met": row.is_met,
                     "is_required": not row.demand.is_advice,
                     "was_set": row.was_set,
+                    "outcome": row.change.outcome.value if row.change is not None else "",
                 }
                 for row in answer.rows
             },

@@ -15,7 +15,8 @@ import msgspec
 import pytest
 
 from groundstation.client.client import FleetClient
-from groundstation.client.direct_mavlink import DirectResult, mavutil_address, send_direct
+from groundstation.client.direct_mavlink import DirectResult, send_direct
+from groundstation.client.mavlink_port import mavutil_address
 from groundstation.orders.grammar import OrderError
 from groundstation.processes.free_ports import with_free_ports
 from onboard.bus.codec import Malformed

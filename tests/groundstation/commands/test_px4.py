@@ -3,31 +3,24 @@
 from __future__ import annotations
 
 import json
-import math
-import os
+import re
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from groundstation.cli import main
-from groundstation.client.direct_mavlink import DirectParams
-from groundstation.commands.px4.vehicle_parameters import (
-    ParameterState,
-    VehicleParams,
-    as_text,
-    exit_status,
-    in_own_process,
-    read_or_set,
-    store,
-)
+from groundstation.client.autopilot_link import AutopilotLink, LinkSilentError
+from groundstation.commands.px4.changes import Outcome, store, write_all
+from groundstation.commands.px4.vehicle_parameters import ParameterState, VehicleParams, exit_status
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.px4.port_lock import PortClaim
-from onboard.px4.required_params import all_params, differences, required_params
+from onboard.px4.required_params import RequiredParam, all_params, differences, required_params
 
 FLEET = """
 schema = 1
@@ -58,7 +51,8 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
 
 
 @pytest.fixture
-def fleet(tmp_path: Path) -> FleetConfig:
+def fleet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> FleetConfig:
+    monkeypatch.chdir(tmp_path)  # backups are written here
     path = tmp_path / "fleet.toml"
     agent = free_port(socket.SOCK_STREAM)
     path.write_text(FLEET.format(agent=agent, port=free_port(), direct=free_port()), encoding="utf-8")
@@ -92,11 +86,11 @@ def test_all_that_differs_is_shown_and_with_apply_set_and_read_back(
     assert "Stored: PX4 keeps them over a restart." in applied
     assert "Restart PX4: it reads EKF2_HGT_REF, EKF2_MAG_TYPE, EKF2_DELAY_MAX only when it starts." in applied
     assert main(["px4", "params", "--fleet", fleet.path, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["solo"]
-    assert told["is_fine"]
-    assert told["asked_at"] == fleet.vehicles["solo"].autopilot
-    assert told["params"]["COM_OF_LOSS_T"]["is"] == pytest.approx(0.3)
-    assert told["params"]["EKF2_EV_CTRL"]["is"] == 15
+    said = told(capsys)["solo"]
+    assert said["is_fine"]
+    assert said["asked_at"] == fleet.vehicles["solo"].autopilot
+    assert said["params"]["COM_OF_LOSS_T"]["is"] == pytest.approx(0.3)
+    assert said["params"]["EKF2_EV_CTRL"]["is"] == 15
 
 
 class SlowPx4:
@@ -120,63 +114,202 @@ def test_parameters_count_as_stored_only_once_px4_accepts_the_next_storing() -> 
     assert not store(SlowPx4(*[denied] * 1_000_000), 0.02, lambda _: None)
 
 
+def told(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    said: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return said
+
+
 def test_parameters_that_px4_did_not_store_are_no_success(
-    fleet: FleetConfig, emulator: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch
+    fleet: FleetConfig,
+    emulator: subprocess.Popen[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr("onboard.px4.mavsdk_link.Px4Link.request_storage", lambda *_: 4)  # failed
-        patch.setattr("groundstation.commands.px4.vehicle_parameters._STORE_S", 0.3)
-        answer = read_or_set(fleet.vehicles["solo"], applies=True)
-    assert not answer.is_fine
-    assert "did not confirm that it stored them" in as_text([answer])
-    again = read_or_set(fleet.vehicles["solo"], applies=True)
-    assert again.is_fine
-    assert again.is_stored
+        patch.setattr("groundstation.client.autopilot_link.AutopilotLink.request_storage", lambda *_: 4)  # failed
+        patch.setattr("groundstation.commands.px4.changes._STORE_S", 0.3)
+        assert main(["px4", "params", "--fleet", fleet.path, "--apply"]) == 1
+    assert "did not confirm that it stored them" in capsys.readouterr().out
 
 
 def test_past_an_agent_that_holds_the_link_px4s_ground_link_is_asked_and_again_by_the_next_process(
-    fleet: FleetConfig, emulator: subprocess.Popen[str]
+    fleet: FleetConfig, emulator: subprocess.Popen[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     vehicle = fleet.vehicles["solo"]
     claim = PortClaim(vehicle.autopilot)
     claim.take()
     try:
-        first = read_or_set(vehicle, applies=True)
-        assert first.endpoint == vehicle.direct
-        assert first.is_fine, first
-        assert first.is_stored
+        assert main(["px4", "params", "--fleet", fleet.path, "--apply", "--json"]) == 0
+        first = told(capsys)["solo"]
+        assert first["asked_at"] == vehicle.direct
+        assert first["is_stored"]
         # PX4 answers only to the first address that spoke to it: another process has to be at the same one
         command = [sys.executable, "-m", "groundstation", "px4", "params", "--fleet", fleet.path]
         again = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
         assert again.returncode == 0, again.stdout + again.stderr
         assert f"read at {vehicle.direct}: all" in again.stdout
+        assert main(["px4", "info", "--fleet", fleet.path]) == 0
+        assert "in use" in capsys.readouterr().out  # why the vehicle's own link was not asked
     finally:
         claim.release()
 
 
-def test_an_armed_vehicle_is_read_but_never_set(fleet: FleetConfig, emulator: subprocess.Popen[str]) -> None:
+def test_an_armed_vehicle_is_read_but_never_set(
+    fleet: FleetConfig, emulator: subprocess.Popen[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     vehicle = fleet.vehicles["solo"]
+    assert main(["px4", "params", "--fleet", fleet.path, "--dump", str(tmp_path / "all.params")]) == 0
     assert vehicle.direct is not None
-    way = DirectParams(vehicle.direct, vehicle.system_id)
+    link = AutopilotLink(vehicle.direct, vehicle.system_id)
     end_s = time.monotonic() + 12.0
-    while not way.is_armed(2.0):
+    while not link.is_armed(2.0):
         assert time.monotonic() < end_s
-        way._link.mav.command_long_send(vehicle.system_id, 1, 400, 0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    way.stop()
-    answer = read_or_set(vehicle, applies=True)
-    assert answer.answers
-    assert not answer.is_fine
-    assert "armed" in answer.trouble
-    assert not any(row.was_set for row in answer.rows)
+        link.command(400, 1.0)
+    link.stop()
+    capsys.readouterr()
+    assert main(["px4", "params", "--fleet", fleet.path, "--apply", "--json"]) == 1
+    answer = told(capsys)["solo"]
+    assert answer["answers"]
+    assert "armed" in answer["trouble"]
+    assert not any(row["was_set"] for row in answer["params"].values())
+    assert main(["px4", "params", "--fleet", fleet.path, "--restore", str(tmp_path / "all.params")]) == 1
+    assert "nothing was changed. It is armed" in capsys.readouterr().out
+    assert not list(Path.cwd().glob("px4-*.params"))  # nothing was changed, nothing is to be undone
 
 
 def test_without_an_answer_the_status_is_10_and_the_sentence_says_what_to_do(
     fleet: FleetConfig, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundstation.commands.px4.vehicle_parameters._ANSWER_S", 0.3)
+    monkeypatch.setattr("groundstation.commands.px4.links._ANSWER_S", 0.3)
     assert main(["px4", "params", "--fleet", fleet.path]) == 10
     assert "Start PX4, or check cable and ports." in capsys.readouterr().out
+    for words in (["params", "--dump", "none.params"], ["info"]):
+        assert main(["px4", *words, "--fleet", fleet.path]) == 10
+    assert not Path("none.params").exists()
     assert main(["px4", "params", "--fleet", fleet.path, "--vehicles", "nobody"]) == 2
+
+
+def test_all_parameters_are_saved_compared_and_written_back(
+    fleet: FleetConfig, emulator: subprocess.Popen[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["px4", "params", "--fleet", fleet.path]
+    assert main([*command, "--dump", "before.params"]) == 0
+    assert "parameters of PX4 v1." in capsys.readouterr().out
+    assert main([*command, "--dump", "before.params"]) == 2  # never overwritten
+    assert main([*command, "--diff", "before.params"]) == 0
+    assert main([*command, "--apply", "--backup", "backup.params"]) == 0
+    assert "Write them back with --restore backup.params" in capsys.readouterr().out
+    assert Path("backup.params").read_text().splitlines()[3:] == Path("before.params").read_text().splitlines()[3:]
+    assert main([*command, "--diff", "before.params"]) == 1
+    assert "COM_OF_LOSS_T    0.3, there 1" in capsys.readouterr().out
+    assert main([*command, "--restore", "backup.params"]) == 0
+    restored = capsys.readouterr().out
+    assert "set           COM_OF_LOSS_T    0.3 -> 1, now 1" in restored
+    assert "PX4 has stored them" in restored
+    assert main([*command, "--diff", "before.params"]) == 0
+    own = fleet.vehicles["solo"].system_id
+    other = Path("before.params").read_text().replace(f"\n{own}\t", "\n77\t")
+    Path("other.params").write_text(other)
+    capsys.readouterr()
+    assert main([*command, "--restore", "other.params"]) == 2  # another vehicle's
+    assert "holds vehicles 77" in capsys.readouterr().err
+    assert main([*command, "--diff", "other.params"]) == 0  # a fleet may be compared with one good vehicle
+
+
+def test_each_vehicle_is_asked_for_what_its_version_needs_and_says_what_it_is(
+    fleet: FleetConfig, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "two.toml"
+    other = fleet.text[fleet.text.index("[vehicles.solo]") : fleet.text.index("[vehicles.solo.px4_params]")]
+    other = other.replace("solo", "other").replace("[0.0,", "[9.0,")
+    other = other.replace("system_id = 3", 'system_id = 4\ntype = "new"')
+    for port in re.findall(r":(\d+)\"", other):
+        other = other.replace(port, str(free_port()))
+    types = '[types.old]\nhover_thrust_frac = 0.5\npx4_version = "1.16"\n[types.new]\npx4_version = "1.18"\n'
+    text = fleet.text.replace("[defaults]", f"{types}[defaults]").replace('type = "sih"', 'type = "old"')
+    path.write_text(f"{text}{other}", encoding="utf-8")
+    with subprocess.Popen(
+        [sys.executable, "-m", "sitl", "--fleet", str(path), "--no-bus"], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("ready")
+        try:
+            assert main(["px4", "params", "--fleet", str(path), "--json"]) == 1
+            params = {name: said["params"] for name, said in told(capsys).items()}
+            assert main(["px4", "params", "--fleet", str(path)]) == 1
+            assert "Not all are of one version (PX4 v1.16, PX4 v1.18)" in capsys.readouterr().out
+            assert main(["px4", "info", "--fleet", str(path), "--json"]) == 0
+            infos = told(capsys)
+        finally:
+            process.terminate()
+    assert "COM_RC_OVERRIDE" in params["solo"].keys() - params["other"].keys()
+    assert params["other"]["MAN_OVERRIDE_SPD"]["is"] is not None
+    assert "MAN_OVERRIDE_SPD" not in params["solo"]
+    assert infos["solo"]["version"].startswith("PX4 v1.16.")
+    assert infos["other"]["version"].startswith("PX4 v1.18.")
+    said, vehicle = infos["solo"], fleet.vehicles["solo"]
+    assert said["uptime"].startswith("0 h 0 min")
+    assert said["state"].startswith("disarmed, ")
+    assert "gyroscope" in said["sensors"]
+    assert f"{vehicle.autopilot}: " in said["links"]
+    assert f"{vehicle.direct}: answers" in said["links"]
+    assert set(said) >= {"board", "satellites"}
+
+
+def test_a_link_that_dies_in_the_middle_leaves_a_list_of_what_was_set_and_a_backup(
+    fleet: FleetConfig,
+    emulator: subprocess.Popen[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    write, written = AutopilotLink.write, []
+
+    def write_and_die(link: AutopilotLink, name: str, value: float) -> float | None:
+        written.append(name)
+        if len(written) == 3:
+            emulator.kill()
+        return write(link, name, value)
+
+    monkeypatch.setattr(AutopilotLink, "write", write_and_die)
+    assert main(["px4", "params", "--fleet", fleet.path, "--apply", "--backup", "backup.params", "--json"]) == 1
+    said = told(capsys)["solo"]
+    outcomes = {name: row["outcome"] for name, row in said["params"].items() if row["outcome"]}
+    assert list(outcomes.values())[:3] == ["set", "set", "not confirmed"]
+    assert set(list(outcomes.values())[3:]) == {"not set"}
+    assert (
+        f"Set and read back: {written[0]}, {written[1]}. Sent and not confirmed: {written[2]}. Not sent: "
+        in (said["trouble"])
+    )
+    assert not said["is_stored"]
+    assert "COM_OF_LOSS_T" in Path("backup.params").read_text()
+
+
+class StubbornPx4:
+    """PX4 that knows some parameters, takes some, and falls silent at one."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, float | None] = {"A": 0.0, "READ_ONLY": 7.0, "GONE": None, "LAST": 0.0}
+
+    def write(self, name: str, value: float) -> float | None:
+        if name == "SILENT":
+            raise LinkSilentError("PX4 fell silent.")
+        if self.values[name] is not None and name != "READ_ONLY":
+            self.values[name] = value
+        return self.values[name]
+
+    def request_storage(self, timeout_s: float) -> int | None:
+        return 0
+
+
+def test_what_became_of_each_parameter_is_said_by_name() -> None:
+    px4 = StubbornPx4()
+    required = [RequiredParam(name, 1.0, "") for name in ("A", "READ_ONLY", "GONE", "LAST")]
+    changes, trouble = write_all(px4, required, px4.values)
+    assert [change.outcome for change in changes] == [Outcome.SET, Outcome.REFUSED, Outcome.UNKNOWN, Outcome.SET]
+    assert trouble == ("PX4 did not take READ_ONLY: read-only, or out of its range. This PX4 does not know GONE.")
+    changes, trouble = write_all(px4, [RequiredParam(name, 2.0, "") for name in ("A", "SILENT", "LAST")], px4.values)
+    assert [change.outcome for change in changes] == [Outcome.SET, Outcome.LOST, Outcome.UNTOUCHED]
+    assert "Set and read back: A. Sent and not confirmed: SILENT. Not sent: LAST." in trouble
 
 
 def test_the_exit_status_tells_mixed_results() -> None:
@@ -190,10 +323,7 @@ def test_the_exit_status_tells_mixed_results() -> None:
     assert exit_status([good, bad]) == 50
 
 
-def _row(demand: object) -> object:
-    from onboard.px4.required_params import RequiredParam
-
-    assert isinstance(demand, RequiredParam)
+def _row(demand: RequiredParam) -> ParameterState:
     return ParameterState(demand, demand.value)
 
 
@@ -207,7 +337,7 @@ def test_a_fleet_files_own_parameters_replace_the_built_in_ones(fleet: FleetConf
 
 
 def test_a_stick_that_is_bumped_takes_no_vehicle_out_of_offboard_on_any_version() -> None:
-    vehicle = load_fleet("configs/fleets/paper.toml").vehicles["mav0"]
+    vehicle = load_fleet("paper").vehicles["mav0"]
     old, new = required_params(vehicle, (1, 16)), required_params(vehicle, (1, 18))
     assert old == required_params(vehicle, (1, 17))
     assert new == required_params(vehicle, (1, 19))
@@ -218,8 +348,3 @@ def test_a_stick_that_is_bumped_takes_no_vehicle_out_of_offboard_on_any_version(
     assert differences(old, {**old, "COM_RC_OVERRIDE": 1}) == ()
     assert "COM_RC_OVERRIDE is 3" in differences(old, {**old, "COM_RC_OVERRIDE": 3})[0]
     assert "MAN_OVERRIDE_SPD is 1" in differences(new, {**new, "MAN_OVERRIDE_SPD": 1.0})[0]
-
-
-def test_a_reading_that_crashes_ends_no_other_and_is_tried_twice() -> None:
-    assert in_own_process(os.abort) is None
-    assert in_own_process(math.hypot, 3.0, 4.0) == 5.0
