@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from onboard import events as ev
-from onboard.autopilot import LinkError
+from onboard.autopilot import LinkError, Version
 from onboard.config.fleet import Vehicle
 from onboard.flight.context import FlightContext
 from onboard.process import realtime
@@ -103,13 +103,17 @@ class LinkUpkeep:
         """Check parameters, origin and disk from time to time, until PX4's clock begins anew."""
         problems: tuple[str, ...] | None = None
         read_ns, boot_ms, has_origin = 0, self._link.snapshot().px4_boot_ms, True
+        read_for: Version | None = None
         while True:
+            version = self._link.snapshot().px4_version
+            if version is None:  # its only message got lost: what is demanded depends on it
+                self._link.request_version()
             is_on_ground = self._flight.situation is Situation.GROUND
-            is_due = problems or time.monotonic_ns() - read_ns > _READ_AGAIN_NS
+            is_due = problems or version != read_for or time.monotonic_ns() - read_ns > _READ_AGAIN_NS
             if is_on_ground:
                 has_origin = self._link.settle_global_origin(sets_ours=self._vehicle.mocap_required)
             if problems is None or (is_due and is_on_ground):
-                read_ns = time.monotonic_ns()
+                read_ns, read_for = time.monotonic_ns(), version
                 problems = await self._read_params(has_origin)
             await asyncio.sleep(_REPEAT_S if problems and has_origin else _LOOK_S)
             self._notify(ev.DiskChecked(await self._in_thread(realtime.is_disk_full)))

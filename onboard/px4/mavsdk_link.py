@@ -304,6 +304,10 @@ class Px4Link:
         interval_by_id_us = {number: 1e6 / rate_hz for number, rate_hz in self._rates_hz.items()}
         for number, interval_us in (interval_by_id_us | dict.fromkeys(_UNUSED, _STOP_US)).items():
             self._command(modes.CMD_SET_MESSAGE_INTERVAL, float(number), interval_us)
+        self.request_version()
+
+    def request_version(self) -> None:
+        """Request PX4's version, which it sends only then."""
         self._command(modes.CMD_REQUEST_MESSAGE, float(_AUTOPILOT_VERSION))
 
     # -- parameters: blocking, for an executor -----------------------------------------------------------------------

@@ -1,0 +1,64 @@
+"""Parameters that an agent demands follow the version that its PX4 reports, whenever it does."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+
+import pytest
+
+from onboard import events as ev
+from onboard.agent import link_upkeep
+from onboard.agent.link_upkeep import LinkUpkeep
+from onboard.autopilot import Snapshot
+from onboard.flight.context import FlightContext
+from onboard.px4.required_params import required_params
+from tests.onboard.agent.rig import fleet
+
+
+class MuteLink:
+    """PX4 v1.18 with all parameters at 0, whose version arrives only when it is requested for the third time."""
+
+    def __init__(self) -> None:
+        self.withholds_poses = False
+        self.requests = 0
+        self.read: list[frozenset[str]] = []
+
+    def snapshot(self) -> Snapshot:
+        return Snapshot(heartbeat_ns=1 << 62, px4_version=(1, 18) if self.requests >= 3 else None)
+
+    def connect(self, timeout_s: float) -> bool:
+        return True
+
+    def request_rates(self) -> None:
+        self.request_version()
+
+    def request_version(self) -> None:
+        self.requests += 1
+
+    def settle_global_origin(self, *, sets_ours: bool) -> bool:
+        return True
+
+    def read_params(self, names: Mapping[str, float | int]) -> dict[str, float | int | None]:
+        self.read.append(frozenset(names))
+        return dict(names)
+
+
+async def test_a_version_that_got_lost_is_requested_again_and_its_own_parameters_are_read_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(link_upkeep, "_LOOK_S", 0.01)
+    config, link, told = fleet(("mav0", "mav1", "mav2")), MuteLink(), asyncio.Queue[ev.EventIn]()
+    vehicle = config.vehicles["mav0"]
+    flight = FlightContext(config, vehicle)
+    upkeep = LinkUpkeep(vehicle, link, flight, told.put_nowait, applies_params=False)  # type: ignore[arg-type]
+    upkeep.start()
+    try:
+        async with asyncio.timeout(10.0):
+            while len(link.read) < 2:
+                await told.get()
+    finally:
+        upkeep.stop()
+    assert link.read[0] == set(required_params(vehicle))
+    assert link.read[1] == set(required_params(vehicle, (1, 18)))
+    assert "MAN_OVERRIDE_SPD" in link.read[1] - link.read[0]
