@@ -108,7 +108,7 @@ class AutopilotLink:
             seconds: longest time to listen [s].
             requested: numbers of messages to request first.
             until: name of a message that ends it.
-            take: called with every message.
+            take: called with every message of this vehicle, whichever part of it sends it.
         """
         for number in requested:
             self.command(_REQUEST_MESSAGE, float(number))
@@ -116,9 +116,10 @@ class AutopilotLink:
         end_s = time.monotonic() + seconds
         while (left_s := end_s - time.monotonic()) > 0.0 and until not in heard:
             message = self._link.recv_match(blocking=True, timeout=min(left_s, 0.2))
-            if message is not None and is_of_autopilot(message, self.system_id):
-                heard[message.get_type()] = message
+            if message is not None and message.get_srcSystem() == self.system_id:
                 take(message)
+                if message.get_srcComponent() == AUTOPILOT:
+                    heard[message.get_type()] = message
         return heard
 
     def read(self, name: str) -> Value | None:
