@@ -327,7 +327,7 @@ async def _serve(server: Server) -> None:
     clock: asyncio.Task[None] | None = None
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopped.set)
-    _take_precedence()
+    take_precedence()
     try:
         lines = await server.start()
         if bus is not None:
@@ -351,7 +351,7 @@ async def _serve(server: Server) -> None:
             bus.stop()
 
 
-def _take_precedence() -> None:
+def take_precedence() -> None:
     """Run before other processes, as real vehicles wait for no computer; without permission do nothing."""
     with contextlib.suppress(OSError, AttributeError):  # for this thread, and those that it will start
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_REALTIME_PRIORITY))

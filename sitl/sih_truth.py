@@ -24,7 +24,7 @@ from onboard.config.fleet import FleetConfig, Origin, Vehicle
 from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder, text_of
 from sitl.mavlink.endpoints import StartError
 from sitl.physics.frames import enu_flu_from_ned_frd
-from sitl.server import simulator_bus
+from sitl.server import simulator_bus, take_precedence
 
 _FIRST_PORT = 19410
 _STATE, _ACTUATORS = "HIL_STATE_QUATERNION", "HIL_ACTUATOR_CONTROLS"
@@ -251,4 +251,5 @@ def run(fleet: FleetConfig, names: Sequence[str], *, with_mocap: bool) -> None:
         BusError: the bus cannot be opened.
         StartError: a port is taken.
     """
+    take_precedence()
     asyncio.run(serve(fleet, names, simulator_bus(fleet, "sitl-truth"), with_mocap=with_mocap))
