@@ -13,7 +13,9 @@ from typing import Any
 from onboard.autopilot import Version
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
 from onboard.config.toml_reading import package_table
+from onboard.feasibility.bounds import LAG_ERROR_S
 from onboard.px4.required_params import RequiredParam, Value, all_params
+from onboard.safety.attitude_lag import lag_s
 from sitl.conformance.facts import VERSIONS, facts_of, nearest
 from sitl.conformance.suite import FACTS
 
@@ -146,13 +148,19 @@ def _identified(vehicles: Sequence[Vehicle], new: str) -> list[str]:
     """Sentences on attitude values that were identified with another version."""
 
     def rows(vehicle: Vehicle) -> Iterable[str]:
-        if vehicle.px4_version != new:
+        if vehicle.px4_version == new:
+            return
+        before_s, after_s = (lag_s(_version(name), vehicle.px4_params) for name in (vehicle.px4_version, new))
+        head = f"The attitude values of type '{vehicle.type}' were identified with v{vehicle.px4_version}. "
+        if abs(after_s - before_s) > LAG_ERROR_S:
             yield (
-                f"the attitude values of type '{vehicle.type}' were identified with v{vehicle.px4_version}: "
-                f"identify the vehicle anew with v{new} (covey identify), and set px4_version."
+                f"{head}With v{new} the attitude lags by {after_s:.2f} s instead of {before_s:.2f} s and take-off is "
+                "refused: identify the vehicle anew (covey identify), and set px4_version."
             )
+        else:
+            yield f"{head}With v{new} the attitude lags alike ({after_s:.2f} s): set px4_version."
 
-    return [sentence[0].upper() + sentence[1:] for sentence in _by_vehicle(vehicles, rows)]
+    return _by_vehicle(vehicles, rows)
 
 
 def _facts(vehicles: Sequence[Vehicle], old: str, new: str, version: Version) -> Iterable[ChangedFact]:
