@@ -181,7 +181,7 @@ def as_text(answers: Sequence[VehicleParams]) -> str:
         state = f"{off} of {len(answer.rows)} differ" if off else f"all {len(answer.rows)} are as they should be"
         lines.append(f"{answer.name}, {answer.version}, read at {answer.endpoint}: {state}.")
         for row in answer.rows:
-            lines += textwrap.wrap(_line(row), _WIDTH, subsequent_indent=" " * 10, initial_indent="  ")
+            lines += textwrap.wrap(_line(row, answer), _WIDTH, subsequent_indent=" " * 10, initial_indent="  ")
         lines += textwrap.wrap(answer.trouble, _WIDTH, initial_indent="  ", subsequent_indent="  ")
         if answer.is_stored:
             lines.append("  Stored: PX4 keeps them over a restart.")
@@ -195,9 +195,10 @@ def as_text(answers: Sequence[VehicleParams]) -> str:
     return "\n".join(lines)
 
 
-def _line(row: ParameterState) -> str:
+def _line(row: ParameterState, of: VehicleParams) -> str:
     demand, change = row.demand, row.change
-    value = "not sent" if row.value is None else f"{row.value:g}"
+    missing = "not read" if of.trouble else f"unknown to {of.version}"
+    value = missing if row.value is None else f"{row.value:g}"
     if change is not None and row.was_set:
         return f"{'set':<8}{demand.name:<16} {change.before:g} -> {value}, read back: {demand.reason}"
     if row.is_met:
