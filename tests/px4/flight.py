@@ -25,8 +25,6 @@ from groundstation.processes.free_ports import toml_text, with_free_ports
 from onboard.autopilot import Version
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
 from onboard.px4.required_params import all_params
-from onboard.safety.attitude_lag import lag_s
-from sitl.conformance.facts import VERSIONS
 from tests.px4.build import Px4Build, die_with_parent, free_instances, running
 
 _ROOT = Path(__file__).parents[2]
@@ -39,14 +37,10 @@ _WATCH_S = 1.0
 def fleet_of(count: int, folder: Path, instances: list[int], version: Version | None) -> FleetConfig:
     """Write a fleet file for so many PX4s: three as in configs/fleets/sih.toml, or more of its vehicles in a ring.
 
-    The attitude's delay is that of the version: the shipped file holds for one.
+    The type is the one that was identified with the version and the same gains.
     """
     data = tomllib.loads((_ROOT / "configs/fleets/sih.toml").read_text(encoding="utf-8"))
-    kind = data["types"]["sih"]
-    if version is not None and version in map(_numbers, VERSIONS):
-        shipped = _numbers(kind.get("px4_version", "1.17"))
-        kind["px4_version"] = f"{version[0]}.{version[1]}"
-        kind["attitude_delay_s"] += lag_s(version, kind["px4_params"]) - lag_s(shipped, kind["px4_params"])
+    data["defaults"]["type"] = "sih118quick" if version == (1, 18) else "sih"
     first = next(iter(data["vehicles"].values()))
     starts = [table["start_enu_m"] for table in data["vehicles"].values()]
     if count > len(starts):
@@ -75,11 +69,6 @@ def fleet_of(count: int, folder: Path, instances: list[int], version: Version | 
     path = folder / "fleet.toml"
     path.write_text(toml_text(data), encoding="utf-8")
     return fleet_from_mapping(data, path=str(path), text=path.read_text(encoding="utf-8"))
-
-
-def _numbers(version: str) -> Version:
-    major, _, minor = version.partition(".")
-    return int(major), int(minor)
 
 
 @dataclass(slots=True)
