@@ -54,6 +54,7 @@ COMMANDS = (
     Command("demo", _FLY, "the paper's experiment in simulation, on free ports"),
     Command("fly", _FLY, "fly a mission, TOML or Python"),
     Command("run", _FLY, "a Python script that connects with a fleet, also one of Crazyswarm"),
+    Command("gallery", _FLY, "missions worth flying, each in seconds of simulated time"),
     Command("tui", _FLY, "the console, attached to a fleet"),
     Command("web", _FLY, "the console in a browser of this machine"),
     Command("order", _FLY, "one order to a flying fleet, from a shell or a script"),

@@ -152,7 +152,7 @@ class MissionRun:
 
     def flown(self) -> FlightObservations:
         """Return the observations so far."""
-        self._flown.state = self.client.state
+        self._flown.state, self._flown.left_out = self.client.state, self.fleet.ground.left_out
         return self._flown
 
     async def _steps(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -111,6 +111,7 @@ class FlightObservations:
     arrivals: list[Arrival]
     begin_ns: int
     end_ns: int
+    left_out: Collection[str] = ()  # vehicles that the mission went on without
     failure: str = ""  # sentence that ended the mission
     nobody: bool = False  # no vehicle answered
     is_wrong_input: bool = False
@@ -248,8 +249,9 @@ def judge(
     checks = check(expect, fleet, closest, flown.arrivals, landed, collided)
     is_collision = bool(collided) or (closest is not None and closest.distance_m < fleet.fleet.body_diameter_m)
     broken = " ".join(filter(None, (flown.failure, _still_up(state, expect), record_failure)))
-    failed = [step for step in flown.steps if not step.is_done]
-    is_mixed = any(len(set(step.vehicles.values())) > 1 for step in failed)
+    lost = [{name: step.vehicles[name] for name in step.vehicles if name not in flown.left_out} for step in flown.steps]
+    failed = [step for step in lost if any(phase != "done" for phase in step.values())]
+    is_mixed = any(len(set(step.values())) > 1 for step in failed)
     statuses = (
         (flown.is_interrupted, EXIT_INTERRUPTED),
         (flown.nobody, EXIT_NO_ANSWER),

@@ -11,13 +11,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from groundstation.formations.assignment import nearest_slots
 from groundstation.paths.checks import Closest, Limits, closest_pairs, listed_words, needed_slowing, pair_words, sample
 from groundstation.paths.lights import Light
 from groundstation.paths.pieces import cut, quintic, resting, slowed
 from groundstation.shows.show import Drone, Show
 from onboard.arrays import Array
 from onboard.config.fleet import ConfigError, Vec3
-from onboard.control.path import Path, path_of, sampled
+from onboard.control.path import Path, path_of, point_at, sampled
 
 _TAKEOFF_M, _LOWEST_TAKEOFF_M = 1.0, 0.5
 _JOIN_S = 1.0  # on either side of the height at which the show is taken over from the take-off
@@ -25,6 +26,7 @@ _GRID_S = 0.05
 _STILL_M_S = 0.02
 _ROOM = 1.005
 _SLOWEST = 4.0
+_DEAL_ABOVE_M = 0.5  # by which the longest way to the begin of a path must become shorter
 _SPREAD_STEP_S, _MOST_SPREAD_S, _SPREAD_ROUNDS = 0.5, 4.0, 24
 
 
@@ -76,6 +78,7 @@ def converted(
             pieces = np.concatenate([[resting(waiting_s, pieces[0][1::8])], pieces])
         made.paths[names[one.name]] = path_of(pieces.tolist())
         made.lights[names[one.name]] = tuple((max(t - zero_s, 0.0), r, g, b) for t, r, g, b in one.lights)
+    _deal_homes(made)
     _slow_down(made, limits)
     _spread_starts(made, spacing_m)
     return made
@@ -114,6 +117,27 @@ def _check_homes(homes: Mapping[str, Vec3], spacing_m: float) -> None:
         raise ConfigError(
             f"The homes of {listed_words(words)} stand nearer than {spacing_m:.2f} m, which the law needs."
         )
+
+
+def _deal_homes(made: Converted) -> None:
+    """Give each vehicle a home near the begin of its path, where the show's own are far from it."""
+    begins = {name: point_at(path, 0.0).position_enu_m for name, path in made.paths.items()}
+    over = {name: (x, y, begins[name][2]) for name, (x, y, _) in made.homes.items()}
+    takes = nearest_slots(over, begins, (0.0, 0.0, 0.0))
+    before_m, after_m = (
+        {name: math.dist(over[taken], begins[name]) for name, taken in deal.items()}
+        for deal in ({name: name for name in over}, takes)
+    )
+    if max(before_m.values()) - max(after_m.values()) < _DEAL_ABOVE_M:
+        return
+    homes = dict(made.homes)
+    for name, taken in takes.items():
+        if name != taken:
+            made.homes[name] = homes[taken]
+            made.own_notes[name].append(
+                f"starts from {taken}'s home, {after_m[name]:.2f} m from the begin of its path instead of "
+                f"{before_m[name]:.2f} m: homes are dealt out such that the longest way to a path is short"
+            )
 
 
 def _slow_down(made: Converted, limits: Limits) -> None:

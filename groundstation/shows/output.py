@@ -180,7 +180,7 @@ timeout_s = 90
 
 [expect]
 min_separation_m = {fleet.fleet.safety_distance_m:g}
-arrived_within_m = {1.2 if is_gps else 0.3}
+arrived_within_m = {1.5 if is_gps else 0.3}
 all_landed = true
 
 [on_failure]

@@ -286,7 +286,7 @@ def _seconds(spots: list[Plan], slots: list[Plan], answers: Answers) -> int:
 
 
 def _mission_text(answers: Answers, fleet: FleetConfig, seconds: int) -> str:
-    height_m, near_m = (2.5, 1.2) if answers.is_outdoors else (1.0, 0.15)
+    height_m, near_m = (2.5, 1.5) if answers.is_outdoors else (1.0, 0.15)
     return f"""\
 # A first mission, written by covey init: take off, form a ring, move it, land. docs/mission-file.md explains every key.
 # Simulated: covey fly mission.toml --lockstep, or with console and real processes: covey fly mission.toml --sitl

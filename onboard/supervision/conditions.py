@@ -35,6 +35,7 @@ JUMPS, SWAP_JUMPS, SWAP_RADIUS_M = 3, 2, 0.3
 CLOCK_JUMP_REPORTED_S = 5.0
 _DOWN_HEIGHT_M, _DOWN_LONG_S = 0.12, 1.0
 _TRACKING_ABOVE_M, _TRACKING_BLIND_ABOVE_M = 0.2, 0.5  # of a height that reads too high
+_TRACKING_SATELLITES_ABOVE_M = 1.0  # in a landing: PX4's height by satellites errs by 0.7 m, and the ground comes early
 _CLEARLY_UP_M, _LANDED_WRONG_S = 0.5, 0.5
 _FENCE_LONG_S = 2.0
 _NOT_FINITE_LONG_S = 0.5
@@ -277,6 +278,8 @@ class ConditionMonitor:
         c, tracking, flight = Condition, self.tracking, self.flight
         height_m = view.position_enu_m[2] - flight.ground_z_m
         lowest_m = _TRACKING_BLIND_ABOVE_M if view.is_blind else _TRACKING_ABOVE_M
+        if flight.situation is Situation.LANDING and not self.vehicle.mocap_required:
+            lowest_m = _TRACKING_SATELLITES_ABOVE_M
         if not flight.is_under_law or flight.step is Step.LIFTOFF or height_m < lowest_m:
             tracking.reset()
             return

@@ -19,6 +19,7 @@ PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "parameters": ("deployment.md", tables.parameters),
     "roles": ("keys.md", tables.roles),
     "fleet-file": ("fleet-file.md", reference.fleet_file),
+    "gallery": ("gallery.md", reference.gallery),
     "mission-file": ("mission-file.md", reference.mission_file),
     "python-api": ("python-api.md", api_reference.python_api),
 }

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from groundstation.commands.gallery import GALLERY, sentence_of
 from groundstation.formations.frame import FramePoint
 from groundstation.missions.steps import EXPECT_MOST_M, STEP_BOUNDS, STEPS, Expect, OnFailure, Until
 from onboard.config import formation_shape, mocap, sitl
@@ -130,3 +131,13 @@ def mission_file() -> str:
     inner = [f"### {title}\n\n{_table(struct, STEP_BOUNDS)}" for title, struct in shown]
     tables = [*inner, f"### `[expect]`\n\n{_table(Expect, most)}", f"### `[on_failure]`\n\n{_table(OnFailure, {})}"]
     return "\n\n".join([*steps, *tables])
+
+
+def gallery() -> str:
+    """Print the missions of the gallery with their pictures."""
+    parts = []
+    for name in GALLERY:
+        title, _, words = sentence_of(name).partition(": ")
+        parts.append(f"## {title}\n\n{words[0].upper()}{words[1:]}\n\n    covey gallery {name}\n")
+        parts.append(f"![{title}: the ways from above, and the closest pair](figures/gallery-{name}.png)\n")
+    return "\n".join(parts).strip()

@@ -17,7 +17,7 @@ from groundstation.missions.files import load_mission
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-PAGES = ("tutorial", "my-mocap-lab", "my-search", "my-ci", "mission-file", "python-api", "crazyswarm")
+PAGES = ("tutorial", "my-mocap-lab", "my-search", "my-ci", "mission-file", "python-api", "crazyswarm", "formations")
 _BLOCK = re.compile(r"(?:<!-- (file|append): (\S+) -->\n)?```(\w*)\n(.*?)```", re.DOTALL)
 _RUN = ("init", "check")  # for real; of the others only the options are checked
 _FLOWN = ("--lockstep", "plot")  # these too, where there is time

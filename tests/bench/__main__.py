@@ -18,6 +18,7 @@ BENCHMARKS = {
     "agents": ("tests.bench.agents", "period, processor and memory of agents in flight"),
     "soak": ("tests.bench.soak", "memory, orders and late ticks of a long flight"),
     "tick": ("tests.bench.tick", "processor time of one control tick with 0 to 12 neighbours"),
+    "gallery": ("tests.bench.gallery", "fly and draw the missions of the gallery"),
     "law": ("tests.bench.peers.bench", "the law beside other methods, and without each of its ideas"),
 }
 
