@@ -113,7 +113,8 @@ def descend(flight: FlightContext, view: FlightView) -> None:
     height_m = max(0.0, view.position_enu_m[2] - flight.ground_z_m)
     braking_s = 2.0 * math.hypot(*view.velocity_enu_m_s) / flight.vehicle.max_acceleration_m_s2
     duration_s = max(_LEAST_DESCENT_S, height_m / _SINK_SPEED_M_S) + braking_s
-    _set_goal(flight, (x, y, flight.ground_z_m - _UNDER_GROUND_M), duration_s)
+    ground_m = min(flight.ground_z_m, view.position_enu_m[2])  # a height that reads too low must not make it climb
+    _set_goal(flight, (x, y, ground_m - _UNDER_GROUND_M), duration_s)
     _limit(flight, view, _LANDING_LIMIT_S + _PATIENCE * duration_s)
 
 
