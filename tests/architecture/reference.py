@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from groundstation.commands.gallery import GALLERY, sentence_of
+from groundstation.commands.gallery.catalogue import GALLERY, sentence_of
 from groundstation.formations.frame import FramePoint
 from groundstation.missions.steps import EXPECT_MOST_M, STEP_BOUNDS, STEPS, Expect, OnFailure, Until
 from onboard.config import formation_shape, mocap, sitl

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from groundstation.commands.gallery import GALLERY, SHOW, gallery_mission, sentence_of
+from groundstation.commands.gallery.catalogue import GALLERY, SHOW, gallery_mission, sentence_of
 from groundstation.figures.data import TOPICS, FlightData, from_samples
 from groundstation.figures.style import LIMIT, SOFT, colour, new_figure, styled
 from groundstation.recording.reader import read, record_path
