@@ -4,7 +4,7 @@ Examples:
   covey gallery
   covey gallery swap
   covey gallery thirty --record flights/thirty
-  covey fly swap --sitl
+  covey fly search --sitl
 
 They are flown in lockstep, each in seconds. Exit status: 0 all that the mission declares came true; 1 something did
 not; 2 wrong input, nothing started; 130 interrupted.
