@@ -21,6 +21,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from groundstation.commands.parameters import File
+from groundstation.formations.slots import formation_slots
 from groundstation.missions.files import load_mission
 from groundstation.missions.findings import mission_findings
 from groundstation.missions.runner import load_function
@@ -96,6 +97,10 @@ def examine(
         accuracy = ACCURACIES[errors or error_class(fleet)]
         above = spacing_finding(fleet, spots, "a take-off of all", accuracy)
         findings = findings if above.status == "ok" else (*findings, above)
+        for name in fleet.shapes:
+            slots = formation_slots(fleet, name)
+            if len(slots) > 1:
+                findings = (*findings, spacing_finding(fleet, slots, f"formation '{name}'", accuracy))
     return headline, fleet, worst_first(findings)
 
 

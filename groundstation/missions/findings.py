@@ -14,6 +14,7 @@ from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
 
 _OF_THE_MISSION = ("time", "expectation", "arrival", "ending")  # findings that are no promise of the law's
+_SPARE_PCT = 10.0
 _ROOM_FOR_DETOURS = 1.7  # times the straight way's duration
 
 
@@ -38,6 +39,7 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
                 "Lower expect.min_separation_m, or raise fleet.safety_distance_m.",
             )
         ]
+    groups["endurance"] = list(_endurance(mission))
     near_m = mission.expect.arrived_within_m
     if near_m is not None:
         accuracy = ACCURACIES[errors or error_class(mission.fleet)]
@@ -53,7 +55,7 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
                 refuse_below=0.0,
             )
         ]
-    return worst_first(worst(group) for group in groups.values())
+    return worst_first(worst(group) for group in groups.values() if group)
 
 
 def refused_findings(mission: Mission, is_simulated: bool) -> list[Finding]:
@@ -121,6 +123,25 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
             'Add a last [[step]] with do = "land", or say expect.all_landed = false.',
             refuse_above=math.inf,
         )
+
+
+def _endurance(mission: Mission) -> Iterator[Finding]:
+    """Judge what is left in each battery at the end, where the fleet file says how long one lasts."""
+    fleet = mission.fleet
+    lasting = {name: fleet.vehicles[name].hover_time_s for name in fleet.enabled_names}
+    needed_s = sum(stage.times * stage.expected_s for stage in mission.course())
+    for name, hover_s in lasting.items():
+        if hover_s is not None and needed_s:
+            yield at_least(
+                "endurance",
+                100.0 * (1.0 - needed_s / hover_s),
+                fleet.fleet.battery_land_pct + _SPARE_PCT,
+                "%",
+                f"The mission takes about {needed_s:.0f} s, after which {name}'s battery of {hover_s:.0f} s has "
+                "{value} left; {relation} {bound} is the level at which it lands by itself, and some to spare",
+                "Make the mission shorter, or split it.",
+                refuse_below=fleet.fleet.battery_land_pct,
+            )
 
 
 def _time(timeout_s: float, name: str, alone_s: float, where: str) -> Finding:

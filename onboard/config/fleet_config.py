@@ -94,6 +94,7 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     attitude_wn_rad_s: float = 11.0  # natural frequency of its attitude; starting value 9, cautious
     attitude_zeta: float = 0.6  # damping of its attitude; starting value 0.7
     drag_1_s: float = 0.0  # deceleration for each m/s through the air; starting value 0.3
+    hover_time_s: float | None = None  # from a full battery to an empty one; with it check judges a mission's length
     max_tilt_deg: float = 25.0  # of all manoeuvres
     max_speed_m_s: float = 1.0  # of all moves
     max_acceleration_m_s2: float = 1.5  # of all moves

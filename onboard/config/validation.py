@@ -25,6 +25,7 @@ FLEET_BOUNDS: dict[str, tuple[float | str, float | str]] = {  # a word names ano
     "ground_lost_land_s": (1.0, 3600.0),
 }
 VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
+    "hover_time_s": (10.0, 86400.0),
     "mass_kg": (0.02, 50.0),
     "hover_thrust_frac": (0.1, 0.9),
     "attitude_delay_s": (0.0, 0.5),
@@ -130,7 +131,8 @@ def _law_problems(config: FleetConfig) -> Iterator[str]:
 def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
     name = vehicle.name
     for key, (low, high) in VEHICLE_BOUNDS.items():
-        yield from bound_problems(f"vehicles.{name}.{key}", getattr(vehicle, key), low, high)
+        value = getattr(vehicle, key)
+        yield from () if value is None else bound_problems(f"vehicles.{name}.{key}", value, low, high)
     for key, (low, high) in sitl_profile.BOUNDS.items():
         value = getattr(vehicle.sitl, key)
         for number in value if isinstance(value, tuple) else (value,):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import pytest
 
 from groundstation.missions.files import Mission, mission_from_mapping
@@ -72,6 +73,18 @@ def test_paths_of_a_formation_are_judged_before_the_flight(fleet: FleetConfig) -
     assert any("speed" in sentence and "Step[1]" in sentence for sentence in refused)
     slow = mission_findings(make(fleet, UP, TURN, {"do": "land"}))
     assert not [one.sentence for one in slow if one.status == "refused"]
+
+
+def test_a_mission_that_outlasts_a_battery_is_refused(fleet: FleetConfig) -> None:
+    long, home = {"do": "wait", "duration_s": 400.0}, {"do": "land"}
+    vehicles = {name: msgspec.structs.replace(one, hover_time_s=480.0) for name, one in fleet.vehicles.items()}
+    lasting = msgspec.structs.replace(fleet, vehicles=vehicles)
+
+    def refused(config: FleetConfig) -> list[str]:
+        return [one.name for one in mission_findings(make(config, UP, long, home)) if one.status == "refused"]
+
+    assert refused(lasting) == ["endurance"]
+    assert not refused(fleet)  # nobody knows how long its batteries last
 
 
 def test_the_course_counts_repetitions_and_tells_what_is_left(fleet: FleetConfig) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -84,6 +85,18 @@ def test_starts_are_spread_where_paths_would_meet(tmp_path: Path) -> None:
     texts = [(tmp_path / "out" / "paths" / f"{name}.csv").read_text(encoding="utf-8") for name in ("mav0", "mav1")]
     assert sum("begins" in text and "later" in text for text in texts) == 1
     assert len({round(path.duration_s, 1) for path in mission.paths.values()}) == 2
+
+
+def test_homes_far_from_their_paths_are_dealt_out_anew_and_said_so(tmp_path: Path) -> None:
+    ways = line_of(3)
+    show = read_skyc(write_skyc(tmp_path / "show.skyc", ways, 12.0))
+    homes = [drone.home_enu_m for drone in show.drones]
+    mixed = [replace(drone, home_enu_m=homes[(k + 1) % 3]) for k, drone in enumerate(show.drones)]
+    made, fleet = write_show(replace(show, drones=tuple(mixed)), tmp_path / "out", "show", None, None)
+    for name, path in made.paths.items():
+        x, y, _ = point_at(path, 0.0).position_enu_m
+        assert fleet.vehicles[name].start_enu_m[:2] == pytest.approx((x, y), abs=0.02)
+    assert "home" in (tmp_path / "out/paths/mav0.csv").read_text().partition("duration")[0]
 
 
 def test_what_comes_too_near_is_refused_with_the_pairs(tmp_path: Path) -> None:

@@ -1,0 +1,19 @@
+"""The gallery from the command line: its list, and a name that is none."""
+
+from __future__ import annotations
+
+import pytest
+
+from groundstation.cli import main
+from groundstation.commands.gallery.catalogue import GALLERY
+
+
+def test_all_are_listed_with_what_they_show(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["gallery"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines[: len(GALLERY)]] == list(GALLERY)
+
+
+def test_a_name_that_is_none_is_refused_with_those_that_are(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["gallery", "nothing"]) == 2
+    assert "dense-swap" in capsys.readouterr().err
