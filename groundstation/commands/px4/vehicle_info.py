@@ -38,22 +38,11 @@ class _Traffic:
     """Messages of one link."""
 
     count: int = 0
-    lost: int = 0
     is_signed: bool = False
-    _last: int | None = None
 
     def take(self, message: Any) -> None:
-        sequence = message.get_seq()
-        if self._last is not None:
-            self.lost += (sequence - self._last - 1) % 256
-        self._last = sequence
         self.count += 1
         self.is_signed |= bool(message.get_signed())
-
-    @property
-    def text(self) -> str:
-        share = self.lost / max(1, self.count + self.lost)
-        return f"{self.count / _LISTEN_S:.0f} messages/s, {share:.1%} lost"
 
 
 def ask(link: VehicleLink) -> VehicleInfo:
@@ -148,7 +137,7 @@ def _satellites(heard: dict[str, Any]) -> str:
 def _links(link: VehicleLink, traffic: _Traffic) -> str:
     assert link.link is not None
     vehicle = link.vehicle
-    parts = [f"{link.endpoint}: {traffic.text}"]
+    parts = [f"{link.endpoint}: {traffic.count / _LISTEN_S:.0f} messages/s"]
     if link.endpoint == vehicle.autopilot:
         parts.append(_direct(vehicle))
     else:
