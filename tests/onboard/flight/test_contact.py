@@ -65,6 +65,15 @@ def test_reports_of_the_ground_that_stopped_at_the_take_off_do_not_count() -> No
     assert rig.outcomes()["land"] == "done"
 
 
+def test_a_landing_ends_on_ground_that_reads_lower_than_that_of_the_take_off() -> None:
+    rig = _hover(1.8)
+    rig.order("land", order_id="land")
+    _sink(rig, lambda: rig.core.flight.step is Step.CONTACT)
+    rig.floor_m = -0.6  # a height by satellites that was too low: it seemed to stand, and falls
+    rig.until("landed")
+    assert rig.outcomes()["land"] == "done"
+
+
 def test_contact_is_taken_back_when_the_vehicle_falls() -> None:
     rig = _hover(2.2)
     rig.floor_m = 1.8
