@@ -103,6 +103,8 @@ def list_(fleet: Fleet, /) -> int:
         fleet: the fleet file
     """
     config = load_fleet(fleet)
+    if not config.has_keys:
+        raise ConfigError(f"{config.path}: the bus of this fleet has no keys. Lock it: covey secure {config.path}")
     folder, is_wrong = folder_of(config), False
     for node in nodes_of(config):
         authority, certificate, key = (folder / name for name in files_of(node))
