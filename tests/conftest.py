@@ -32,6 +32,8 @@ _REAL_TIME = (
     "sitl/test_mavsdk_client.py",
     "sitl/test_server.py",
 )
+# Long and in simulated time: they run in the same call, in the worker that those of real time leave idle.
+_BESIDE_REAL_TIME = ("sitl/lockstep/test_gallery.py",)
 # files that take longest, which begin first, so that no worker has one of them left when all others are done
 _LONGEST = (
     "sitl/lockstep/test_flight.py",
@@ -41,7 +43,7 @@ _LONGEST = (
     "bench/peers/test_bench.py",
     "sitl/monte_carlo/test_monte_carlo.py",
 )
-_MISSING = [name for name in (*_REAL_TIME, *_LONGEST) if not (_HERE / name).exists()]
+_MISSING = [name for name in (*_REAL_TIME, *_BESIDE_REAL_TIME, *_LONGEST) if not (_HERE / name).exists()]
 assert not _MISSING, f"tests/conftest.py names tests that are not there: {_MISSING}"
 
 
@@ -58,7 +60,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         path = item.path.relative_to(_HERE).as_posix()
         is_real_time = any(path == name or path.startswith(f"{name}/") for name in _REAL_TIME)
-        if is_real_time:
+        if is_real_time or path in _BESIDE_REAL_TIME:
             item.add_marker(pytest.mark.realtime)
         item.add_marker(pytest.mark.xdist_group("real time" if is_real_time else path))
     begins = {name: index for index, name in enumerate(_LONGEST)}
