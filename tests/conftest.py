@@ -6,6 +6,7 @@ of them run at once, because they would hold each other up. Of the others, the t
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,12 @@ _LONGEST = (
 )
 _MISSING = [name for name in (*_REAL_TIME, *_BESIDE_REAL_TIME, *_LONGEST) if not (_HERE / name).exists()]
 assert not _MISSING, f"tests/conftest.py names tests that are not there: {_MISSING}"
+
+
+def pytest_configure() -> None:
+    """Take signals as a terminal's programs do: what nohup or a background job ignores, processes would inherit."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.hookimpl(tryfirst=True)  # before the workers start

@@ -50,7 +50,7 @@ def test_telemetry_shows_a_vehicle_on_its_pad(emulator: Running) -> None:
     assert seen["imu_down_m_s2"] == pytest.approx(-9.81, abs=1.0)
     assert seen["gps"][1].startswith("FIX_3D")
     assert seen["battery"] == [pytest.approx(16.2, abs=0.05), pytest.approx(100.0)]
-    assert seen["version"] == [1, 16]
+    assert seen["version"] == [1, 17]
     assert seen["rate_hz"] > 70.0
 
 
