@@ -28,6 +28,7 @@ def rows_of(markdown: str) -> dict[str, list[str]]:
     return {row[0]: row[1:] for row in cells if len(row) == width}
 
 
+@pytest.mark.long  # half a minute on a slow machine; the laws themselves are tested beside their code
 @pytest.mark.timeout(600)
 def test_the_quick_bench_flies_everybody_and_its_table_says_who_kept_the_distance(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(bench, "QUICK", ("swap4",))
