@@ -25,7 +25,7 @@ from groundstation.formations.slots import formation_slots
 from groundstation.missions.files import load_mission
 from groundstation.missions.findings import mission_findings
 from groundstation.missions.runner import load_function
-from groundstation.processes.loopback import is_loopback_host
+from onboard.config.endpoints import is_loopback
 from onboard.config.example_files import existing_file
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet, read_toml
 from onboard.exit_status import EXIT_FAILED, EXIT_OK, EXIT_WRONG_INPUT
@@ -106,7 +106,7 @@ def examine(
 
 def _bus_findings(fleet: FleetConfig) -> list[Finding]:
     """Return a warning for a bus that other computers reach, without keys."""
-    reached = [name for name in fleet.enabled_names if not is_loopback_host(fleet.vehicles[name].host)]
+    reached = [name for name in fleet.enabled_names if not is_loopback(fleet.vehicles[name].host)]
     if fleet.has_keys or not reached:
         return []
     remedy = f"Lock the bus: covey secure {fleet.path} (docs/keys.md)."

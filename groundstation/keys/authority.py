@@ -21,6 +21,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from onboard.bus.certificates import read_certificate
 from onboard.bus.roles import NODES, Role
+from onboard.config.endpoints import host_of
 from onboard.config.fleet import ConfigError, FleetConfig
 
 AUTHORITY_DAYS, NODE_DAYS = 3650, 825
@@ -42,7 +43,7 @@ def folder_of(fleet: FleetConfig) -> Path:
 
 def hosts_of(fleet: FleetConfig, node: str) -> list[str]:
     """Return the addresses at which others reach a node; a ground is reached by nobody."""
-    simulator = fleet.simulator_endpoint.partition("/")[2].rpartition(":")[0]
+    simulator = host_of(fleet.simulator_endpoint)
     hosts = {Role.MOCAP.value: [simulator], Role.EMULATOR.value: [simulator]}
     return [fleet.vehicles[node].host] if node in fleet.vehicles else hosts.get(node, [])
 

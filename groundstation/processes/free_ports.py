@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import random
-import re
 import socket
 from collections.abc import Iterator
 from typing import Any
 
 import tomli_w
 
+from onboard.config.endpoints import host_of, is_loopback
 from onboard.config.fleet import ConfigError, FleetConfig
 
 # Below the kernel's own range for outgoing connections, so that nobody is handed one of these by accident.
 PORT_RANGE = (20_000, 30_000)
 PX4_OFFSET = 40
-_LOOPBACK = re.compile(r"((?:tcp|quic|tls|udp)/|udpin://|udpout://|tcp://)(127\.|localhost:|\[::1\])")
 
 
 def is_free(port: int, kind: socket.SocketKind) -> bool:
@@ -56,7 +55,7 @@ def is_local(fleet: FleetConfig) -> bool:
     endpoints = [fleet.simulator_endpoint]
     for vehicle in fleet.vehicles.values():
         endpoints += [vehicle.agent, vehicle.autopilot, *([] if vehicle.direct is None else [vehicle.direct])]
-    return all(_LOOPBACK.match(endpoint) for endpoint in endpoints)
+    return all(is_loopback(host_of(endpoint)) for endpoint in endpoints)
 
 
 def busy_ports(fleet: FleetConfig) -> list[str]:

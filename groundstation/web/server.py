@@ -21,8 +21,8 @@ from urllib.parse import urlsplit
 import textual_serve
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from groundstation.processes.loopback import is_loopback_host
 from groundstation.web.console_process import END_TIMEOUT_S, ConsoleProcess
+from onboard.config.endpoints import is_loopback
 from onboard.config.fleet import ConfigError
 
 MAX_PAGES = 12
@@ -46,7 +46,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 def require_loopback(host: str) -> str:
     """Return the host if only this machine can reach it; ConfigError in words otherwise."""
-    if is_loopback_host(host):
+    if is_loopback(host):
         return host
     raise ConfigError(
         f"--host {host}: the console in the browser is for this machine only, since whoever opens the page sees the "
@@ -154,7 +154,7 @@ class ConsoleServer:
         """Refuse another name for this machine, a script of another page, and whatever comes without the key."""
         name = urlsplit(f"//{request.host}").hostname or ""
         origin = request.headers.get("Origin")
-        if not is_loopback_host(name):
+        if not is_loopback(name):
             raise web.HTTPForbidden(text="This page is served to this machine only: open it at 127.0.0.1 or localhost.")
         if origin is not None and urlsplit(origin).netloc != request.host:
             raise web.HTTPForbidden(text="This console takes nothing from other pages.")

@@ -12,6 +12,7 @@ from typing import Literal
 import msgspec
 
 from onboard.config import obstacles
+from onboard.config.endpoints import host_of
 from onboard.config.formation_shape import FormationShape
 from onboard.config.law import LawConfig
 from onboard.config.mocap import MocapConfig
@@ -48,6 +49,19 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         x, y, z = position_enu_m
         in_plan = self.x[0] <= x <= self.x[1] and self.y[0] <= y <= self.y[1]
         return in_plan and self.z[0] - 0.5 <= z <= self.z[1]
+
+    def nearest_inside(self, position_enu_m: Vec3, inside_m: float) -> Vec3:
+        """Return the nearest point that is so far inside every wall.
+
+        Args:
+            position_enu_m: any point.
+            inside_m: distance to the walls [m].
+        """
+        x, y, z = (
+            min(max(value_m, low_m + inside_m), high_m - inside_m)
+            for value_m, (low_m, high_m) in zip(position_enu_m, (self.x, self.y, self.z), strict=True)
+        )
+        return x, y, z
 
 
 class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

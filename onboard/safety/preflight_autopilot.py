@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
-
 from onboard.autopilot import MEASURED_VERSIONS, SIGNING_SINCE, Version, plausible_version
+from onboard.config.endpoints import host_of, is_on_network
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.feasibility.bounds import LAG_ERROR_S
 from onboard.safety.attitude_lag import lag_s
@@ -14,7 +13,6 @@ from onboard.safety.preflight_facts import HEARTBEAT_SILENT_S, PreflightFacts
 from onboard.safety.preflight_rule import FINE, NO_PX4, OK, SKIP, Judgement, rules
 
 _EVERY_NETWORK = ("", "0.0.0.0", "::", "[::]")
-_NO_NETWORK = re.compile(r"serial://|\w+://(127\.|localhost:|\[?::1\]?:)")
 LEAST_ATTITUDE_HZ, USUAL_ATTITUDE_HZ = 20.0, 35.0
 
 # conditions that another rule shows; for SHUTDOWN, the refusal of the order itself does
@@ -70,7 +68,7 @@ def _link(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 
 
 def _port(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
-    host = vehicle.autopilot.removeprefix("udpin://").rpartition(":")[0]
+    host = host_of(vehicle.autopilot)
     return ("open" if vehicle.autopilot.startswith("udpin://") and host in _EVERY_NETWORK else OK), {}
 
 
@@ -78,7 +76,7 @@ def _signing(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
     if not facts.has_autopilot:
         return NO_PX4
     version = plausible_version(facts.px4_version)
-    links = [link for link in (vehicle.autopilot, vehicle.direct) if link and not _NO_NETWORK.match(link)]
+    links = [link for link in (vehicle.autopilot, vehicle.direct) if link and is_on_network(link)]
     takes_keys = version is None or version >= SIGNING_SINCE
     return ("open" if links and takes_keys else OK), {"links": " and ".join(links)}
 

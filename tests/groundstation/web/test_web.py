@@ -18,9 +18,9 @@ import pytest_asyncio
 from groundstation.cli import main
 from groundstation.client.read_only import ReadOnlyClient
 from groundstation.orders.grammar import OrderError
-from groundstation.processes.loopback import is_loopback_host
 from groundstation.web import server as server_
 from groundstation.web.server import ConsoleServer
+from onboard.config.endpoints import is_loopback
 from onboard.config.fleet import ConfigError
 from tests.groundstation.recorded import FLEET, record
 
@@ -284,7 +284,7 @@ async def test_a_port_that_is_taken_is_a_sentence(served: tuple[ConsoleServer, s
      ("127.0.0.1.example.org", False), ("", False), ("0", False)],
 )  # fmt: skip
 def test_only_loopback_counts_as_this_machine(host: str, is_ours: bool) -> None:
-    assert is_loopback_host(host) is is_ours
+    assert is_loopback(host) is is_ours
 
 
 async def test_a_console_that_only_watches_sends_no_order_at_all() -> None:

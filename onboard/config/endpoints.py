@@ -1,0 +1,37 @@
+"""Endpoints of the fleet file: the host in one, and whether it is this computer alone. Pure."""
+
+from __future__ import annotations
+
+import ipaddress
+
+
+def host_of(endpoint: str) -> str:
+    """Return the name or address in an endpoint.
+
+    Args:
+        endpoint: such as ``quic/10.0.0.11:7460`` or ``udpin://127.0.0.1:14540``.
+    """
+    return endpoint.partition("/")[2].lstrip("/").rpartition(":")[0]
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a host name or address means this computer and nothing else.
+
+    Args:
+        host: name or address, an IPv6 address with or without its brackets.
+    """
+    if host.lower() == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def is_on_network(endpoint: str) -> bool:
+    """Whether other computers reach an endpoint: it is neither a cable nor of this computer alone.
+
+    Args:
+        endpoint: as in the fleet file.
+    """
+    return not endpoint.startswith("serial://") and not is_loopback(host_of(endpoint))
