@@ -10,6 +10,7 @@ from groundstation.client.client import FleetClient
 from groundstation.missions.ground import MissionGround
 from groundstation.orders.grammar import Intent
 from groundstation.orders.result import OrderFailed, Results
+from groundstation.paths.checks import LOWEST_M
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
 
@@ -93,8 +94,5 @@ def _goals(client: FleetClient, leader: str, offsets: Mapping[str, Vec3]) -> dic
 def _inside(fleet: FleetConfig, goal: Vec3) -> Vec3:
     """Return the nearest point inside the fence, a little above its floor."""
     fence = fleet.fleet.geofence_m
-    x, y, z = (
-        min(max(value, low + _INSIDE_M), high - _INSIDE_M)
-        for value, (low, high) in zip(goal, (fence.x, fence.y, fence.z), strict=True)
-    )
-    return (x, y, max(z, fence.z[0] + 0.3))
+    x, y, z = fence.nearest_inside(goal, _INSIDE_M)
+    return x, y, max(z, fence.z[0] + LOWEST_M)

@@ -123,7 +123,7 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def host(self) -> str:
         """Name or address of the computer that runs the agent."""
-        return self.agent.partition("/")[2].rpartition(":")[0]
+        return host_of(self.agent)
 
     @property
     def body(self) -> str | None:

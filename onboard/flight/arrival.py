@@ -38,18 +38,13 @@ def is_at_rest(view: FlightView, vehicle: Vehicle) -> bool:
 def stop_point(view: FlightView, vehicle: Vehicle, fleet: FleetConfig) -> Vec3:
     """Return the point [m, ENU] inside the fence where the vehicle comes to rest, given its lag and acceleration."""
     brake_s = vehicle.lag_s + math.hypot(*view.velocity_enu_m_s) / vehicle.max_acceleration_m_s2
-    fence = fleet.fleet.geofence_m
     x, y, z = (
-        min(max(position_m + speed_m_s * time_s, low_m + _INSIDE_M), high_m - _INSIDE_M)
-        for position_m, speed_m_s, time_s, (low_m, high_m) in zip(
-            view.position_enu_m,
-            view.velocity_enu_m_s,
-            (brake_s, brake_s, _VERTICAL_BRAKE_S),
-            (fence.x, fence.y, fence.z),
-            strict=True,
+        position_m + speed_m_s * time_s
+        for position_m, speed_m_s, time_s in zip(
+            view.position_enu_m, view.velocity_enu_m_s, (brake_s, brake_s, _VERTICAL_BRAKE_S), strict=True
         )
     )
-    return x, y, z
+    return fleet.fleet.geofence_m.nearest_inside((x, y, z), _INSIDE_M)
 
 
 def position_text(view: FlightView) -> str:
