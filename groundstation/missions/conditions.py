@@ -104,14 +104,7 @@ def landed(vehicles: Sequence[str] | str | None = None) -> Condition:
         vehicles: names, or one; None: all.
     """
 
-    def up(moment: Moment) -> list[str]:
-        return [name for name in _views(moment, vehicles) if not is_landed(moment.state, name)]
-
-    return Condition(
-        f"{_who(vehicles, 'all')} landed",
-        lambda moment: not up(moment),
-        lambda moment: f"not {', '.join(up(moment))}",
-    )
+    return _of_all(vehicles, "landed", "not", lambda moment, name: is_landed(moment.state, name))
 
 
 def flying(vehicles: Sequence[str] | str | None = None) -> Condition:
@@ -121,13 +114,8 @@ def flying(vehicles: Sequence[str] | str | None = None) -> Condition:
         vehicles: names, or one; None: all.
     """
 
-    def down(moment: Moment) -> list[str]:
-        return [name for name, view in _views(moment, vehicles).items() if not view.is_airborne]
-
-    return Condition(
-        f"{_who(vehicles, 'all')} in the air",
-        lambda moment: not down(moment),
-        lambda moment: f"on the ground: {', '.join(down(moment))}",
+    return _of_all(
+        vehicles, "in the air", "on the ground:", lambda moment, name: moment.state.vehicles[name].is_airborne
     )
 
 
@@ -208,6 +196,19 @@ def _views(moment: Moment, vehicles: Sequence[str] | str | None) -> dict[str, Ve
     if vehicles is None:
         return {name: view for name, view in moment.state.vehicles.items() if name not in moment.state.disabled}
     return {name: moment.state.vehicles[name] for name in _names(vehicles)}
+
+
+def _of_all(
+    vehicles: Sequence[str] | str | None, what: str, otherwise: str, holds: Callable[[Moment, str], bool]
+) -> Condition:
+    def others(moment: Moment) -> list[str]:
+        return [name for name in _views(moment, vehicles) if not holds(moment, name)]
+
+    return Condition(
+        f"{_who(vehicles, 'all')} {what}",
+        lambda moment: not others(moment),
+        lambda moment: f"{otherwise} {', '.join(others(moment))}",
+    )
 
 
 def _who(vehicles: Sequence[str] | str | None, everybody: str = "anybody") -> str:

@@ -102,13 +102,18 @@ def test_when_nobody_is_there_to_order_for_long_it_lands_and_a_watcher_does_not_
     assert rig.count(ev.Px4Land) == 0
 
 
-@pytest.mark.parametrize("step", [Step.TAKEOFF_OFFBOARD, Step.TAKEOFF_ARMING, Step.ARMED, Step.LIFTOFF])
-def test_no_start_is_completed_without_anybody(step: Step) -> None:
+def _starting(step: Step) -> Rig:
     rig = Rig()
     rig.until("ready")
     rig.order("arm" if step is Step.ARMED else "takeoff")
     while rig.core.flight.step is not step:
         rig.step()
+    return rig
+
+
+@pytest.mark.parametrize("step", [Step.TAKEOFF_OFFBOARD, Step.TAKEOFF_ARMING, Step.ARMED, Step.LIFTOFF])
+def test_no_start_is_completed_without_anybody(step: Step) -> None:
+    rig = _starting(step)
     rig.core.handle(ev.NodeChanged("ground-1", False), rig.now_ns)
     highest_m = 0.0
     for _ in range(500):
@@ -121,11 +126,7 @@ def test_no_start_is_completed_without_anybody(step: Step) -> None:
 
 @pytest.mark.parametrize("step", [Step.TAKEOFF_OFFBOARD, Step.TAKEOFF_ARMING, Step.ARMED])
 def test_no_start_is_completed_with_a_position_that_has_jumped(step: Step) -> None:
-    rig = Rig()
-    rig.until("ready")
-    rig.order("arm" if step is Step.ARMED else "takeoff")
-    while rig.core.flight.step is not step:
-        rig.step()
+    rig = _starting(step)
     rig.position += (1.0, -0.8, 0.0)
     rig.run(10.0)
     assert not rig.is_armed
