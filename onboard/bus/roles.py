@@ -112,7 +112,7 @@ def _rules_of(namespace: str, name: str, grant: Grant) -> Iterator[dict[str, obj
         return [key(namespace, topic, one.format(own=name)) for topic, patterns in names.items() for one in patterns]
 
     tokens = [key(namespace, Topic.ALIVE, f"{first.format(own=name)}/*") for first in grant.tokens]
-    reads = [f"{key(namespace, topic, '**')}" for topic in sorted(grant.reads)]
+    reads = [key(namespace, topic, "**") for topic in sorted(grant.reads)]
     for number, (messages, expressions) in enumerate(
         (
             (("put",), keys(grant.publishes)),

@@ -14,6 +14,7 @@ changes nothing. docs/keys.md says more. Exit status: 0 all right; 1 list found 
 from __future__ import annotations
 
 import datetime
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -23,6 +24,7 @@ from groundstation.keys.authority import folder_of, load_authority, make_authori
 from groundstation.keys.secured_fleet import issue_all, refuse_example, secure_fleet
 from onboard.bus.certificates import check, read_certificate
 from onboard.bus.credentials import files_of
+from onboard.bus.roles import Role
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
 
@@ -38,13 +40,13 @@ def secure(fleet: Fleet, /) -> int:
         fleet: the fleet file; its folder gets a folder keys/
     """
     secured = secure_fleet(fleet, _now())
-    folder, file = folder_of(secured), Path(secured.path).name
+    file = Path(secured.path).name
     print(f"{secured.path}: every link of the bus is encrypted now, and both its ends prove who they are. Copy:")
     for name, vehicle in secured.vehicles.items():
-        print(f"  to {vehicle.host}: {file}, keys/ca.pem, keys/{name}.pem, keys/{name}.key")
-    print(f"  to your ground: {file}, keys/ca.pem, keys/ground.pem, keys/ground.key")
+        print(f"  to {vehicle.host}: {file}, {_files(secured, name)}")
+    print(f"  to your ground: {file}, {_files(secured, Role.GROUND)}")
     print("  to whoever only watches: the same with viewer; to the relay of a motion capture: with mocap")
-    print(f"{folder / 'ca.key'} makes new nodes: it stays here.")
+    print(f"{folder_of(secured) / 'ca.key'} makes new nodes: it stays here.")
     return EXIT_OK
 
 
@@ -79,9 +81,7 @@ def issue(fleet: Fleet, /, *nodes: Node) -> int:
     config = _loaded(fleet)
     if not nodes:
         raise ConfigError(f"Which nodes? {', '.join(nodes_of(config))}.")
-    issue_all(config, load_authority(folder_of(config)), nodes, _now())
-    print(f"Issued in {folder_of(config)}: {', '.join(nodes)}.")
-    return EXIT_OK
+    return _issue(config, nodes)
 
 
 @keys.command
@@ -92,7 +92,7 @@ def renew(fleet: Fleet, /) -> int:
         fleet: the fleet file
     """
     config = _loaded(fleet)
-    return issue(fleet, *nodes_of(config))
+    return _issue(config, nodes_of(config))
 
 
 @keys.command(name="list")
@@ -119,6 +119,16 @@ def list_(fleet: Fleet, /) -> int:
             is_wrong = True
             print(f"{node:12s} {error}")
     return EXIT_FAILED if is_wrong else EXIT_OK
+
+
+def _issue(config: FleetConfig, nodes: Sequence[str]) -> int:
+    issue_all(config, load_authority(folder_of(config)), nodes, _now())
+    print(f"Issued in {folder_of(config)}: {', '.join(nodes)}.")
+    return EXIT_OK
+
+
+def _files(config: FleetConfig, node: str) -> str:
+    return ", ".join(f"{config.fleet.keys}/{file}" for file in files_of(node))
 
 
 def _loaded(fleet: str) -> FleetConfig:
