@@ -1,7 +1,8 @@
 """Which tests need real time, and which run beside each other.
 
-A test of the files below waits for real processes, sockets or a terminal: it gets the marker ``realtime``, and no two
-of them run at once, because they would hold each other up. Of the others, the tests of one file run in one worker.
+A test of the files below waits for real processes, sockets or a terminal: it gets the marker ``realtime``. No two of
+those that need much of the machine run at once, because they would hold each other up, and beside them one of those
+that wait for one vehicle or socket. Of the others, the tests of one file run in one worker.
 """
 
 from __future__ import annotations
@@ -17,16 +18,18 @@ _HERE = Path(__file__).parent
 _REAL_TIME = (
     "bench/silence",
     "bench/test_bench_console.py",
-    "clients",
     "flight",
-    "groundstation/commands/test_px4.py",
     "groundstation/console/test_terminal.py",
     "groundstation/processes/test_supervisor.py",
-    "groundstation/web",
     "onboard/bus",
     "onboard/mocap/test_relay.py",
     "onboard/mocap/test_sdk_source.py",
     "onboard/process",
+)
+_ONE_IN_REAL_TIME = (  # one emulated vehicle or one server each
+    "clients",
+    "groundstation/commands/test_px4.py",
+    "groundstation/web",
     "onboard/px4",
     "sitl/conformance/test_fuzz.py",
     "sitl/conformance/test_sitl_check.py",
@@ -44,7 +47,10 @@ _LONGEST = (
     "bench/peers/test_bench.py",
     "sitl/monte_carlo/test_monte_carlo.py",
 )
-_MISSING = [name for name in (*_REAL_TIME, *_BESIDE_REAL_TIME, *_LONGEST) if not (_HERE / name).exists()]
+_GROUPS = {"real time": _REAL_TIME, "one in real time": _ONE_IN_REAL_TIME}
+_MISSING = [
+    name for name in (*_REAL_TIME, *_ONE_IN_REAL_TIME, *_BESIDE_REAL_TIME, *_LONGEST) if not (_HERE / name).exists()
+]
 assert not _MISSING, f"tests/conftest.py names tests that are not there: {_MISSING}"
 
 
@@ -66,9 +72,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests that need real time, and name the group that each test runs in."""
     for item in items:
         path = item.path.relative_to(_HERE).as_posix()
-        is_real_time = any(path == name or path.startswith(f"{name}/") for name in _REAL_TIME)
-        if is_real_time or path in _BESIDE_REAL_TIME:
+        groups = [
+            group
+            for group, names in _GROUPS.items()
+            if any(path == name or path.startswith(f"{name}/") for name in names)
+        ]
+        if groups or path in _BESIDE_REAL_TIME:
             item.add_marker(pytest.mark.realtime)
-        item.add_marker(pytest.mark.xdist_group("real time" if is_real_time else path))
+        item.add_marker(pytest.mark.xdist_group(groups[0] if groups else path))
     begins = {name: index for index, name in enumerate(_LONGEST)}
     items.sort(key=lambda item: begins.get(item.path.relative_to(_HERE).as_posix(), len(begins)))
