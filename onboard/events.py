@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from msgspec import Struct
 
 from onboard.autopilot import Snapshot, Vec3, Vec4
+from onboard.bus.protocol import UntrustedOrder
 from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessage, Telemetry
 from onboard.bus.topics import Topic
 from onboard.types import AttitudeSetpoint
@@ -33,6 +34,12 @@ class OrderReceived(Struct, frozen=True):
     """An order; its answer comes as a :class:`Reply` in the same call."""
 
     order: Order
+
+
+class OrderUntrusted(Struct, frozen=True):
+    """An order that is not believed."""
+
+    order: UntrustedOrder
 
 
 class NodeChanged(Struct, frozen=True):
@@ -103,6 +110,7 @@ EventIn = (
     PoseReceived
     | NeighbourReceived
     | OrderReceived
+    | OrderUntrusted
     | NodeChanged
     | SnapshotReceived
     | ParamsRead

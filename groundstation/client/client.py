@@ -25,7 +25,7 @@ from groundstation.fleet.tick_stream import BusTickStream
 from groundstation.orders.grammar import Intent, PathVerb, default_formation, parse
 from groundstation.orders.obstruction import explained
 from groundstation.orders.path_orders import path_orders
-from groundstation.orders.plan import HeldFormation, PlannedOrder, check_again, plan_order
+from groundstation.orders.plan import HeldFormation, PlannedOrder, addressed, check_again, plan_order
 from groundstation.orders.result import OrderResult, VehicleResult
 from onboard.bus.protocol import Bus
 from onboard.bus.schema import Event, FaultOrder, Message, PathOrder
@@ -189,6 +189,7 @@ class FleetClient:
         """Send each vehicle a part of its path, or the start of it: see :mod:`groundstation.orders.path_orders`."""
         refusal, node = self.control.refusal("move"), self._feed.bus.node
         orders = path_orders(kind, paths, self.new_order_id, self.author, node, self._clock_ns())
+        orders = addressed(orders, self._state)
         refusals = {} if refusal is None else dict.fromkeys(paths, refusal)
         return self.send(PlannedOrder(Intent(kind, tuple(paths)), {} if refusals else orders, refusals, self._held))
 

@@ -128,8 +128,11 @@ class OpenOrders:
             self._feed.put(reply)
         elif reply.vehicle == vehicle and reply.order_id == result.planned.orders[vehicle].order_id:
             replied.set()
+            # a kill is refused only where it is not believed: whoever gives it here means it
+            is_refused_kill = not reply.is_accepted and result.planned.orders[vehicle].kind == "kill"
             if result.results[vehicle].phase != "direct":
-                result.update(vehicle, "accepted" if reply.is_accepted else "refused", reply.reason)
+                phase: Phase = "accepted" if reply.is_accepted else "direct" if is_refused_kill else "refused"
+                result.update(vehicle, phase, reply.reason)
 
     def _begin_wait(self, result: OrderResult, vehicle: str, replied: asyncio.Event) -> None:
         task = asyncio.get_running_loop().create_task(self._follow(result, vehicle, replied))
@@ -154,7 +157,10 @@ class OpenOrders:
         else:
             if direct is None:
                 return
-            problem = await self._missing_effect(result, vehicle, direct)
+            if result.results[vehicle].phase == "direct":
+                problem = f"{vehicle}'s agent refused kill ({result.results[vehicle].sentence})"
+            else:
+                problem = await self._missing_effect(result, vehicle, direct)
         if direct is not None and problem:
             is_silent = not replied.is_set()
             await self._send_to_px4(result, self._fleet.vehicles[vehicle], direct, problem, is_silent=is_silent)

@@ -1,7 +1,7 @@
 """Make keys and certificates: a fleet's authority, and one certificate for each node.
 
-ECDSA keys on the curve P-256, certificates of X.509. The authority's key, ``ca.key``, makes new nodes: it stays on the
-computer where the fleet is prepared.
+The authority has an ECDSA key on the curve P-256, its nodes have Ed25519 keys, which sign orders too; certificates are
+those of X.509. The authority's key, ``ca.key``, makes new nodes: it stays on the computer where the fleet is prepared.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
-from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.asymmetric import ec, ed25519
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
@@ -25,6 +25,7 @@ from onboard.config.endpoints import host_of
 from onboard.config.fleet import ConfigError, FleetConfig
 
 AUTHORITY_DAYS, NODE_DAYS = 3650, 825
+_Key = ec.EllipticCurvePrivateKey | ed25519.Ed25519PrivateKey
 _EARLIER = datetime.timedelta(days=1)  # clocks of companions without a network are behind
 
 
@@ -110,7 +111,7 @@ def issue(folder: Path, authority: Authority, node: str, hosts: Iterable[str], n
         hosts: addresses and names at which others reach it.
         now: begin of its validity.
     """
-    key = ec.generate_private_key(ec.SECP256R1())
+    key = ed25519.Ed25519PrivateKey.generate()
     builder = _builder(_name(node), authority.certificate.subject, key, now, NODE_DAYS)
     usages = x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH])
     certificate = (
@@ -124,7 +125,7 @@ def issue(folder: Path, authority: Authority, node: str, hosts: Iterable[str], n
 
 
 def _builder(
-    subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePrivateKey, now: datetime.datetime, days: int
+    subject: x509.Name, issuer: x509.Name, key: _Key, now: datetime.datetime, days: int
 ) -> x509.CertificateBuilder:
     return (
         x509.CertificateBuilder()
@@ -152,7 +153,7 @@ def _write(path: Path, certificate: x509.Certificate) -> None:
     path.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
 
 
-def _write_key(path: Path, key: ec.EllipticCurvePrivateKey) -> None:
+def _write_key(path: Path, key: _Key) -> None:
     """Write a private key that nobody else on this computer can read, not even for a moment."""
     path.unlink(missing_ok=True)
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

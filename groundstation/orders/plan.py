@@ -115,7 +115,7 @@ def plan_order(
         for name in names
         if name not in refusals
     }
-    return PlannedOrder(intent, orders, refusals, _kept(intent, held) if orders else held)
+    return PlannedOrder(intent, addressed(orders, state), refusals, _kept(intent, held) if orders else held)
 
 
 def check_again(planned: PlannedOrder, fleet: FleetConfig, state: FleetState, now_ns: int) -> PlannedOrder:
@@ -137,7 +137,26 @@ def check_again(planned: PlannedOrder, fleet: FleetConfig, state: FleetState, no
         for name, order in planned.orders.items()
         if name not in refusals
     }
-    return replace(planned, orders=orders, refusals={**planned.refusals, **refusals})
+    return replace(planned, orders=addressed(orders, state), refusals={**planned.refusals, **refusals})
+
+
+def addressed(orders: Mapping[str, Order], state: FleetState | None) -> dict[str, Order]:
+    """Return orders that show their vehicles how new they are, by what was heard of each last.
+
+    Args:
+        orders: vehicle -> order.
+        state: the fleet as known now; None when nothing is known.
+
+    Returns:
+        The orders, with the stamp of each vehicle's newest telemetry where there is one.
+    """
+    heard = {} if state is None else {name: state.vehicles[name].telemetry for name in orders}
+    return {
+        name: order
+        if (last := heard.get(name)) is None
+        else msgspec.structs.replace(order, heard_boot_id=last.boot_id, heard_ns=last.stamp_ns)
+        for name, order in orders.items()
+    }
 
 
 def slots_of(

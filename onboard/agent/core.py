@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from onboard.agent.control_step import ControlStep, PipelineInputs
 from onboard.agent.messages import AgentIdentity, TelemetrySources, TickResult
+from onboard.agent.order_gate import OrderGate
 from onboard.agent.order_intake import OrderIntake
 from onboard.agent.peers import BusNodes, NeighbourFollower
 from onboard.agent.setpoint_output import SetpointOutput
@@ -34,6 +35,7 @@ from onboard.events import (
     NeighbourReceived,
     NodeChanged,
     OrderReceived,
+    OrderUntrusted,
     ParamsRead,
     PoseReceived,
     Publish,
@@ -92,12 +94,19 @@ class AgentCore:
         )
         self.nodes = BusNodes(fleet, vehicle_name)
         self.identity = AgentIdentity(self.vehicle, boot_id, fleet.config_hash, fleet.law.name)
-        self._orders = OrderIntake(self.flight, self.failsafes, self.nodes.roles)
+        gate = OrderGate(boot_id) if fleet.has_keys else None
+        self._orders = OrderIntake(self.flight, self.failsafes, self.nodes.roles, gate)
         self._setpoints = SetpointOutput(self.vehicle, self.own, self.flight, self.failsafes)
         self._publisher = TelemetryPublisher(
             self.identity,
             TelemetrySources(
-                self.own, self.neighbours, self.flight, self.failsafes, self.nodes.roles, self.preflight.duplicates
+                self.own,
+                self.neighbours,
+                self.flight,
+                self.failsafes,
+                self.nodes.roles,
+                self.preflight.duplicates,
+                self._orders.refused,
             ),
         )
         self._follower = NeighbourFollower(self.neighbours)
@@ -169,6 +178,10 @@ class AgentCore:
             lambda: self.preflight.reasons_in_air(view, self.control.hover_frac),
         )
         reply = self._orders.take(event.order, facts, is_stopping=self._context.is_stopping)
+        return [Reply(reply), *self.flight.take_commands()]
+
+    def _order_untrusted(self, event: OrderUntrusted, now_ns: int) -> list[Command]:
+        reply = self._orders.refuse(event.order, replace(self._view, now_ns=now_ns))
         return [Reply(reply), *self.flight.take_commands()]
 
     def _node_changed(self, event: NodeChanged, now_ns: int) -> list[Command]:
@@ -324,6 +337,7 @@ _RECEIVERS: dict[type, Callable[[AgentCore, Any, int], list[Command]]] = {
     SnapshotReceived: AgentCore._snapshot_received,
     NeighbourReceived: AgentCore._neighbour_received,
     PoseReceived: AgentCore._pose_received,
+    OrderUntrusted: AgentCore._order_untrusted,
     OrderReceived: AgentCore._order_received,
     NodeChanged: AgentCore._node_changed,
     LoopTimed: AgentCore._loop_timed,

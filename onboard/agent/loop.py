@@ -25,7 +25,7 @@ from onboard.agent.warm_up import warm_up
 from onboard.autopilot import LinkError
 from onboard.bus.codec import Malformed
 from onboard.bus.credentials import credentials_of
-from onboard.bus.protocol import BusError
+from onboard.bus.protocol import BusError, UntrustedOrder
 from onboard.bus.schema import Order, OrderReply
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig, MocapConfig
@@ -114,11 +114,13 @@ class AgentProcess:
             self._bus.stop()
             self._link.stop()
 
-    def _order_on_bus_thread(self, message: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
+    def _order_on_bus_thread(
+        self, message: Order | Malformed | UntrustedOrder, reply: Callable[[OrderReply], None]
+    ) -> None:
         assert self._ended is not None
         self._ended.get_loop().call_soon_threadsafe(self._order_received, message, reply)
 
-    def _order_received(self, message: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
+    def _order_received(self, message: Order | Malformed | UntrustedOrder, reply: Callable[[OrderReply], None]) -> None:
         now_ns = time.monotonic_ns()
         if isinstance(message, Malformed):
             self._core.handle(ev.MessageMalformed(), now_ns)
@@ -126,6 +128,9 @@ class AgentProcess:
             self._executor.reliable.submit(reply, answer)
             return
         self._executor.expect_reply(message.order_id, reply)
+        if isinstance(message, UntrustedOrder):
+            self._executor.execute(self._core.handle(ev.OrderUntrusted(message), now_ns))
+            return
         self._core.handle(ev.SnapshotReceived(self._link.snapshot()), now_ns)
         order = self._inbox.clock.order(message, now_ns)
         self._executor.execute(self._core.handle(ev.OrderReceived(order), now_ns))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from msgspec import Struct
@@ -43,6 +44,7 @@ class TelemetrySources(Struct, frozen=True):
     failsafes: FailsafeExecutor
     roles: Roles
     duplicates: DuplicateAgents
+    refused_orders: Mapping[str, int]  # that were not believed -> how many
 
 
 class TickResult(Struct, frozen=True):
@@ -212,6 +214,7 @@ def telemetry(
         roles=sources.roles.others,
         avoids=active_neighbour(tick, sources.neighbours),
         doubles=sources.duplicates.doubled(now_ns),
+        refused_orders=dict(sources.refused_orders),
         **_path_fields(flight.path),
     )
 

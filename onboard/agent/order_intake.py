@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 
+from onboard.agent.order_gate import OrderGate
 from onboard.bus.authority import Roles
+from onboard.bus.protocol import UntrustedOrder
 from onboard.bus.schema import LOCATE, Order, OrderReply, Telemetry
 from onboard.flight import order_checks, state_machine
 from onboard.flight.context import FlightContext
@@ -15,19 +18,32 @@ from onboard.supervision.failsafe_executor import FailsafeExecutor
 
 _MOST_REPLIES = 200
 _CONFLICT_CHECK_NS = 600_000_000  # until then all vehicles of the same order have announced their goals
+_TELL_AGAIN_NS = 1_000_000_000  # after an event about a refused order, one of the same kind
 _ALLOWED_WHILE_STOPPING = ("kill", "land", "disarm")
 
 
 class OrderIntake:
-    """Takes the orders of one vehicle."""
+    """Takes the orders of one vehicle.
 
-    def __init__(self, flight: FlightContext, failsafes: FailsafeExecutor, roles: Roles) -> None:
-        self._flight, self._failsafes, self._roles = flight, failsafes, roles
+    Args:
+        flight, failsafes, roles: of the vehicle.
+        gate: of a fleet with keys; None without.
+    """
+
+    def __init__(
+        self, flight: FlightContext, failsafes: FailsafeExecutor, roles: Roles, gate: OrderGate | None = None
+    ) -> None:
+        self.refused: Counter[str] = Counter()  # orders that were not believed, or not the operator's
+        self._flight, self._failsafes, self._roles, self._gate = flight, failsafes, roles, gate
+        self._told_ns: dict[str, int] = {}  # kind of refusal -> its last event
         self._replies: dict[str, OrderReply] = {}
         self._conflict_check_ns = 0
 
     def take(self, order: Order, facts: OrderFacts, *, is_stopping: bool) -> OrderReply:
         """Begin an order or refuse it; one that was sent twice gets the same reply and begins once."""
+        untrusted = None if self._gate is None else self._gate.refusal(order, facts.view.now_ns)
+        if untrusted is not None:
+            return self.refuse(untrusted, facts.view)
         known = self._replies.get(order.order_id)
         if known is not None:
             return known
@@ -41,12 +57,28 @@ class OrderIntake:
         self._replies[order.order_id] = reply
         if len(self._replies) > _MOST_REPLIES:
             self._replies.pop(next(iter(self._replies)))
+        if order.kind != "load_path":  # for the record of whoever records: only its sender sees the reply
+            answer = "accepted." if reason is None else f"refused: {reason}"
+            self._flight.say(facts.view, "debug", "order", f"{order.order_id[:60]} {order.text} {answer}")
         if reason is None:
             self._begin(order, facts.view)
         return reply
 
+    def refuse(self, order: UntrustedOrder, view: FlightView) -> OrderReply:
+        """Answer an order that is not believed, count it, and tell the ground of it, at most once a second."""
+        self.refused[order.code] += 1
+        told_ns = self._told_ns.get(order.code)
+        if told_ns is None or view.now_ns - told_ns >= _TELL_AGAIN_NS:
+            self._told_ns[order.code] = view.now_ns
+            self._flight.say(view, "warning", "order-refused", order.sentence)
+        vehicle = self._flight.vehicle.name
+        return OrderReply(order_id=order.order_id, vehicle=vehicle, is_accepted=False, reason=order.sentence)
+
     def _refusal(self, order: Order, facts: OrderFacts, *, is_stopping: bool) -> str | None:
-        reason = self._roles.refusal(order) or order_checks.refusal(order, self._flight, facts)
+        reason = self._roles.refusal(order)
+        if reason is not None:
+            self.refused["operator"] += 1
+        reason = reason or order_checks.refusal(order, self._flight, facts)
         if reason is None and order.kind in ("move", "follow_path"):
             reason = self._failsafes.move_refusal()
         if reason is None and is_stopping and order.kind not in _ALLOWED_WHILE_STOPPING:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Literal, Protocol
 
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
@@ -12,8 +13,20 @@ from onboard.bus.topics import Topic
 LEASE_MS = 1000  # a node whose connection is silent for so long is gone
 MAX_COLLECTED = 1000  # messages of one collected topic that wait for delivery, by default
 
+RefusalCode = Literal["unsigned", "forged", "foreign", "role", "replayed", "late", "other start"]
+
+
+@dataclass(frozen=True, slots=True)
+class UntrustedOrder:
+    """An order that a fleet with keys does not believe: it is counted and answered, and nothing else."""
+
+    code: RefusalCode
+    sentence: str
+    order_id: str = ""  # as far as it could be read
+
+
 OnMessage = Callable[[Topic, str, Message | Malformed], None]
-OnOrder = Callable[[Order | Malformed, Callable[[OrderReply], None]], None]
+OnOrder = Callable[[Order | Malformed | UntrustedOrder, Callable[[OrderReply], None]], None]
 OnFault = Callable[[FaultOrder | Malformed, Callable[[OrderReply], None]], None]
 OnReply = Callable[[OrderReply | Malformed], None]
 OnEnd = Callable[[], None]
@@ -99,8 +112,8 @@ class Bus(Protocol):
 
         Args:
             vehicle: name of the vehicle.
-            on_order: called on a thread of the bus with the order and a function that sends the reply. That function
-                must be called once, from any other thread.
+            on_order: called on a thread of the bus with the order, or what is wrong with it, and a function that sends
+                the reply. That function must be called once, from any other thread.
         """
 
     def serve_faults(self, on_fault: OnFault) -> None:

@@ -109,6 +109,7 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     path_rate_frac: float = 1.0  # of that clock
     path_lag_m: float = 0.0  # distance from where the path is at that time
     is_behind: bool = False  # asks all to slow the clock
+    refused_orders: dict[str, int] = {}  # orders that were not believed -> how many, since this agent's start
 
 
 class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
@@ -208,6 +209,15 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
     path: PathOrder | None = None  # load_path and follow_path only
     yaw_deg: float | None = None  # move only: heading to turn to, counterclockwise from east; None: as it is
     then_land: bool = False  # move only: lands at the goal, and has ended when it is down
+    # of the newest telemetry that the sender had of this vehicle, hence by the vehicle's own clock: a fleet with keys
+    # obeys no order that was signed more than some seconds ago, whatever other clocks say
+    heard_boot_id: int = 0
+    heard_ns: int = 0
+
+    @property
+    def text(self) -> str:
+        """Kind, author and sender, in a few words: others may have written them."""
+        return f"{self.kind} of {self.author[:60]} (from {self.node[:60]})"
 
 
 class FaultOrder(Message, frozen=True, array_like=True, kw_only=True):

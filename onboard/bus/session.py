@@ -7,6 +7,7 @@ calling a session's method from inside a callback can deadlock.
 
 from __future__ import annotations
 
+import datetime
 import json
 import os
 import secrets
@@ -28,6 +29,7 @@ from onboard.bus.protocol import (
     OnMessage,
     OnOrder,
     OnReply,
+    UntrustedOrder,
 )
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
 from onboard.bus.sockets import PromptSockets
@@ -78,6 +80,7 @@ class BusSession:
         self._listen = list(listen)
         self._connect = [endpoint for endpoint in connect if endpoint not in self._listen]
         self._credentials = credentials
+        self._signatures = None if credentials is None else _Signatures(credentials)
         self._session: zenoh.Session | None = None
         self._sockets = PromptSockets()
         self._instance = secrets.token_hex(4)
@@ -222,33 +225,48 @@ class BusSession:
 
     def serve_orders(self, vehicle: str, on_order: OnOrder) -> None:
         """Answer orders for ``vehicle``: ``on_order(order, reply)`` runs on a bus thread; reply from another one."""
-        self._serve(key(self.namespace, Topic.ORDER, vehicle), Order, on_order)
+        self._serve(key(self.namespace, Topic.ORDER, vehicle), Order, on_order, self._signatures)
 
     def serve_faults(self, on_fault: OnFault) -> None:
         """Answer fault orders for the emulator, in the same way."""
         self._serve(key(self.namespace, Topic.SIM, _FAULT_NAME), FaultOrder, on_fault)
 
-    def _serve(self, own_key: str, kind: type[Any], on_query: Callable[..., None]) -> None:
+    def _serve(
+        self, own_key: str, kind: type[Any], on_query: Callable[..., None], signatures: _Signatures | None = None
+    ) -> None:
         def receive(query: zenoh.Query) -> None:
             payload = query.payload.to_bytes() if query.payload is not None else b""
+            seal = query.attachment.to_bytes() if query.attachment is not None else b""
+            untrusted = None if signatures is None else signatures.refusal(own_key, payload, seal)
 
             def reply(answer: OrderReply) -> None:
                 with query:
                     query.reply(own_key, encode(answer))
 
-            on_query(decode(payload, kind), reply)
+            on_query(untrusted or decode(payload, kind), reply)
 
         self._declared.append(self._open.declare_queryable(own_key, _callback(receive), complete=True))
 
     def order(self, vehicle: str, order: Order, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
         """Send an order to one vehicle: ``on_reply`` with its reply, then ``on_end``; only ``on_end`` without one."""
-        self._query(key(self.namespace, Topic.ORDER, vehicle), order, timeout_s, on_reply, on_end)
+        their_key = key(self.namespace, Topic.ORDER, vehicle)
+        self._query(their_key, order, timeout_s, on_reply, on_end, self._signatures)
 
     def fault(self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
         """Send a fault order to the emulator, in the same way; where there is none, nobody answers."""
         self._query(key(self.namespace, Topic.SIM, _FAULT_NAME), order, timeout_s, on_reply, on_end)
 
-    def _query(self, their_key: str, message: Message, timeout_s: float, on_reply: OnReply, on_end: OnEnd) -> None:
+    def _query(
+        self,
+        their_key: str,
+        message: Message,
+        timeout_s: float,
+        on_reply: OnReply,
+        on_end: OnEnd,
+        signatures: _Signatures | None = None,
+    ) -> None:
+        payload = encode(message)
+
         def receive(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 on_reply(decode(reply.ok.payload.to_bytes(), OrderReply))
@@ -258,7 +276,8 @@ class BusSession:
         self._open.get(
             their_key,
             _callback(receive, on_end),
-            payload=encode(message),
+            payload=payload,
+            attachment=None if signatures is None else signatures.seal(their_key, payload),
             timeout=timeout_s,
             consolidation=zenoh.ConsolidationMode.NONE,
             priority=_BLOCKING_PRIORITY,
@@ -289,6 +308,19 @@ class BusSession:
     def _declare_token(self, name: str) -> Any:
         """Two nodes of one name declare different tokens; otherwise who leaves would take the other's along."""
         return self._open.liveliness().declare_token(key(self.namespace, Topic.ALIVE, f"{name}/{self._instance}"))
+
+
+class _Signatures:
+    """Signs the orders that this node gives, and checks those that it receives."""
+
+    def __init__(self, credentials: Credentials) -> None:
+        from onboard.bus.order_signature import OrderSigner, SealCheck  # large; a fleet without keys has no need of it
+
+        self.seal = OrderSigner(credentials.certificate, credentials.key).seal
+        self._check = SealCheck(credentials.authority)
+
+    def refusal(self, key_expression: str, payload: bytes, seal: bytes) -> UntrustedOrder | None:
+        return self._check.refusal(key_expression, payload, seal, datetime.datetime.now(datetime.UTC))
 
 
 def _link_of(endpoint: str) -> str:

@@ -18,6 +18,7 @@ from onboard.agent.control_step import PipelineInputs
 from onboard.agent.core import AgentCore
 from onboard.arrays import BoolArray
 from onboard.bus.codec import Malformed
+from onboard.bus.protocol import UntrustedOrder
 from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessage, Telemetry
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
@@ -105,7 +106,7 @@ class AgentShell:
         self.is_hung = self.is_running = self.has_backlog = False
         self._lives = 0
         self._inbox: deque[ev.EventIn] = deque(maxlen=_MAX_EVENTS)
-        self._orders: list[tuple[Order | Malformed, Callable[[OrderReply], None]]] = []
+        self._orders: list[tuple[Order | Malformed | UntrustedOrder, Callable[[OrderReply], None]]] = []
         self._replies: dict[str, Callable[[OrderReply], None]] = {}
         self._periods_ms: deque[float] = deque(maxlen=500)
         self._ticks = self._late = self._last_ns = 0
@@ -194,7 +195,7 @@ class AgentShell:
         node.serve_orders(name, self._order_received)
         node.watch_alive(lambda other, is_alive: inbox.append(ev.NodeChanged(other, is_alive)))
 
-    def _order_received(self, message: Order | Malformed, reply: Callable[[OrderReply], None]) -> None:
+    def _order_received(self, message: Order | Malformed | UntrustedOrder, reply: Callable[[OrderReply], None]) -> None:
         if self.is_hung:
             self._orders.append((message, reply))
         elif isinstance(message, Order):
