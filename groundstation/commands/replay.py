@@ -5,6 +5,7 @@ Examples:
   covey replay flights/first --at 12 --speed 0.5
   covey replay flights/first --headless --json
   covey replay flights/first --csv flown
+  covey replay flights/first --orders
 
 Keys: space play or pause; , and . one step; left and right 5 s; n and N next event and the one before; < and > speed;
 home and end. Exit status: 0; 2 when there is no record to open.
@@ -21,6 +22,7 @@ from cyclopts import Parameter
 
 from groundstation.commands.parameters import File, Folder, Seconds
 from groundstation.commands.tui import require_terminal
+from groundstation.recording.audit import trail, trail_lines
 from groundstation.recording.flown_paths import write_csvs
 from groundstation.recording.replay import SPEEDS, Replay, open_flight, story
 from onboard.config.fleet import ConfigError
@@ -37,6 +39,7 @@ def replay(
     headless: bool = False,
     json: bool = False,
     csv: Folder | None = None,
+    orders: bool = False,
 ) -> int:
     """Open a recorded flight in the console: play, pause, step, seek, jump from event to event.
 
@@ -47,6 +50,7 @@ def replay(
         at: begin at this second
         headless: no console: print what happened
         json: with --headless: as JSON
+        orders: no console: print who ordered what, when, the vehicle's answer, and how it ended
         csv: no console: write t,x,y,z,yaw of each vehicle into this folder; docs/shows.md flies them again
     """
     if csv is not None:
@@ -58,6 +62,9 @@ def replay(
         raise ConfigError(f"--at is {at:g}; it must be a number of seconds, 0 or more.")
     config, timeline = open_flight(flight, fleet)
     with contextlib.closing(timeline):
+        if orders:
+            print(*trail_lines(trail(timeline)), sep="\n")
+            return EXIT_OK
         shown = Replay(config, timeline, speed=speed)
         if headless or json:
             print(asyncio.run(story(shown, is_json=json)))
