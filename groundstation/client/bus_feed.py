@@ -11,7 +11,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from groundstation.fleet.state import NodeSeen, Received
+from groundstation.fleet.state import NodeSeen, NotUsed, Received
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.protocol import Bus
@@ -51,6 +51,7 @@ class BusFeed:
         self._topics = (*FOLDED, *(topic for topic in recorded if topic not in FOLDED))
         self._clock_ns, self._on_delivery = clock_ns, on_delivery
         self._queue: deque[Received] = deque(maxlen=MAX_QUEUED)
+        self._dropped = 0  # pushed out of the queue since the last batch
         self._is_scheduled = False
         self._loop: asyncio.AbstractEventLoop | None = None
         self._delivery: asyncio.TimerHandle | None = None
@@ -113,12 +114,13 @@ class BusFeed:
         for sink in self._sinks:
             sink(topic, name, message, now_ns)
 
-    def put(self, item: Message | Malformed | NodeSeen) -> None:
+    def put(self, item: Message | Malformed | NodeSeen | NotUsed) -> None:
         """Queue an item for the next batch; callable from any thread.
 
         Args:
-            item: a message, or a liveliness token.
+            item: a message, a liveliness token, or a count.
         """
+        self._dropped += len(self._queue) == MAX_QUEUED  # the oldest makes room
         self._queue.append((item, self._clock_ns()))
         if self._loop is not None and not self._is_scheduled:
             self._is_scheduled = True
@@ -150,13 +152,14 @@ class BusFeed:
         self.bus.watch_alive(lambda node, is_alive: self.put(NodeSeen(node, is_alive)))
 
     def _receive(self, topic: Topic, name: str, message: Message | Malformed) -> None:
-        if not isinstance(message, Malformed):
-            if getattr(message, "vehicle", name) != name:
-                message = Malformed(f"a message of another vehicle on {topic.value}/{name}", 0)
-            else:
-                self.tell_sinks(topic, name, message)
-        if isinstance(message, Malformed) or topic in FOLDED:
+        if isinstance(message, Malformed):
             self.put(message)
+        elif getattr(message, "vehicle", name) != name:
+            self.put(NotUsed(refused=1))
+        else:
+            self.tell_sinks(topic, name, message)
+            if topic in FOLDED:
+                self.put(message)
 
     # -- event loop --------------------------------------------------------------------------------------------------
 
@@ -168,4 +171,8 @@ class BusFeed:
     def _drain(self) -> None:
         self.bus.deliver()  # a listener that hears of an order's end finds the telemetry of that time in the state
         self._is_scheduled = False
-        self._on_batch([self._queue.popleft() for _ in range(len(self._queue))])
+        batch = [self._queue.popleft() for _ in range(len(self._queue))]
+        if self._dropped:
+            batch.append((NotUsed(dropped=self._dropped), self._clock_ns()))
+            self._dropped = 0
+        self._on_batch(batch)

@@ -31,6 +31,7 @@ from onboard.bus.protocol import Bus
 from onboard.bus.schema import Event, FaultOrder, Message, PathOrder
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
+from onboard.message_counts import in_words
 
 CONTROL_PERIOD_NS = 100_000_000
 _STARTS = ("arm", "takeoff")
@@ -144,6 +145,10 @@ class FleetClient:
     async def stop(self) -> None:
         """Leave the bus; open orders get no more replies. A second call does nothing."""
         if self._feed.is_started:
+            state = self._state
+            words = in_words(state.malformed, state.refused, state.dropped, state.late)
+            if words:
+                self.publish_event("info", "messages", f"Messages that this ground did not use: {words}.")
             await self._orders.stop()
             self.tick_stream.stop()
             await self._feed.stop()

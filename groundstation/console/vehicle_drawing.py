@@ -16,6 +16,9 @@ from groundstation.console import theme
 from groundstation.console.pipeline_drawing import attitude_block, thrust_block
 from groundstation.console.theme import BAD, CALM, FAINT, GOOD, RULE, TEXT, WARN, clean, number
 from groundstation.console.vehicle_subject import Text, VehicleSubject
+from groundstation.fleet.state import FleetState
+from onboard.bus.schema import Telemetry
+from onboard.message_counts import in_words
 from onboard.safety.failsafe_table import WORDS, Action
 
 MAX_LOG = 40
@@ -115,7 +118,15 @@ def _state(subject: VehicleSubject, width: int) -> list[Text | Strip]:
     periods = (last.loop_period_p50_ms, last.loop_period_p99_ms, last.loop_period_max_ms)
     loop = "/".join(number(value, 0, limit=1e6) for value in periods)
     lines.append([(" loop, ms   ", FAINT), (f"p50/p99/max {loop}  late {last.late_ticks}", tint)])
-    return lines
+    return lines + _counts(last, subject.state, tint)
+
+
+def _counts(last: Telemetry, ground: FleetState, tint: str) -> list[Text | Strip]:
+    """Messages that the vehicle and this ground did not use, since their start; no line where there are none."""
+    theirs = in_words(last.malformed_messages, last.refused_messages, last.dropped_messages, last.late_messages)
+    ours = in_words(ground.malformed, ground.refused, ground.dropped, ground.late)
+    rows = ((" not used   ", theirs), (" …this side ", ours))
+    return [[(label, FAINT), (text, tint)] for label, text in rows if text]
 
 
 def _checks(subject: VehicleSubject, width: int) -> list[Text | Strip]:

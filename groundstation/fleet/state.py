@@ -42,7 +42,14 @@ class NodeSeen(NamedTuple):
     is_alive: bool
 
 
-Received = tuple[Message | Malformed | NodeSeen, int]  # and when it was received [ns]
+class NotUsed(NamedTuple):
+    """Messages that were refused, or pushed out of a full queue."""
+
+    refused: int = 0
+    dropped: int = 0
+
+
+Received = tuple[Message | Malformed | NodeSeen | NotUsed, int]  # and when it was received [ns]
 
 
 class Separation(Struct, frozen=True):
@@ -124,7 +131,10 @@ class FleetState(Struct, frozen=True):
     nodes: frozenset[str] = frozenset()  # liveliness tokens of the bus
     smallest: Separation | None = None  # smallest so far while one of the two flew, by telemetry
     smallest_truth: Separation | None = None  # the same by ground truth; None outside simulation
-    malformed: int = 0  # messages that could not be decoded
+    malformed: int = 0  # messages that could not be decoded; these four as in onboard/message_counts.py
+    refused: int = 0
+    dropped: int = 0
+    late: int = 0
     disabled: frozenset[str] = frozenset()  # vehicles that the fleet file disables
     stalled_ns: int = _NEVER  # this ground itself stood still until then
 
@@ -225,6 +235,8 @@ def fold_batch(state: FleetState, batch: Sequence[Received], now_ns: int) -> Fle
             nodes.append(item)
         elif isinstance(item, Malformed):
             state = replace(state, malformed=state.malformed + 1)
+        elif isinstance(item, NotUsed):
+            state = replace(state, refused=state.refused + item.refused, dropped=state.dropped + item.dropped)
         else:
             state = fold(state, item, received_ns)
     if nodes:
@@ -256,7 +268,7 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
     Returns:
         The state after the messages.
     """
-    vehicles, updated, now_ns, malformed = dict(state.vehicles), set[str](), 0, state.malformed
+    vehicles, updated, now_ns, malformed, late = dict(state.vehicles), set[str](), 0, state.malformed, state.late
     for message, now_ns in received:
         view = vehicles.get(message.vehicle)
         if view is None and message.vehicle in state.disabled:
@@ -264,6 +276,7 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
         if view is None:
             continue
         if _is_repeated(view.telemetry, message, _REORDERED_TICKS):
+            late += 1
             continue
         if view.name in updated:
             state = _compared(replace(state, vehicles=MappingProxyType(dict(vehicles))), updated, now_ns)
@@ -274,8 +287,9 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
         vehicles[view.name] = replace(view, telemetry=message, received_ns=now_ns)
         updated.add(view.name)
     if not updated:
-        return state
-    return _compared(replace(state, vehicles=MappingProxyType(vehicles), malformed=malformed), updated, now_ns)
+        return replace(state, late=late) if late != state.late else state
+    state = replace(state, vehicles=MappingProxyType(vehicles), malformed=malformed, late=late)
+    return _compared(state, updated, now_ns)
 
 
 def _compared(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:

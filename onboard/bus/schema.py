@@ -110,6 +110,9 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     path_lag_m: float = 0.0  # distance from where the path is at that time
     is_behind: bool = False  # asks all to slow the clock
     refused_orders: dict[str, int] = {}  # orders that were not believed -> how many, since this agent's start
+    refused_messages: int = 0  # these four since the agent's start: see onboard/message_counts.py
+    dropped_messages: int = 0
+    late_messages: int = 0
 
 
 class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):

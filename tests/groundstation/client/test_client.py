@@ -83,7 +83,7 @@ async def test_an_agent_on_a_real_bus_is_seen_ordered_and_heard(
         assert (landed.phase, landed.sentence) == ("done", "Landed.")
         refused = (await client.order("arm mav0", 5.0))["mav0"]
         assert (refused.phase, refused.sentence) == ("refused", "No.")
-        assert await client.wait_for(lambda state: state.malformed > 0, 5.0)
+        assert await client.wait_for(lambda state: state.refused > 0, 5.0)
         beat.cancel()
         assert [order.author for order in got] == ["tester", "tester"]
         assert {(Topic.ORDER, "mav0"), (Topic.TELEMETRY, "mav0"), (Topic.EVENT, "mav0")} <= set(heard)

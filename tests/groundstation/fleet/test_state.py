@@ -11,6 +11,7 @@ from groundstation.fleet.state import (
     DIRECT_DISARMED,
     MAX_EVENTS,
     NodeSeen,
+    NotUsed,
     fold,
     fold_batch,
     fold_nodes,
@@ -20,6 +21,7 @@ from groundstation.fleet.state import (
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Event, PreflightReport, Truth
 from onboard.config.fleet import FleetConfig
+from onboard.message_counts import in_words
 
 SECOND = 1_000_000_000
 
@@ -49,8 +51,9 @@ def test_old_and_repeated_samples_change_nothing_but_a_new_boot_starts_over(
     fleet: FleetConfig, make_telemetry: Any
 ) -> None:
     state = fold(initial(fleet), make_telemetry("mav0", sequence=7, mode="NEW"), 0)
-    assert fold(state, make_telemetry("mav0", sequence=7, mode="OLD"), 1) is state
-    assert fold(state, make_telemetry("mav0", sequence=6, mode="OLD"), 1) is state
+    for sequence in (7, 6):
+        late = fold(state, make_telemetry("mav0", sequence=sequence, mode="OLD"), 1)
+        assert (late.vehicles, late.late) == (state.vehicles, state.late + 1)
     again = fold(state, make_telemetry("mav0", boot_id=2, sequence=1, mode="REBORN"), 1)
     assert again.vehicles["mav0"].telemetry.mode == "REBORN"
 
@@ -122,6 +125,10 @@ def test_numbers_that_are_not_finite_are_counted_and_never_become_a_position(
     assert state.vehicles["mav0"].position_enu_m(0) is None
     assert fold(state, truth("mav0", 0, math.inf), 0).vehicles["mav0"].truth is None
     assert fold_batch(state, [(Malformed("garbage", 0), 1)], 1).malformed == 2
+    counted = fold_batch(state, [(NotUsed(refused=2), 1), (NotUsed(dropped=3), 2)], 2)
+    assert in_words(counted.malformed, counted.refused, counted.dropped, counted.late) == (
+        "1 malformed, 2 refused, 3 dropped"
+    )
 
 
 def test_unknown_vehicles_change_nothing_and_events_stay_bounded(fleet: FleetConfig, make_telemetry: Any) -> None:

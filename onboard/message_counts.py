@@ -1,0 +1,28 @@
+"""Counts of the messages that were not used. A count each, and no line in a log: a flood must fill nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(slots=True)
+class MessageCounts:
+    """Messages that were not used, by the reason."""
+
+    malformed: int = 0  # no message of its kind, or numbers that are not finite
+    refused: int = 0  # in another's name, of nobody of the fleet file, or not believable; orders that were refused
+    dropped: int = 0  # lost on the way, by the numbers that are missing, or pushed out of a full queue
+    late: int = 0  # repeated, overtaken, or older than what is known
+
+
+def total(counts: Iterable[MessageCounts]) -> MessageCounts:
+    """Return the sum of several counts."""
+    rows = [(one.malformed, one.refused, one.dropped, one.late) for one in counts]
+    return MessageCounts(*map(sum, zip(*rows, strict=True)))
+
+
+def in_words(malformed: int, refused: int, dropped: int, late: int) -> str:
+    """Return counts of messages, without those that are 0; empty when all are."""
+    counts = {"malformed": malformed, "refused": refused, "dropped": dropped, "late": late}
+    return ", ".join(f"{count} {word}" for word, count in counts.items() if count)
