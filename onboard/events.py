@@ -23,6 +23,13 @@ class PoseReceived(Struct, frozen=True):
     received_ns: int
 
 
+class AllPosesReceived(Struct, frozen=True):
+    """Mocap samples of several bodies, with their arrival on our clock."""
+
+    poses: tuple[MocapPose, ...]
+    received_ns: int
+
+
 class NeighbourReceived(Struct, frozen=True):
     """A neighbour's state or telemetry."""
 
@@ -78,10 +85,12 @@ class LoopTimed(Struct, frozen=True):
     missed_ticks: int = 0
 
 
-class MessageMalformed(Struct, frozen=True):
-    """Somebody sent bytes that are no message."""
+class MessagesCounted(Struct, frozen=True):
+    """Messages that the shell has not passed on, since the last such event: see message_counts.py."""
 
-    count: int = 1
+    malformed: int = 0
+    refused: int = 0
+    dropped: int = 0
 
 
 class TickFailed(Struct, frozen=True):
@@ -108,6 +117,7 @@ class ShutdownRequested(Struct, frozen=True):
 
 EventIn = (
     PoseReceived
+    | AllPosesReceived
     | NeighbourReceived
     | OrderReceived
     | OrderUntrusted
@@ -116,7 +126,7 @@ EventIn = (
     | ParamsRead
     | ClocksCompared
     | LoopTimed
-    | MessageMalformed
+    | MessagesCounted
     | TickFailed
     | DiskChecked
     | MocapProblemChanged

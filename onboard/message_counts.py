@@ -11,7 +11,9 @@ class MessageCounts:
     """Messages that were not used, by the reason."""
 
     malformed: int = 0  # no message of its kind, or numbers that are not finite
-    refused: int = 0  # in another's name, of nobody of the fleet file, or not believable; orders that were refused
+    refused: int = (
+        0  # in another's name, of nobody of the fleet file, or not believable; orders have a count of their own
+    )
     dropped: int = 0  # lost on the way, by the numbers that are missing, or pushed out of a full queue
     late: int = 0  # repeated, overtaken, or older than what is known
 

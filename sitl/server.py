@@ -20,6 +20,7 @@ from msgspec.structs import asdict
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.credentials import credentials_of
+from onboard.bus.pose_publisher import PosePublisher
 from onboard.bus.roles import Role
 from onboard.bus.schema import FaultOrder, MocapPose, OrderReply, Truth
 from onboard.bus.session import BusSession
@@ -202,6 +203,7 @@ class Server:
         for fault in injected:
             self.emulator.inject(fault)
         self.bus = bus
+        self._poses = None if bus is None else PosePublisher(bus)
         self._broadcast = Broadcast(
             self.emulator,
             self._vehicles,
@@ -285,10 +287,11 @@ class Server:
             say(f"{notice} ({self.emulator.time_s:.2f} s)")
         for each in self._sockets:
             each.endpoint.poll()
-        if self.bus is not None and self.emulator.world.vehicles.steps % TRUTH_EVERY_STEPS == 0:
+        is_due = self.emulator.world.vehicles.steps % TRUTH_EVERY_STEPS == 0
+        if self.bus is not None and self._poses is not None and is_due:
             poses, truths = self._broadcast.messages()
             for pose in poses:
-                self.bus.publish(Topic.MOCAP, pose.body, pose)
+                self._poses.publish(pose)
             for truth in truths:
                 self.bus.publish(Topic.TRUTH, truth.vehicle, truth)
 

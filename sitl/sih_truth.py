@@ -17,6 +17,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from onboard.bus.pose_publisher import PosePublisher
 from onboard.bus.schema import MocapPose, Truth
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
@@ -174,6 +175,10 @@ class Relay:
     noise: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     _sequence: int = 0
     _pose_s: float = -math.inf
+    _poses: PosePublisher = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._poses = PosePublisher(self.bus)
 
     def take(self, state: dict[str, Any], stamp_ns: int) -> None:
         """Publish one state."""
@@ -196,7 +201,7 @@ class Relay:
             position_enu_m=(x, y, z),
             quaternion_enu_flu_wxyz=truth.quaternion_enu_flu_wxyz,
         )
-        self.bus.publish(Topic.MOCAP, name, pose)
+        self._poses.publish(pose)
 
 
 async def serve(fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, with_mocap: bool) -> None:

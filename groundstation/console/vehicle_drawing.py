@@ -123,7 +123,8 @@ def _state(subject: VehicleSubject, width: int) -> list[Text | Strip]:
 
 def _counts(last: Telemetry, ground: FleetState, tint: str) -> list[Text | Strip]:
     """Messages that the vehicle and this ground did not use, since their start; no line where there are none."""
-    theirs = in_words(last.malformed_messages, last.refused_messages, last.dropped_messages, last.late_messages)
+    refused = last.refused_messages + sum(last.refused_orders.values())
+    theirs = in_words(last.malformed_messages, refused, last.dropped_messages, last.late_messages)
     ours = in_words(ground.malformed, ground.refused, ground.dropped, ground.late)
     rows = ((" not used   ", theirs), (" …this side ", ours))
     return [[(label, FAINT), (text, tint)] for label, text in rows if text]

@@ -24,13 +24,14 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from onboard.control.pipeline import Phase, PipelineMemory, PipelineParams
 from onboard.events import (
+    AllPosesReceived,
     ClocksCompared,
     Command,
     DiskChecked,
     EventIn,
     Exit,
     LoopTimed,
-    MessageMalformed,
+    MessagesCounted,
     MocapProblemChanged,
     NeighbourReceived,
     NodeChanged,
@@ -143,7 +144,7 @@ class AgentCore:
         if not sentence:
             self._snapshot = self.failsafes.reports.believe(event.snapshot, self.flight.expected)
         else:
-            self._publisher.malformed_messages += 1
+            self._publisher.counts.malformed += 1
             self.failsafes.reports.drop(sentence, now_ns)
             self.preflight.hear(event)
         return []
@@ -166,6 +167,11 @@ class AgentCore:
         if not self.fleet.mocap.direct:  # a mocap that is read directly says nothing of the bus
             self.neighbours.last_heard_ns = max(self.neighbours.last_heard_ns, received_ns)
         return list(self.odometry.take(pose, self._snapshot, now_ns))
+
+    def _all_poses_received(self, event: AllPosesReceived, now_ns: int) -> list[Command]:
+        for pose in event.poses:
+            self.neighbours.hear_other_pose(pose, event.received_ns)
+        return []
 
     def _order_received(self, event: OrderReceived, now_ns: int) -> list[Command]:
         view = replace(self._view, now_ns=now_ns, snapshot=self._snapshot)
@@ -202,8 +208,11 @@ class AgentCore:
         self._context.is_disk_full = event.is_full
         return []
 
-    def _malformed(self, event: MessageMalformed, now_ns: int) -> list[Command]:
-        self._publisher.malformed_messages += event.count
+    def _messages_counted(self, event: MessagesCounted, now_ns: int) -> list[Command]:
+        counts = self._publisher.counts
+        counts.malformed += event.malformed
+        counts.refused += event.refused
+        counts.dropped += event.dropped
         return []
 
     def _tick_failed(self, event: TickFailed, now_ns: int) -> list[Command]:
@@ -242,6 +251,7 @@ class AgentCore:
         self.own.update(now_ns, dt_s, self._snapshot, thrust_frac, control.hover_frac, on_ground)
         state = self.own.state
         self._view = self._new_view(now_ns, state)
+        self.neighbours.place_unbelieved(self._view.position_enu_m, now_ns)
         self._distances_m = self.neighbours.distances_m(self._view.position_enu_m, now_ns)
         self._supervise()
         state_machine.advance(flight, self._view)
@@ -338,13 +348,14 @@ _RECEIVERS: dict[type, Callable[[AgentCore, Any, int], list[Command]]] = {
     NeighbourReceived: AgentCore._neighbour_received,
     PoseReceived: AgentCore._pose_received,
     OrderUntrusted: AgentCore._order_untrusted,
+    AllPosesReceived: AgentCore._all_poses_received,
     OrderReceived: AgentCore._order_received,
     NodeChanged: AgentCore._node_changed,
     LoopTimed: AgentCore._loop_timed,
     ParamsRead: AgentCore._preflight_input,
     ClocksCompared: AgentCore._preflight_input,
     DiskChecked: AgentCore._disk_checked,
-    MessageMalformed: AgentCore._malformed,
+    MessagesCounted: AgentCore._messages_counted,
     TickFailed: AgentCore._tick_failed,
     MocapProblemChanged: AgentCore._mocap_problem,
     ShutdownRequested: AgentCore._stop_requested,

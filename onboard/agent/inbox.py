@@ -13,15 +13,17 @@ from onboard.agent.peers import CONCERNS_AGENTS
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.protocol import Bus
-from onboard.bus.schema import Message, MocapPose, StateMessage, Telemetry
+from onboard.bus.schema import Message, MocapPose, MocapPoses, StateMessage, Telemetry
 from onboard.bus.topics import Topic
 from onboard.config.fleet import Vehicle
 from onboard.config.mocap import MocapConfig
+from onboard.message_counts import MessageCounts
 from onboard.mocap.factory import source_of
 from onboard.mocap.source import MocapSource
 
 _MOST_EVENTS = 2000
 _NODES_PER_TICK = 50
+_MOST_MISSING = 50  # states in a row; a longer gap is a silence, or a neighbour that was not followed
 
 
 class Inbox:
@@ -42,6 +44,8 @@ class Inbox:
         self._vehicle, self._boot_id, self._bus, self._mocap_config = vehicle, boot_id, bus, mocap
         self._mocap: MocapSource | None = None
         self._reported_problem = ""  # of the mocap
+        self._counts = MessageCounts()  # since they were taken last
+        self._sequences: dict[str, int] = {}  # of the newest state of each followed neighbour
 
     def start(self) -> None:
         """Subscribe to everything but the orders; the bus is open."""
@@ -50,12 +54,19 @@ class Inbox:
         if self._vehicle.mocap_required and self._vehicle.body:
             self._mocap = self.source("*" if self._mocap_config.direct else self._vehicle.body)
             self._mocap.start()
+            if not self._mocap_config.direct:  # else all bodies come from the source
+                self._bus.collect(Topic.ALL_POSES, "*", self._all_poses_received)
         self._bus.watch_alive(self._node_changed)
 
     def stop(self) -> None:
         """End the mocap's source; the rest ends with the bus."""
         if self._mocap is not None:
             self._mocap.stop()
+
+    def take_counts(self) -> ev.MessagesCounted:
+        """Return how many messages were not passed on since the last call."""
+        counts, self._counts = self._counts, MessageCounts()
+        return ev.MessagesCounted(counts.malformed, counts.refused, counts.dropped)
 
     def nodes_changed(self) -> list[ev.NodeChanged]:
         """Return the newest changes of nodes, at most as many as one tick has time for."""
@@ -68,11 +79,22 @@ class Inbox:
         """Take a state or a telemetry; under our own name it is another agent's."""
         if not isinstance(message, (StateMessage, Telemetry)):
             self._malformed_received()
-        elif name != self._vehicle.name or message.boot_id != self._boot_id:
+        elif message.vehicle != name:  # who may publish under a name is checked; what stands in the message is not
+            self._counts.refused += 1
+        else:
+            self._take_neighbour(topic, name, message)
+
+    def _take_neighbour(self, topic: Topic, name: str, message: StateMessage | Telemetry) -> None:
+        if topic is Topic.STATE:  # every one is sent here: the missing ones are lost
+            missing = message.sequence - self._sequences.get(name, message.sequence - 1) - 1
+            self._counts.dropped += missing if 0 < missing < _MOST_MISSING else 0
+            if not -_MOST_MISSING < missing < 0:  # newer, or counted anew
+                self._sequences[name] = message.sequence
+        if name != self._vehicle.name or message.boot_id != self._boot_id:
             now_ns = time.monotonic_ns()
             if isinstance(message, StateMessage):
                 message = self.clock.state(name, message, now_ns)
-            self.events.append(ev.NeighbourReceived(message, now_ns))
+            self._append(ev.NeighbourReceived(message, now_ns))
 
     def source(self, body: str) -> MocapSource:
         """Return a source of one body's poses, not yet started."""
@@ -93,11 +115,23 @@ class Inbox:
     def _pose_received(self, pose: MocapPose, received_ns: int) -> None:
         stamped = self.clock.pose(pose, received_ns)
         if stamped is not None:
-            self.events.append(ev.PoseReceived(stamped, received_ns))
+            self._append(ev.PoseReceived(stamped, received_ns))
+
+    def _all_poses_received(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
+        if not isinstance(message, MocapPoses):
+            self._malformed_received()
+            return
+        now_ns = time.monotonic_ns()
+        stamped = (self.clock.pose(pose, now_ns) for pose in message.poses)
+        self._append(ev.AllPosesReceived(tuple(pose for pose in stamped if pose is not None), now_ns))
 
     def _node_changed(self, node: str, is_alive: bool) -> None:
         if node.startswith(CONCERNS_AGENTS):
             self._nodes[node] = is_alive
 
     def _malformed_received(self) -> None:
-        self.events.append(ev.MessageMalformed())
+        self._counts.malformed += 1
+
+    def _append(self, event: ev.EventIn) -> None:
+        self._counts.dropped += len(self.events) == _MOST_EVENTS  # the oldest makes room
+        self.events.append(event)

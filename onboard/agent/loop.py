@@ -123,7 +123,7 @@ class AgentProcess:
     def _order_received(self, message: Order | Malformed | UntrustedOrder, reply: Callable[[OrderReply], None]) -> None:
         now_ns = time.monotonic_ns()
         if isinstance(message, Malformed):
-            self._core.handle(ev.MessageMalformed(), now_ns)
+            self._core.handle(ev.MessagesCounted(malformed=1), now_ns)
             answer = OrderReply(order_id="", vehicle=self._name, is_accepted=False, reason="The order is not readable.")
             self._executor.reliable.submit(reply, answer)
             return
@@ -187,6 +187,7 @@ class AgentProcess:
         execute(for_px4)
         if self._ticks % _STATISTICS_TICKS == 0:
             inbox.clock.beat()
+            core.handle(inbox.take_counts(), now_ns)
             core.handle(ev.ClocksCompared(inbox.clock.clocks.bounds_s(now_ns)), now_ns)
             problem = inbox.mocap_problem()
             if problem is not None:

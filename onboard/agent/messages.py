@@ -19,6 +19,7 @@ from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightView
 from onboard.localization.own_state import OwnState
 from onboard.localization.px4_position_check import STD_M, STD_M_S
+from onboard.message_counts import MessageCounts
 from onboard.neighbours.duplicate_agents import DuplicateAgents
 from onboard.neighbours.table import NeighbourTable
 from onboard.safety.failsafe_table import Situation
@@ -63,7 +64,7 @@ class RunCounters(Struct, frozen=True):
 
     sequence: int  # ticks
     loop: LoopTimed  # newest statistics of the loop
-    malformed_messages: int
+    messages: MessageCounts  # not used
 
 
 def state_message(identity: AgentIdentity, result: TickResult, sequence: int, *, is_cooperative: bool) -> StateMessage:
@@ -166,7 +167,7 @@ def telemetry(
     nearest = min(result.distances_m, key=result.distances_m.__getitem__, default="")
     conditions, action = sources.failsafes.in_words()
     battery_frac, battery_voltage_v = snapshot.battery(now_ns)
-    loop, ignored = counters.loop, sources.neighbours.ignored_messages + own.ignored_samples
+    loop = counters.loop
     return Telemetry(
         vehicle=identity.vehicle.name,
         boot_id=identity.boot_id,
@@ -204,7 +205,6 @@ def telemetry(
         late_ticks=loop.late_ticks,
         loop_lateness_p99_ms=loop.lateness_p99_ms,
         missed_ticks=loop.missed_ticks,
-        malformed_messages=counters.malformed_messages + ignored,
         hover_thrust_frac=tick.hover_thrust_frac,
         config_hash=identity.config_hash,
         system_id=identity.vehicle.system_id,
@@ -215,8 +215,19 @@ def telemetry(
         avoids=active_neighbour(tick, sources.neighbours),
         doubles=sources.duplicates.doubled(now_ns),
         refused_orders=dict(sources.refused_orders),
+        **_counts(counters.messages),
         **_path_fields(flight.path),
     )
+
+
+def _counts(counts: MessageCounts) -> dict[str, Any]:
+    """Return the fields about messages that were not used."""
+    return {
+        "malformed_messages": counts.malformed,
+        "refused_messages": counts.refused,
+        "dropped_messages": counts.dropped,
+        "late_messages": counts.late,
+    }
 
 
 def _path_fields(path: PathFlight) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from onboard.agent.telemetry_decimation import TelemetryDecimation
 from onboard.bus.schema import StateMessage, TickBatch, TickSample
 from onboard.bus.topics import Topic
 from onboard.events import Command, LoopTimed, Publish
+from onboard.message_counts import MessageCounts, total
 from onboard.neighbours.subscription import is_slow
 
 _TELEMETRY_TICKS = 5
@@ -19,7 +20,7 @@ class TelemetryPublisher:
 
     def __init__(self, identity: AgentIdentity, sources: TelemetrySources) -> None:
         self.loop = LoopTimed(0.0, 0.0, 0.0, 0)  # newest statistics of the loop
-        self.malformed_messages = 0
+        self.counts = MessageCounts()  # of messages that reached neither the neighbours' table nor the own state
         self._identity, self._sources = identity, sources
         self._decimation = TelemetryDecimation()
         self._samples: list[TickSample] = []
@@ -56,8 +57,10 @@ class TelemetryPublisher:
         if self._sequence % _TELEMETRY_TICKS and step is self._published_step:
             return []
         self._published_step = step
-        counters = RunCounters(self._sequence, self.loop, self.malformed_messages)
-        telemetry = messages.telemetry(self._identity, result, self._sources, counters)
+        sources = self._sources
+        counts = total((self.counts, sources.neighbours.counts, sources.own.counts))
+        counters = RunCounters(self._sequence, self.loop, counts)
+        telemetry = messages.telemetry(self._identity, result, sources, counters)
         commands: list[Command] = [Publish(Topic.TELEMETRY, telemetry)]
         if self._decimation.is_due(telemetry):
             commands.append(Publish(Topic.SLOW_TELEMETRY, telemetry))

@@ -49,7 +49,9 @@ GRANTS: dict[Role, Grant] = {
         answers={Topic.ORDER: (_OWN,)},
         asks={},
         tokens=(_OWN,),
-        reads=frozenset((Topic.STATE, Topic.FAR, Topic.SLOW_TELEMETRY, Topic.MOCAP, Topic.CLOCK, Topic.ALIVE)),
+        reads=frozenset(
+            (Topic.STATE, Topic.FAR, Topic.SLOW_TELEMETRY, Topic.MOCAP, Topic.ALL_POSES, Topic.CLOCK, Topic.ALIVE)
+        ),
     ),
     Role.GROUND: Grant(
         publishes={Topic.EVENT: _ANY, Topic.LIGHT: _ANY, Topic.CLOCK: ("ground$*", "watcher$*")},
@@ -62,14 +64,14 @@ GRANTS: dict[Role, Grant] = {
         publishes={Topic.CLOCK: ("watcher$*",)}, answers={}, asks={}, tokens=("watcher$*",), reads=_SAMPLES
     ),
     Role.MOCAP: Grant(
-        publishes={Topic.MOCAP: _ANY, Topic.CLOCK: ("mocap$*",)},
+        publishes={Topic.MOCAP: _ANY, Topic.ALL_POSES: _ANY, Topic.CLOCK: ("mocap$*",)},
         answers={},
         asks={},
         tokens=("mocap$*",),
         reads=frozenset((Topic.MOCAP, Topic.TICK, Topic.CLOCK, Topic.ALIVE)),  # ticks: covey mocap --check
     ),
     Role.EMULATOR: Grant(
-        publishes={Topic.MOCAP: _ANY, Topic.TRUTH: _ANY, Topic.CLOCK: ("sitl$*",)},
+        publishes={Topic.MOCAP: _ANY, Topic.ALL_POSES: _ANY, Topic.TRUTH: _ANY, Topic.CLOCK: ("sitl$*",)},
         answers={Topic.SIM: _ANY},
         asks={},
         tokens=("sitl$*",),

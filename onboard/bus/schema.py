@@ -259,6 +259,12 @@ class MocapPose(Message, frozen=True, array_like=True, kw_only=True):
     source: str = ""  # the node whose clock stamps it; empty for the receiver's own clock
 
 
+class MocapPoses(Message, frozen=True, array_like=True, kw_only=True):
+    """Newest poses of several bodies."""
+
+    poses: tuple[MocapPose, ...]
+
+
 class HeardClock(msgspec.Struct, frozen=True, array_like=True):
     """Arrival of another node's clock message."""
 

@@ -24,6 +24,7 @@ class Topic(str, Enum):
     PREFLIGHT = "preflight"
     ORDER = "order"
     MOCAP = "mocap"
+    ALL_POSES = "poses"
     CLOCK = "clock"
     TRUTH = "truth"
     LIGHT = "light"
@@ -61,6 +62,7 @@ TOPICS: dict[Topic, TopicSpec] = {
     Topic.PREFLIGHT: TopicSpec(schema.PreflightReport, 1.0, 3.0, Delivery.LATEST, "agent on the ground -> ground"),
     Topic.ORDER: TopicSpec(schema.Order, 0.0, 5.0, Delivery.QUERY, "ground -> agent, answered"),
     Topic.MOCAP: TopicSpec(schema.MocapPose, 50.0, 0.2, Delivery.LATEST, "mocap relay -> agents"),
+    Topic.ALL_POSES: TopicSpec(schema.MocapPoses, 4.0, 1.0, Delivery.LATEST, "mocap relay -> agents, all bodies"),
     Topic.CLOCK: TopicSpec(schema.ClockMessage, 2.0, 60.0, Delivery.LATEST, "agents, ground, relay <-> each other"),
     Topic.TRUTH: TopicSpec(schema.Truth, 50.0, 1.0, Delivery.LATEST, "emulator -> recorder, never an agent"),
     Topic.LIGHT: TopicSpec(schema.Light, 5.0, 1.0, Delivery.LATEST, "ground -> its own console and record"),

@@ -22,6 +22,7 @@ from onboard.localization.dead_reckoning import DeadReckoning
 from onboard.localization.local_frame import LocalFrame
 from onboard.localization.pose_validator import PoseValidator, PoseVerdict
 from onboard.localization.px4_position_check import Px4PositionCheck
+from onboard.message_counts import MessageCounts
 from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M_S
 from onboard.types import AttitudeSetpoint, State
 
@@ -42,7 +43,7 @@ class OwnState:
 
     vehicle: Vehicle
     origin: Origin | None = None
-    ignored_samples: int = 0  # not finite, repeated, out of order, from the future or not believable
+    counts: MessageCounts = field(default_factory=MessageCounts)  # of poses that were not used
     heading_offset_rad: float = 0.0  # heading of the fleet frame minus PX4's
     validator: PoseValidator = field(default_factory=PoseValidator)
     px4_check: Px4PositionCheck = field(default_factory=Px4PositionCheck)  # of vehicles with a mocap
@@ -78,12 +79,13 @@ class OwnState:
             is_finite(pose.position_enu_m, pose.quaternion_enu_flu_wxyz)
             and max(map(abs, pose.position_enu_m)) < _MAX_POSITION_M
             and 0.9 < norm < 1.1
-            # Stamps of all sources are on one clock: one that is not newer is out of order, or from before a restart.
-            # Nothing else decides, since a false sequence number could exclude all samples after it.
-            and self._newest_ns < pose.stamp_ns <= received_ns + _FUTURE_NS
         )
-        if not is_usable:
-            self.ignored_samples += 1
+        # Stamps of all sources are on one clock: one that is not newer is out of order, or from before a restart.
+        # Nothing else decides, since a false sequence number could exclude all samples after it.
+        is_new = self._newest_ns < pose.stamp_ns <= received_ns + _FUTURE_NS
+        if not (is_usable and is_new):
+            self.counts.malformed += not is_usable
+            self.counts.late += is_usable
             return False
         self._newest_ns = pose.stamp_ns
         verdict = self.validator.judge(
@@ -94,7 +96,7 @@ class OwnState:
             is_contradicted=self.px4_check.contradicts(pose.position_enu_m, received_ns),
         )
         if verdict is not PoseVerdict.ACCEPTED:
-            self.ignored_samples += 1
+            self.counts.refused += 1
             return False
         self._queue.append(
             (vectors.Vec3(*pose.position_enu_m), pose.stamp_ns, yaw_from_quaternion(pose.quaternion_enu_flu_wxyz))
@@ -119,7 +121,7 @@ class OwnState:
             before = self._memory.rejected_count
             self._memory = kalman.correct(self._memory, position, age_s, self._params)
             if self._memory.rejected_count > before:
-                self.ignored_samples += 1
+                self.counts.refused += 1
                 self._rejected_enu_m = position
                 continue
             self._yaw_rad = yaw_rad

@@ -12,8 +12,10 @@ import numpy as np
 from onboard.arrays import Array, BoolArray, IntArray
 from onboard.bus.schema import MocapPose, StateMessage, Telemetry
 from onboard.config.fleet import FleetConfig, Vec3
+from onboard.message_counts import MessageCounts
 from onboard.neighbours import subscription
-from onboard.neighbours.mocap_tracker import POSITION_STD_M, VELOCITY_STD_M_S, BodyTracker
+from onboard.neighbours.mocap_tracker import BodyTracker
+from onboard.neighbours.plausibility import Claim, Seen
 from onboard.neighbours.state_arrays import (
     AIRBORNE,
     ANNOUNCED,
@@ -27,6 +29,7 @@ from onboard.neighbours.state_arrays import (
     neighbours,
     numbers_of,
 )
+from onboard.neighbours.unbelieved import UnbelievedNeighbours, tracked_numbers
 from onboard.types import Neighbour
 
 SILENT_S = 0.25  # with two ticks of confirmation a silence is acted on within 0.3 s
@@ -67,10 +70,11 @@ class NeighbourTable:
         successor = order[(own + 1) % len(order)] if order else ""
         self.is_successor: BoolArray = np.array([name == successor for name in self.names], dtype=bool)
         self.arrays: NeighbourArrays = empty(len(self.names), SILENT_S)
-        self.ignored_messages = 0
+        self.counts = MessageCounts()
         self.last_heard_ns = 0  # of any message
         self.distrusted: set[int] = set()  # indices of vehicles whose announcement to cooperate does not count
         bodies = {index: fleet.vehicles[name].body for name, index in self.indices.items()}
+        self.unbelieved = UnbelievedNeighbours()
         self._bodies = {body: index for index, body in bodies.items() if body is not None}
         self._trackers: dict[int, BodyTracker] = {}
         self._first_ns = 0
@@ -118,20 +122,22 @@ class NeighbourTable:
         """Take a message with its stamp on our clock; False if it is of a stranger, repeated, late or not finite."""
         index = self.indices.get(message.vehicle)
         if index is None:
+            self.counts.refused += message.vehicle != self.own_name  # of a second agent for this one others tell
             return False
         self.last_heard_ns = max(self.last_heard_ns, received_ns)
         if isinstance(message, Telemetry):
             if not is_plausible(message.position_enu_m, message.goal_position_enu_m):
-                self.ignored_messages += 1
+                self.counts.malformed += 1
                 return False
             self._telemetry[message.vehicle] = message
             return True
         arrays = self.arrays
         numbers, stamp_ns = numbers_of(message), min(message.stamp_ns, received_ns)  # nothing comes from the future
         # repeated, out of order, or from before a restart; a false sequence number could exclude all that comes after
-        is_old = stamp_ns <= arrays.newest_ns[index]
-        if is_old or not is_usable(message, numbers):
-            self.ignored_messages += 1
+        is_old, is_sound = stamp_ns <= arrays.newest_ns[index], is_usable(message, numbers)
+        if is_old or not is_sound:
+            self.counts.malformed += not is_sound
+            self.counts.late += is_sound
             return False
         arrays.newest_ns[index] = stamp_ns
         arrays.is_lost[index] = not message.is_valid
@@ -165,19 +171,34 @@ class NeighbourTable:
             return False
         if silence_s < _TRACK_AFTER_S:
             return True
-        p, v, zero = tracker.position_enu_m, tracker.velocity_enu_m_s, (0.0, 0.0, 0.0)
-        numbers = (*p, *v, *zero, *p, *v, *zero, *v, POSITION_STD_M, 0.0, 0.0, VELOCITY_STD_M_S)
         floor_m = self.fleet.vehicles[self.names[index]].start_enu_m[2]
-        is_airborne = p[2] > floor_m + _ON_FLOOR_M
-        arrays.set_state(index, min(tracker.stamp_ns, received_ns), numbers, (is_airborne, False, False))
+        is_airborne = tracker.position_enu_m[2] > floor_m + _ON_FLOOR_M
+        stamp_ns = min(tracker.stamp_ns, received_ns)
+        arrays.set_state(index, stamp_ns, tracked_numbers(tracker), (is_airborne, False, False))
         self.forget_ages()
         return True
+
+    def hear_other_pose(self, pose: MocapPose, received_ns: int) -> None:
+        """Take a mocap pose of any body, which its vehicle's word is compared with."""
+        index = self._bodies.get(pose.body)
+        if index is None or not pose.is_tracked or not is_plausible(pose.position_enu_m):
+            return
+        before = self.unbelieved.seen.get(index)
+        if pose.stamp_ns <= received_ns and (before is None or pose.position_enu_m != before.position_enu_m):
+            self.unbelieved.seen[index] = Seen(pose.stamp_ns, pose.position_enu_m)  # the very same again is frozen
+
+    def place_unbelieved(self, position_enu_m: Vec3, now_ns: int) -> None:
+        """Put each neighbour that is not believed where it says or where the mocap sees it: whichever is nearer."""
+        if self.unbelieved.indices:
+            self.unbelieved.place(self.arrays, self._trackers, position_enu_m, now_ns)
+            self.forget_ages()
 
     def bodies_to_track(self, now_ns: int) -> list[str]:
         """Return mocap bodies to subscribe to from now on: those of followed vehicles that have become silent."""
         self._first_ns = self._first_ns or now_ns
         self.ages_s(now_ns)
-        if self._ages.oldest_s < _TRACK_AFTER_S or len(self._trackers) == len(self._bodies):
+        doubtful = self.unbelieved.doubtful
+        if (self._ages.oldest_s < _TRACK_AFTER_S and not doubtful) or len(self._trackers) == len(self._bodies):
             return []
         is_started = now_ns - self._first_ns > _START_UP_NS
         bodies = []
@@ -185,7 +206,8 @@ class NeighbourTable:
             age_s = self._ages.all_s[index]
             is_new = self.arrays.is_followed[index] and index not in self._trackers
             is_expected = is_started and self.fleet.vehicles[self.names[index]].enabled is not False
-            if is_new and age_s > _TRACK_AFTER_S and (is_expected or age_s < math.inf):
+            is_silent = age_s > _TRACK_AFTER_S and (is_expected or age_s < math.inf)
+            if is_new and (is_silent or index in doubtful):
                 self._trackers[index] = BodyTracker()
                 bodies.append(body)
         return bodies
@@ -193,6 +215,14 @@ class NeighbourTable:
     def set_distrusted(self, name: str, is_distrusted: bool) -> None:
         """Let a vehicle's announcement that it cooperates count, or not."""
         (self.distrusted.add if is_distrusted else self.distrusted.discard)(self.indices[name])
+
+    def claim(self, name: str) -> tuple[Claim | None, Seen | None]:
+        """Return what a neighbour says of itself, and where the mocap sees it; None where nothing is known."""
+        index = self.indices[name]
+        tracker, seen = self._trackers.get(index), self.unbelieved.seen.get(index)
+        if tracker is not None and (seen is None or tracker.stamp_ns > seen.stamp_ns):
+            seen = Seen(tracker.stamp_ns, tracker.position_enu_m)
+        return self.unbelieved.claim(self.arrays, index), seen
 
     # -- ages ----------------------------------------------------------------------------------------------------------
 

@@ -91,6 +91,7 @@ class Condition(Enum):
     NEIGHBOUR_SILENT = "neighbour silent"
     NEIGHBOUR_INVALID = "neighbour without position"
     NEIGHBOUR_UNCOOPERATIVE = "neighbour does not do what it says"
+    NEIGHBOUR_IMPLAUSIBLE = "neighbour's word cannot be true"
     NEIGHBOUR_STALE = "neighbour's messages late"
     NEIGHBOUR_BACK = "neighbour heard again"
     CONFIG_DIFFERS = "neighbour with another fleet file or law"
@@ -218,6 +219,8 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
         _C.NEIGHBOUR_INVALID: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # with full responsibility on our side, too, but its next motion cannot be predicted
         _C.NEIGHBOUR_UNCOOPERATIVE: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        # the same, and it is avoided where it says or where the mocap sees it, whichever is nearer
+        _C.NEIGHBOUR_IMPLAUSIBLE: (_A.REFUSE, _A.DISARM, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.NEIGHBOUR_STALE: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # its newest message gives its position, so it is believed at once
         _C.NEIGHBOUR_BACK: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),

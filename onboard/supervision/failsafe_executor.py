@@ -32,6 +32,7 @@ _NAMED = {
     Condition.NEIGHBOUR_UNSEEN,
     Condition.NEIGHBOUR_INVALID,
     Condition.NEIGHBOUR_UNCOOPERATIVE,
+    Condition.NEIGHBOUR_IMPLAUSIBLE,
     Condition.NEIGHBOUR_BACK,
     Condition.CONFIG_DIFFERS,
 }

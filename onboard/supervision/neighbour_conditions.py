@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from onboard.config.fleet import FleetConfig, Vec3, Vehicle
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
+from onboard.neighbours.plausibility import PlausibilityMonitor
 from onboard.neighbours.state_arrays import NeighbourRow
 from onboard.neighbours.table import SILENT_S, NeighbourTable
 from onboard.safety.failsafe_table import Condition
@@ -24,6 +25,7 @@ _PREDICTED_SLACK_M = 0.03
 _PREDICTED_CHECKS = 2
 _KEPT_OFF_SHARE = 0.3
 _STALE_CHECKS = 5
+_FASTEST_M_S, _FASTEST_SHARE = 15.0, 3.0  # whoever falls or is blown away may be faster than it flies
 
 
 @dataclass(slots=True)
@@ -40,6 +42,7 @@ class NeighbourMonitor:
     _unseen_ticks: int = 0
     _back_ns: int = 0
     _predictions: dict[str, PredictionMonitor] = field(init=False)
+    _plausibilities: dict[str, PlausibilityMonitor] = field(init=False)
     _predicted_checks: int = 0
     _stale_checks: int = 0
     _kept_off: Counter[int] = field(default_factory=Counter)  # index -> ticks of this leg in which the law avoided it
@@ -50,6 +53,10 @@ class NeighbourMonitor:
 
     def __post_init__(self) -> None:
         self._predictions = {name: PredictionMonitor() for name in self.table.names}
+        self._plausibilities = {
+            name: PlausibilityMonitor(max(_FASTEST_M_S, _FASTEST_SHARE * self.fleet.vehicles[name].max_speed_m_s))
+            for name in self.table.names
+        }
         tilt_rad = math.radians(self.vehicle.max_tilt_deg)
         self._braking_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(tilt_rad)
         self._own_hash = self.fleet.config_hash
@@ -112,7 +119,8 @@ class NeighbourMonitor:
         if others:
             self._add(active, c.CONFIG_DIFFERS, others)
         rows = table.rows(now_ns)
-        self._check_predictions(active, rows, others)
+        unbelieved = self._check_plausibility(active, rows, now_ns)
+        self._check_predictions(active, rows, {*others, *unbelieved})
         self._check_distances(active, rows, view)
         return active
 
@@ -135,8 +143,25 @@ class NeighbourMonitor:
         names = [self.table.names[index] for index in often if index < len(self.table.names)]
         return f"{rest}, kept off by {' and '.join(names)}" if names else rest
 
+    def _check_plausibility(self, active: set[Condition], rows: Iterable[NeighbourRow], now_ns: int) -> dict[str, str]:
+        """Compare what each neighbour says with physics and the mocap; return whom not to believe, and why."""
+        reasons = {}
+        for row in rows:
+            monitor, (claim, seen) = self._plausibilities[row.name], self.table.claim(row.name)
+            if claim is not None:
+                monitor.look(claim, seen, now_ns)
+            is_unbelieved = bool(monitor.reason)
+            self.table.unbelieved.set(
+                self.table.indices[row.name], is_doubtful=monitor.is_doubtful, is_unbelieved=is_unbelieved
+            )
+            if is_unbelieved:
+                reasons[row.name] = monitor.reason
+        if reasons:
+            self._add(active, Condition.NEIGHBOUR_IMPLAUSIBLE, [f"{name} {why}" for name, why in reasons.items()])
+        return reasons
+
     def _check_predictions(self, active: set[Condition], rows: Iterable[NeighbourRow], others: Collection[str]) -> None:
-        """Compare how each neighbour flies with how it predicted to fly; ``others`` fly by another file or law."""
+        """Compare how each neighbour flies with how it predicted to fly; ``others`` are not to be counted on."""
         wrong = []
         for row in rows:
             monitor = self._predictions[row.name]

@@ -19,7 +19,7 @@ from onboard.agent.core import AgentCore
 from onboard.arrays import BoolArray
 from onboard.bus.codec import Malformed
 from onboard.bus.protocol import UntrustedOrder
-from onboard.bus.schema import Message, MocapPose, Order, OrderReply, StateMessage, Telemetry
+from onboard.bus.schema import Message, MocapPose, MocapPoses, Order, OrderReply, StateMessage, Telemetry
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from onboard.control.pipeline import PipelineMemory
@@ -176,12 +176,19 @@ class AgentShell:
         def neighbour(topic: Topic, other: str, message: Message | Malformed) -> None:
             if topic is not Topic.SLOW_TELEMETRY and (topic is Topic.STATE) != (other in self._followed):
                 return  # the others are heard slowly
-            if isinstance(message, (StateMessage, Telemetry)) and (other != name or message.boot_id != boot_id):
+            if not isinstance(message, (StateMessage, Telemetry)) or message.vehicle != other:
+                is_claim = not isinstance(message, Malformed)
+                inbox.append(ev.MessagesCounted(malformed=not is_claim, refused=is_claim))
+            elif other != name or message.boot_id != boot_id:
                 inbox.append(ev.NeighbourReceived(message, now_ns()))
 
         def pose(_topic: Topic, _body: str, message: Message | Malformed) -> None:
             if isinstance(message, MocapPose):
                 inbox.append(ev.PoseReceived(message, now_ns()))
+
+        def all_poses(_topic: Topic, _name: str, message: Message | Malformed) -> None:
+            if isinstance(message, MocapPoses):
+                inbox.append(ev.AllPosesReceived(message.poses, now_ns()))
 
         self._on_neighbour, self._on_pose = neighbour, pose
         if self._reads_in_bulk:
@@ -192,6 +199,7 @@ class AgentShell:
             node.subscribe(Topic.SLOW_TELEMETRY, "*", neighbour)
         if vehicle.mocap_required and vehicle.body:
             node.subscribe(Topic.MOCAP, vehicle.body, pose)
+        node.subscribe(Topic.ALL_POSES, "*", all_poses)
         node.serve_orders(name, self._order_received)
         node.watch_alive(lambda other, is_alive: inbox.append(ev.NodeChanged(other, is_alive)))
 

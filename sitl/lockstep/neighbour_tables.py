@@ -92,9 +92,11 @@ class Tables:
             table = self.tables[row]
             table.last_heard_ns = max(table.last_heard_ns, received_ns)
         if is_heard.sum() != is_news.sum():
+            malformed = np.count_nonzero(is_heard & ~is_usable[others], axis=1).tolist()
             ignored = np.count_nonzero(is_heard & ~is_news, axis=1).tolist()
-            for table, count in zip(self.tables, ignored, strict=True):
-                table.ignored_messages += count
+            for table, count, bad in zip(self.tables, ignored, malformed, strict=True):
+                table.counts.malformed += bad
+                table.counts.late += count - bad
         rows, columns = is_news.nonzero()
         senders = others[rows, columns]
         self.arrays.newest_ns[rows, columns] = stamps[rows, columns]

@@ -12,6 +12,7 @@ import itertools
 from collections.abc import Callable
 from dataclasses import replace
 
+from onboard.bus.pose_publisher import PosePublisher
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from sitl.emulator.mocap import MocapSettings
@@ -63,6 +64,7 @@ class Simulation:
         self.bus = SimBus(bus or BusSettings(), self.clock_ns, seed=seed)
         self._node = self.bus.node(_SIMULATOR)
         self._node.start()
+        self._poses = PosePublisher(self._node)
         self._node.serve_faults(lambda order, reply: reply(answer_fault(self.emulator, order)))
         self.links = LinkBank(self.emulator, vehicles, self.clock_ns, seed=seed)
         self.agents = {
@@ -136,7 +138,7 @@ class Simulation:
     def _publish(self) -> None:
         poses, truths = self._broadcast.messages()
         for pose in poses:
-            self._node.publish(Topic.MOCAP, pose.body, pose)
+            self._poses.publish(pose)
         for truth in truths:
             for _, on_message in self.bus.subscribers.get((Topic.TRUTH, "*"), ()):
                 on_message(Topic.TRUTH, truth.vehicle, truth)  # a judge's view: no fault of the bus touches it

@@ -15,10 +15,10 @@ import msgspec
 
 from onboard.bus.clock_sync import BEAT_S, ClockNode
 from onboard.bus.credentials import credentials_of
+from onboard.bus.pose_publisher import PosePublisher
 from onboard.bus.roles import Role
 from onboard.bus.schema import MocapPose
 from onboard.bus.session import BusSession
-from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from onboard.config.mocap import BODY_NAME
 from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
@@ -80,7 +80,7 @@ class Relay:
             connect=agents,
             credentials=credentials_of(fleet, Role.MOCAP),
         )
-        self._clock = ClockNode(self._bus)
+        self._clock, self._publisher = ClockNode(self._bus), PosePublisher(self._bus)
         options = mock_options(fleet)
         self._source = SdkMocap(fleet.mocap, "*", self._pass_on, lambda: None, node=NODE, default_options=options)
         self._lock = threading.Lock()
@@ -148,7 +148,7 @@ class Relay:
         if pose.body in self._emulated:  # a body has one source
             self._withheld.add(pose.body)
             return
-        self._bus.publish(Topic.MOCAP, pose.body, pose)
+        self._publisher.publish(pose)
         with self._lock:
             self.statistics.add(pose)
 

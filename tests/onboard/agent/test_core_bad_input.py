@@ -187,12 +187,12 @@ def test_preflight_says_what_is_wrong_with_a_px4_that_is_thousands_of_kilometres
 def test_a_neighbour_that_sends_nonsense_is_ignored_counted_and_then_silent(kind: str) -> None:
     rig = moving()
     good = _example(rig, kind)
-    before = rig.core.neighbours.ignored_messages
+    before = rig.core.neighbours.counts.malformed
     for bad in (math.nan, math.inf, 1e300):
         message = msgspec.structs.replace(good, position_enu_m=(bad, 0.0, 1.0))
         rig.core.handle(ev.NeighbourReceived(message, rig.now_ns), rig.now_ns)
         rig.step()
-    assert rig.core.neighbours.ignored_messages == before + 3
+    assert rig.core.neighbours.counts.malformed == before + 3
     assert rig.core.flight.state == "flying"
 
 

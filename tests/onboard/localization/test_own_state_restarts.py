@@ -33,7 +33,7 @@ def test_a_source_that_restarts_is_believed_at_once_and_its_earlier_poses_no_mor
     assert all(_taken(own, _pose(1200 + 20 * n, 2, n)) for n in range(10))
     replayed = [_pose(1000 + 20 * n, 1, n) for n in range(10)]
     assert not any(_taken(own, pose, 1500) for pose in replayed)
-    assert own.ignored_samples == 10
+    assert own.counts.late == 10
     assert _taken(own, _pose(1400, 2, 10))
 
 

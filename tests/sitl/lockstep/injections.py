@@ -284,6 +284,46 @@ def _without_law(flight: Lockstep, name: str) -> None:
     shell.node.publish = change  # type: ignore[method-assign]
 
 
+def _lies(lie: Callable[[StateMessage, int], dict[str, Any]]) -> Inject:
+    """Let one vehicle fly as always, and tell the others something else about itself; ``lie`` gets the tick, too."""
+
+    def inject(flight: Lockstep, name: str) -> None:
+        node = flight.agents[name].node
+        publish = node.publish
+
+        def change(topic: Topic, vehicle: str, message: Message) -> None:
+            if isinstance(message, StateMessage):
+                message = msgspec.structs.replace(message, **lie(message, round(flight.time_s / 0.02)))
+            publish(topic, vehicle, message)
+
+        node.publish = change  # type: ignore[method-assign]
+
+    return inject
+
+
+def _beside(message: StateMessage, _tick: int) -> dict[str, Any]:
+    return _moved(message, 1.0)
+
+
+def _moved(message: StateMessage, east_m: float) -> dict[str, Any]:
+    names = "position_enu_m", "predicted_position_enu_m"
+    return {name: (x + east_m, y, z) for name in names for x, y, z in (getattr(message, name),)}
+
+
+def _stands(message: StateMessage, _tick: int) -> dict[str, Any]:
+    still, place = (0.0, 0.0, 0.0), (0.0, -1.6, 0.0)
+    speeds = "velocity_enu_m_s", "acceleration_enu_m_s2", "predicted_velocity_enu_m_s", "intent_enu_m_s"
+    places = {"position_enu_m": place, "predicted_position_enu_m": place, "is_airborne": False}
+    return dict.fromkeys((*speeds, "commanded_acceleration_enu_m_s2"), still) | places
+
+
+def _teleports(message: StateMessage, tick: int) -> dict[str, Any]:
+    return _moved(message, (0.0, 1.5, -1.0)[tick // 20 % 3])
+
+
+LIES = {"a metre beside": _beside, "stands": _stands, "teleports": _teleports}
+
+
 def _order(verb: str) -> Inject:
     """An operator orders something of one vehicle in the middle of a mission; it may be refused."""
 
@@ -368,6 +408,8 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection("wrong reports of PX4 for 5 s", _repeated(wrong_report("another mode"), 9, 0.6),
               _f(C.REPORTS_CONTRADICT_LONG)),
     Injection("one flies without the law and says so", _without_law, others=_f(C.CONFIG_DIFFERS), is_silenced=True),
+    *(Injection(f"one lies: {name}", _lies(lie), others=_f(C.NEIGHBOUR_IMPLAUSIBLE), is_silenced=True)
+      for name, lie in LIES.items()),
     Injection("one is ordered to land", _order("land"), rises_m=0.35),
     Injection("one is ordered to hold", _order("hold"), rises_m=0.35),
     Injection("one is ordered to disarm", _order("disarm")),
