@@ -15,6 +15,7 @@ from sitl.px4.commander import Autopilot
 from sitl.px4.estimator import Estimator
 
 LINKS, DIRECTIONS = ("companion", "ground"), ("in", "out")
+SIMULATOR_LINK = "simulator"  # to viewers of the truth; no fault is of it
 _REFUSES = "a fault forbids it"
 
 
@@ -77,7 +78,7 @@ class Disturbances:
         self.wires: list[dict[tuple[str, str], LossyChannel[bytes]]] = [
             {
                 (link, direction): LossyChannel([seed, 6, index, number])
-                for number, (link, direction) in enumerate(product(LINKS, DIRECTIONS))
+                for number, (link, direction) in enumerate(product((*LINKS, SIMULATOR_LINK), DIRECTIONS))
             }
             for index in range(n)
         ]

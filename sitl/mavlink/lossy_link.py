@@ -13,7 +13,7 @@ class LossyLink:
 
     Args:
         emulator, index: the vehicle. rates_hz: see :class:`Link`.
-        name: "companion" or "ground", as faults call it.
+        name: "companion" or "ground", as faults call it; or "simulator".
     """
 
     def __init__(self, emulator: Emulator, index: int, rates_hz: Mapping[int, float], name: str) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from sitl.mavlink.codec import Decoder
 from sitl.mavlink.endpoints import simulator_ports
-from sitl.mavlink.link import Link
+from sitl.mavlink.lossy_link import LossyLink
 from sitl.mavlink.streams import SIMULATOR_RATES_HZ
 from tests.sitl.sitl_flying import emulator, run_for
 
@@ -26,7 +26,8 @@ def test_it_is_where_sih_has_it_and_nowhere_outside_of_px4_s_ports() -> None:
 
 def test_a_viewer_sees_the_true_place_of_each_vehicle_without_saying_a_word() -> None:
     emu = emulator((0.0, 0.0, 0.0), (3.0, 4.0, 0.0))
-    links, decoder = [Link(emu, index, SIMULATOR_RATES_HZ) for index in range(2)], Decoder()
+    links = [LossyLink(emu, index, SIMULATOR_RATES_HZ, "simulator") for index in range(2)]
+    decoder = Decoder()
     seen: list[list] = [[], []]
 
     def poll() -> None:
