@@ -33,6 +33,7 @@ class LinkError(RuntimeError):
 Version = tuple[int, int]  # of PX4, as it reports it: major and minor number
 MEASURED_VERSIONS: tuple[Version, Version] = ((1, 16), (1, 18))  # oldest and newest that Covey was measured with
 SIGNING_SINCE: Version = (1, 18)  # PX4 takes a key for MAVLink from this version on
+AUTOPILOT_COMPONENT = 1  # MAVLink's id of the autopilot in a vehicle
 _LARGEST_MAJOR = 9
 BATTERY_KNOWN_NS = 5_000_000_000  # PX4 sends it twice a second
 ACCURACY_KNOWN_NS = 5_000_000_000  # PX4 sends it once a second
@@ -41,6 +42,28 @@ ACCURACY_KNOWN_NS = 5_000_000_000  # PX4 sends it once a second
 def plausible_version(version: Version | None) -> Version | None:
     """Return a reported version, or None for one that no PX4 can have."""
     return version if version is not None and 1 <= version[0] <= _LARGEST_MAJOR else None
+
+
+class Refused(Struct, frozen=True):
+    """Packets at the autopilot's endpoint that were not let in, by reason."""
+
+    malformed: int = 0  # no MAVLink, or a wrong checksum
+    others: int = 0  # of other systems and components, for instance a ground station's that PX4 forwards
+    strangers: int = 0  # under the autopilot's ids, but from another address than the autopilot's
+    unsigned: int = 0  # not signed, where this vehicle signs
+    forged: int = 0  # signed with another key
+    old: int = 0  # signed, but replayed, or by a clock that went back
+    newest: str = ""  # reason of the newest one, of others excepted
+    source: str = ""  # where it came from, if the transport tells
+    newest_ns: int = 0
+
+    @property
+    def count(self) -> int:
+        """All of them but those of others, which are no trouble."""
+        return self.malformed + self.strangers + self.unsigned + self.forged + self.old
+
+
+NOTHING_REFUSED = Refused()
 
 
 class Snapshot(Struct, frozen=True):
@@ -72,6 +95,9 @@ class Snapshot(Struct, frozen=True):
     sensors_enabled: int = 0  # bits of SYS_STATUS
     sensors_healthy: int = 0
     sensors_ns: int = 0
+    refused: Refused = NOTHING_REFUSED
+    is_signed: bool = False  # PX4 signs what it sends: it has a key
+    has_wrong_clock: bool = False  # this computer's is a minute behind another one that signs
 
     def battery(self, now_ns: int) -> tuple[float, float]:
         """Return charge [0 to 1] and voltage [V] as far as they are known now: NaN once PX4's report is 5 s old."""

@@ -10,10 +10,10 @@ import contextlib
 import os
 import re
 import socket
-import termios
 import threading
-import tty
 from typing import Any
+
+from onboard.serial_device import open_serial
 
 GCS_SYSTEM, GCS_COMPONENT, AUTOPILOT = 255, 190, 1
 _COMPANION_COMPONENT = 191
@@ -99,11 +99,7 @@ def open_as_companion(endpoint: str, system_id: int) -> Any:
     """
     if not endpoint.startswith("serial://"):
         return _connection(mavutil_address(endpoint), system_id, _COMPANION_COMPONENT)
-    device, _, baud = endpoint.removeprefix("serial://").rpartition(":")
-    speed = getattr(termios, f"B{baud}", None)
-    if not device or speed is None:
-        raise ValueError(f"'{endpoint}' is no serial endpoint; write it as serial:///dev/ttyAMA0:921600")
-    return _serial(device, speed, system_id)
+    return _serial(endpoint, system_id)
 
 
 def _connection(address: str, system_id: int, component_id: int) -> Any:
@@ -115,22 +111,14 @@ def _connection(address: str, system_id: int, component_id: int) -> Any:
         )
 
 
-def _serial(device: str, speed: int, system_id: int) -> Any:
+def _serial(endpoint: str, system_id: int) -> Any:
     """A serial device without pyserial, which the ground does not have."""
     with _opening:
         from pymavlink import mavutil
 
         mavutil.set_dialect("common")
-    descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    try:
-        tty.setraw(descriptor)
-        attributes = termios.tcgetattr(descriptor)
-        attributes[4] = attributes[5] = speed
-        termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
-    except termios.error as error:
-        os.close(descriptor)
-        raise OSError(f"{device} is no serial device ({error})") from None
-    link = mavutil.mavfile(descriptor, device, source_system=system_id, source_component=_COMPANION_COMPONENT)
+    descriptor = open_serial(endpoint)
+    link = mavutil.mavfile(descriptor, endpoint, source_system=system_id, source_component=_COMPANION_COMPONENT)
 
     def receive(count: int | None = None) -> bytes:
         try:

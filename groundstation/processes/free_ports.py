@@ -43,6 +43,8 @@ def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
     vehicles = {}
     for name, table in data["vehicles"].items():
         own = {**table, "agent": f"tcp/127.0.0.1:{_next(ports)}", "autopilot": f"udpin://127.0.0.1:{_next(ports)}"}
+        if fleet.vehicles[name].mavlink_signing:
+            own["mavlink_signing"] = False  # the keys belong to the real vehicles
         if fleet.vehicles[name].direct is not None:
             own["direct"] = f"udpout://127.0.0.1:{_next(ports)}"
         vehicles[name] = own

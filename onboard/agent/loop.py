@@ -29,6 +29,7 @@ from onboard.bus.protocol import BusError, UntrustedOrder
 from onboard.bus.schema import Order, OrderReply
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig, MocapConfig
+from onboard.config.mavlink_key import mavlink_key
 from onboard.exit_status import EXIT_INTERRUPTED, EXIT_OK, EXIT_WRONG_INPUT
 from onboard.process import realtime
 from onboard.process.systemd import Notifier
@@ -62,7 +63,8 @@ class AgentProcess:
         self._core = AgentCore(fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF)
         # with a mocap PX4's own estimate is only checked
         position_hz = _CHECKED_POSITION_HZ if vehicle.mocap_required else 1e9 / PERIOD_NS
-        self._link = Px4Link(vehicle.autopilot, vehicle.system_id, position_hz=position_hz)
+        key = mavlink_key(fleet, name)
+        self._link = Px4Link(vehicle.autopilot, vehicle.system_id, position_hz=position_hz, key=key)
         others = [other for other in fleet.vehicles if other != name]
         agents = [fleet.vehicles[other].agent for other in fleet.enabled_names if other != name]
         self._bus = BusSession(

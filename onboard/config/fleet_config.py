@@ -117,6 +117,8 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     px4_position: Literal["gps", "vision"] = "gps"  # what PX4's own position comes from, without a mocap
     # of its PX4: the values of its attitude were identified with it, and the emulator flies as it
     px4_version: Literal["1.16", "1.17", "1.18"] = "1.17"
+    # its MAVLink is signed with the key keys/NAME.mavlink.key (PX4 v1.18 and later): docs/mavlink-signing.md
+    mavlink_signing: bool = False
     px4_params: dict[str, float | int] = {}  # parameters that its PX4 must have beyond the built-in ones: NAME = value
     sitl: SitlProfile = SitlProfile()  # values of the emulator only: the table below
 

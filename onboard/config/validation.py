@@ -40,6 +40,7 @@ VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
 _AGENT_ENDPOINT = re.compile(r"(tcp|quic|tls|udp)/[A-Za-z0-9_.:\[\]-]+:\d{1,5}")
 _KEYED = ("quic/", "tls/")
 _NODE_NAMES = ("ground", "viewer", "mocap", "sitl", "ca")  # of keys beside the vehicles' own
+_WITHOUT_SIGNING = ("1.16", "1.17")
 _AUTOPILOT_ENDPOINT = re.compile(r"(udpin|udpout|serial)://.+")
 
 
@@ -141,6 +142,11 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
         yield f"'vehicles.{name}.agent' is {vehicle.agent!r}; write it as tcp/127.0.0.1:7460."
     if not _AUTOPILOT_ENDPOINT.fullmatch(vehicle.autopilot):
         yield f"'vehicles.{name}.autopilot' is {vehicle.autopilot!r}; write it as udpin://127.0.0.1:14540."
+    if vehicle.mavlink_signing and vehicle.px4_version in _WITHOUT_SIGNING:
+        yield (
+            f"'vehicles.{name}.mavlink_signing' is true, but PX4 v{vehicle.px4_version} ('px4_version') can neither "
+            'sign nor check. Fly v1.18 and write px4_version = "1.18", or remove mavlink_signing.'
+        )
     if not all(math.isfinite(value) for value in vehicle.start_enu_m):
         yield f"'vehicles.{name}.start_enu_m' must be three finite numbers in metres."
     if not config.fleet.geofence_m.contains(vehicle.start_enu_m):

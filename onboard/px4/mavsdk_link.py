@@ -1,39 +1,40 @@
-"""PX4 over MAVSDK 4; the only file of onboard that imports mavsdk.
+"""The agent's link to its PX4; the only file of onboard that imports mavsdk.
 
-Everything that is sent in flight goes through ``mavlink_direct``: MAVSDK's offboard plugin repeats the last setpoint
-from a thread of its own, so that PX4 would not notice a hung loop. Modes and arming are plain commands without waiting
-for an answer, since PX4 accepts commands that it then does not execute; HEARTBEAT shows the result. Parameters are the
-only blocking calls and belong on an executor of their own (:meth:`Px4Link.apply_params`).
+Setpoints, poses and commands leave by the relay in the call that makes them: MAVSDK's offboard plugin repeats the last
+setpoint from a thread of its own, so that PX4 would not notice a hung loop, and MAVSDK cannot sign. MAVSDK finds PX4
+and reads and sets its parameters, through the same relay. Modes and arming are plain commands without waiting for an
+answer, since PX4 accepts commands that it then does not execute; HEARTBEAT shows the result. Parameters are the only
+blocking calls and belong on an executor of their own (:meth:`Px4Link.apply_params`).
 """
 
 from __future__ import annotations
 
-import contextlib
 import math
 import threading
 import time
 from collections.abc import Mapping
 from typing import Any
 
-import msgspec
 from mavsdk import ComponentType
 from mavsdk import logging as mavsdk_logging
 from mavsdk.mavsdk import Configuration, Mavsdk
-from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 from mavsdk.plugins.param import Param, ParamError
 from msgspec.structs import replace
 
-from onboard.autopilot import LinkError, Snapshot, Vec3, Vec4
+from onboard.autopilot import AUTOPILOT_COMPONENT, LinkError, Snapshot, Vec3, Vec4
+from onboard.config.mavlink_key import AGENT_LINK_ID
 from onboard.frames import ned_frd_from_enu_flu, ned_from_enu
 from onboard.native_threads import keep_thread_state
 from onboard.px4 import modes
 from onboard.px4.message_parsers import PARSERS
+from onboard.px4.packets import MAVSDK_READS, MAVSDK_SENDS, NAMES, SENT, Packet, cut, fields_of
 from onboard.px4.port_lock import PortClaim
+from onboard.px4.relay import Ids, MavlinkRelay
+from onboard.px4.signing import Signer
 from onboard.types import AttitudeSetpoint
 
 _COMPONENT_ID = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 _ONE_AT_A_TIME = threading.Lock()  # two links that start at once in one process crash MAVSDK 4.1 now and then
-_AUTOPILOT_COMPONENT_ID = 1
 _TYPE_MASK_ATTITUDE_AND_THRUST = 7
 _FRAME_LOCAL_NED, _FRAME_LOCAL_FRD_VELOCITY = 1, 12
 _ESTIMATOR_TYPE_VISION = 2
@@ -50,8 +51,8 @@ _HEARTBEAT, _GPS_GLOBAL_ORIGIN, _AUTOPILOT_VERSION = 0, 49, 148
 # mocap for altitudes, and its local height would be wrong by the altitude of the origin.
 _ORIGIN = (47.397742, 8.545594, 0.0)
 _ORIGIN_TOLERANCE_M, _PAUSE_NS = 0.01, 1_000_000_000
-_UNKNOWN = (None,) * 21  # sent as NaN
-_json = msgspec.json.Encoder().encode  # ten times as fast as the standard library's, at 100 messages a second
+_NAN = math.nan
+_UNKNOWN = (_NAN,) * 21
 
 
 def _silent(*_: Any) -> bool:
@@ -66,17 +67,19 @@ class Px4Link:
         endpoint: for instance ``udpin://127.0.0.1:14540``.
         system_id: MAVLink id that the fleet file gives this vehicle; another id on the endpoint is refused.
         position_hz: rate at which PX4 is to send its own position.
+        key: of MAVLink signing; None for a vehicle that does not sign.
     """
 
-    def __init__(self, endpoint: str, system_id: int, *, position_hz: float = 50.0) -> None:
+    def __init__(self, endpoint: str, system_id: int, *, position_hz: float = 50.0, key: bytes | None = None) -> None:
         self.endpoint, self.system_id = endpoint, system_id
         self._rates_hz = {**_RATES_HZ, _LOCAL_POSITION_NED: position_hz}
         self._port = PortClaim(endpoint)
+        signer = Signer(key, AGENT_LINK_ID) if key is not None else None
+        self._relay = MavlinkRelay(endpoint, Ids(system_id, _COMPONENT_ID), signer, self._receive)
         self._mavsdk: Mavsdk | None = None
         self._system: Any = None
-        self._direct: MavlinkDirect | None = None
         self._param: Param | None = None
-        self._unread: dict[str, tuple[str, int]] = {}  # newest message of each kind, not yet parsed: JSON, arrival
+        self._unread: dict[str, tuple[bytes, int]] = {}  # newest message of each kind, not yet parsed: bytes, arrival
         self._lock = threading.Lock()
         self._slot = Snapshot()
         self._covariance: tuple[float, list[float]] = (math.nan, [])
@@ -100,14 +103,14 @@ class Px4Link:
         with _ONE_AT_A_TIME:
             mavsdk_logging.log_subscribe(_silent)
             mavsdk = Mavsdk(configuration)
-            result = mavsdk.add_any_connection(self.endpoint)
-        if int(result) != 0:
-            mavsdk.destroy()
-            self._port.release()
-            raise LinkError(
-                f"MAVSDK cannot open {self.endpoint} ({result}). Correct 'autopilot' of this vehicle in the fleet file."
-            )
+            mavsdk.add_any_connection("raw://")
+            mavsdk.subscribe_raw_bytes_to_be_sent(self._send_for_mavsdk)
         self._mavsdk = mavsdk
+        try:
+            self._relay.start()
+        except LinkError:
+            self.stop()
+            raise
         self._start_ns = self._poses_ns = time.monotonic_ns()
 
     def connect(self, timeout_s: float) -> bool:
@@ -116,29 +119,25 @@ class Px4Link:
         Raises:
             LinkError: another system id answers.
         """
-        if self._mavsdk is None or self._direct is not None:
-            return self._direct is not None
+        if self._mavsdk is None or self._param is not None:
+            return self._param is not None
         system = self._mavsdk.first_autopilot(timeout_s)
-        if system is None:
-            return False
-        system_id = int(system.get_system_id())
-        if system_id != self.system_id:
+        if system is not None:
+            self._system, self._param = system, Param(system)
+            self.request_rates()
+            return True
+        if self._relay.other_system_id is not None:
             raise LinkError(
-                f"The PX4 at {self.endpoint} has MAVLink system id {system_id}, but the fleet file says "
-                f"{self.system_id}. Correct 'system_id' or 'autopilot' of this vehicle, or MAV_SYS_ID of this PX4."
+                f"The PX4 at {self.endpoint} has MAVLink system id {self._relay.other_system_id}, but the fleet file "
+                f"says {self.system_id}. Correct 'system_id' or 'autopilot' of this vehicle, or MAV_SYS_ID of this PX4."
             )
-        self._system, self._param = system, Param(system)
-        direct = MavlinkDirect(system)
-        for name in PARSERS:
-            direct.subscribe_message(name, self._receive)
-        self._direct = direct
-        self.request_rates()
-        return True
+        return False
 
     def stop(self) -> None:
         """Close the link; a second call does nothing. No call to this object may be under way in another thread."""
         mavsdk, self._mavsdk = self._mavsdk, None
-        self._direct = self._param = self._system = None
+        self._relay.stop()
+        self._param = self._system = None
         if mavsdk is not None:
             mavsdk.destroy()
         self._port.release()
@@ -147,25 +146,36 @@ class Px4Link:
 
     def snapshot(self) -> Snapshot:
         """Return the newest values; safe from any thread."""
-        if self._unread:
+        relay = self._relay
+        if self._unread or relay.refused is not self._slot.refused:
             with self._lock:
-                self._slot = self._read(self._slot)
+                self._slot = self._read(
+                    replace(
+                        self._slot,
+                        refused=relay.refused,
+                        is_signed=relay.is_signed,
+                        has_wrong_clock=relay.has_wrong_clock,
+                    )
+                )
         return self._slot
 
-    def _receive(self, message: MavlinkMessage, _: Any) -> None:
-        """Keep a message on MAVSDK's thread, which may wait for Python's lock; :meth:`snapshot` parses it."""
-        keep_thread_state()
-        if message.system_id == self.system_id and message.component_id == _AUTOPILOT_COMPONENT_ID:
-            self._unread[message.message_name] = message.fields_json, time.monotonic_ns()
+    def _receive(self, packet: Packet) -> None:
+        """Keep a message on the relay's thread; :meth:`snapshot` parses it. MAVSDK gets what it reads."""
+        name = NAMES.get(packet.number)
+        if name is not None:
+            self._unread[name] = packet.payload, time.monotonic_ns()
+        mavsdk = self._mavsdk
+        if packet.number in MAVSDK_READS and mavsdk is not None:
+            mavsdk.pass_received_raw_bytes(packet.data)
 
     def _read(self, known: Snapshot) -> Snapshot:
         changes: dict[str, Any] = {}
         newest_ns = 0
         while self._unread:
-            name, (text, arrived_ns) = self._unread.popitem()
+            name, (payload, arrived_ns) = self._unread.popitem()
             try:
-                changes |= PARSERS[name](msgspec.json.decode(text), arrived_ns)
-            except (msgspec.DecodeError, KeyError, TypeError, ValueError):
+                changes |= PARSERS[name](fields_of(name, payload), arrived_ns)
+            except ValueError:
                 continue
             newest_ns = max(newest_ns, arrived_ns)
         if not newest_ns:
@@ -178,15 +188,15 @@ class Px4Link:
         """SET_ATTITUDE_TARGET with attitude and thrust, ENU/FLU in, NED/FRD on the wire."""
         self._send(
             "SET_ATTITUDE_TARGET",
-            time_boot_ms=self._boot_ms(),
-            target_system=self.system_id,
-            target_component=_AUTOPILOT_COMPONENT_ID,
-            type_mask=_TYPE_MASK_ATTITUDE_AND_THRUST,
-            q=ned_frd_from_enu_flu(setpoint.quaternion_wxyz),
-            body_roll_rate=0.0,
-            body_pitch_rate=0.0,
-            body_yaw_rate=0.0,
-            thrust=setpoint.thrust_frac,
+            self._boot_ms(),
+            *ned_frd_from_enu_flu(setpoint.quaternion_wxyz),
+            0.0,
+            0.0,
+            0.0,
+            setpoint.thrust_frac,
+            self.system_id,
+            AUTOPILOT_COMPONENT,
+            _TYPE_MASK_ATTITUDE_AND_THRUST,
         )
 
     def set_offboard(self) -> None:
@@ -215,13 +225,7 @@ class Px4Link:
 
     def play_tune(self) -> None:
         """PLAY_TUNE: PX4 plays it on its buzzer or motors, and acknowledges nothing."""
-        self._send(
-            "PLAY_TUNE",
-            target_system=self.system_id,
-            target_component=_AUTOPILOT_COMPONENT_ID,
-            tune=_TUNE,
-            tune2="",
-        )
+        self._send("PLAY_TUNE", self.system_id, AUTOPILOT_COMPONENT, _TUNE.encode())
 
     def send_odometry(
         self, position_enu_m: Vec3, quaternion_enu_flu_wxyz: Vec4, std_m: float, reset_count: int = 0
@@ -241,35 +245,31 @@ class Px4Link:
             self._covariance = std_m, [diagonal.get(index, 0.0) for index in range(21)]
         self._send(
             "ODOMETRY",
-            time_usec=time.monotonic_ns() // 1000,
-            frame_id=_FRAME_LOCAL_NED,
-            child_frame_id=_FRAME_LOCAL_FRD_VELOCITY,
-            x=north,
-            y=east,
-            z=down,
-            q=ned_frd_from_enu_flu((w / norm, x / norm, y / norm, z / norm)),
-            vx=None,
-            vy=None,
-            vz=None,
-            rollspeed=None,
-            pitchspeed=None,
-            yawspeed=None,
-            pose_covariance=self._covariance[1],
-            velocity_covariance=_UNKNOWN,
-            reset_counter=reset_count,
-            estimator_type=_ESTIMATOR_TYPE_VISION,
-            quality=100,
+            time.monotonic_ns() // 1000,
+            north,
+            east,
+            down,
+            *ned_frd_from_enu_flu((w / norm, x / norm, y / norm, z / norm)),
+            *_UNKNOWN[:6],
+            *self._covariance[1],
+            *_UNKNOWN,
+            _FRAME_LOCAL_NED,
+            _FRAME_LOCAL_FRD_VELOCITY,
+            reset_count,
+            _ESTIMATOR_TYPE_VISION,
+            100,
         )
 
     def set_global_origin(self) -> None:
         """Give PX4 a global origin: without one it refuses its position modes, its hold and land among them."""
+        latitude_deg, longitude_deg, altitude_m = _ORIGIN
         self._send(
             "SET_GPS_GLOBAL_ORIGIN",
-            target_system=self.system_id,
-            latitude=round(_ORIGIN[0] * 1e7),
-            longitude=round(_ORIGIN[1] * 1e7),
-            altitude=round(_ORIGIN[2] * 1e3),
-            time_usec=time.monotonic_ns() // 1000,
+            round(latitude_deg * 1e7),
+            round(longitude_deg * 1e7),
+            round(altitude_m * 1e3),
+            self.system_id,
+            time.monotonic_ns() // 1000,
         )
 
     def settle_global_origin(self, *, sets_ours: bool) -> bool:
@@ -349,27 +349,16 @@ class Px4Link:
         return (time.monotonic_ns() - self._start_ns) // 1_000_000 & 0xFFFFFFFF
 
     def _command(self, command: int, param1: float = 0.0, param2: float = 0.0) -> None:
-        self._send(
-            "COMMAND_LONG",
-            target_system=self.system_id,
-            target_component=_AUTOPILOT_COMPONENT_ID,
-            command=command,
-            confirmation=0,
-            param1=param1,
-            param2=param2,
-            param3=0.0,
-            param4=None if command == modes.CMD_LAND else 0.0,  # None is sent as NaN: keep the heading
-            param5=None if command == modes.CMD_LAND else 0.0,
-            param6=None if command == modes.CMD_LAND else 0.0,
-            param7=None if command == modes.CMD_LAND else 0.0,
-        )
+        rest = _NAN if command == modes.CMD_LAND else 0.0  # not a number: keep heading and place
+        self._send("COMMAND_LONG", param1, param2, 0.0, *(rest,) * 4, command, self.system_id, AUTOPILOT_COMPONENT, 0)
 
-    def _send(self, name: str, **fields: Any) -> None:
-        direct = self._direct
-        if direct is None:
-            return
-        message = MavlinkMessage(
-            name, self.system_id, _COMPONENT_ID, self.system_id, _AUTOPILOT_COMPONENT_ID, _json(fields).decode()
-        )
-        with contextlib.suppress(MavlinkDirectError):  # a PX4 that hears nothing is seen by its own silence
-            direct.send_message(message)
+    def _send(self, name: str, *values: float | bytes) -> None:
+        message = SENT[name]
+        self._relay.send(message.number, message.layout.pack(*values))
+
+    def _send_for_mavsdk(self, data: bytes) -> None:
+        """Send what MAVSDK sends, on its thread: heartbeats, and requests of parameters."""
+        keep_thread_state()
+        for packet in cut(data):
+            if isinstance(packet, Packet) and packet.number in MAVSDK_SENDS:
+                self._relay.send(packet.number, packet.payload)

@@ -62,7 +62,10 @@ def _battery(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
 
 
 def _status_text(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
-    return {"status_text": str(fields["text"]).strip(), "status_text_ns": arrival_ns}
+    text = fields["text"]
+    if isinstance(text, bytes):
+        text = text.partition(b"\0")[0].decode("ascii", "replace")
+    return {"status_text": text.strip(), "status_text_ns": arrival_ns}
 
 
 def _sys_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:

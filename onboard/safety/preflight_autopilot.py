@@ -12,7 +12,15 @@ from onboard.safety.limits import AUTOPILOT_SILENT_S
 from onboard.safety.preflight_facts import HEARTBEAT_SILENT_S, PreflightFacts
 from onboard.safety.preflight_rule import FINE, NO_PX4, OK, SKIP, Judgement, rules
 
+_OF_SIGNING = ("unsigned", "forged", "old")  # reasons for which a packet of a vehicle that signs is not let in
 _EVERY_NETWORK = ("", "0.0.0.0", "::", "[::]")
+_REASONS = {
+    "malformed": "no MAVLink",
+    "strangers": "under PX4's ids, from another address",
+    "unsigned": "not signed",
+    "forged": "signed with another key",
+    "old": "signed, but older than others: a replay",
+}
 LEAST_ATTITUDE_HZ, USUAL_ATTITUDE_HZ = 20.0, 35.0
 
 # conditions that another rule shows; for SHUTDOWN, the refusal of the order itself does
@@ -31,6 +39,8 @@ _OF_OTHER_RULES = frozenset(
 def _px4(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if facts.has_autopilot:
         return OK, {"age": facts.heartbeat_age_s}
+    if facts.newest_refused in _OF_SIGNING:
+        return facts.newest_refused, {"name": vehicle.name, "fleet": fleet.path}
     return ("nonsense", {"sentence": facts.px4_nonsense}) if facts.px4_nonsense else ("silent", {})
 
 
@@ -68,6 +78,9 @@ def _link(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 
 
 def _port(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
+    if facts.has_autopilot and facts.newest_refused:
+        refused = facts.refused
+        return "others", {"count": refused.count, "reason": _REASONS[refused.newest], "source": refused.source or "it"}
     host = host_of(vehicle.autopilot)
     return ("open" if vehicle.autopilot.startswith("udpin://") and host in _EVERY_NETWORK else OK), {}
 
@@ -75,10 +88,15 @@ def _port(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 def _signing(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not facts.has_autopilot:
         return NO_PX4
+    if vehicle.mavlink_signing:
+        return ("clock" if facts.has_signing_clock_behind else OK), {"says": "PX4 and this agent sign their messages."}
+    if facts.is_signed:
+        return "keyless", {"name": vehicle.name}
     version = plausible_version(facts.px4_version)
     links = [link for link in (vehicle.autopilot, vehicle.direct) if link and is_on_network(link)]
     takes_keys = version is None or version >= SIGNING_SINCE
-    return ("open" if links and takes_keys else OK), {"links": " and ".join(links)}
+    words = {"links": " and ".join(links), "fleet": fleet.path}
+    return ("open" if links and takes_keys else OK), words | {"says": "No network is known that could give PX4 a key."}
 
 
 def _alone(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:

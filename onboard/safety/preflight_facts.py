@@ -6,12 +6,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from onboard.autopilot import Version
+from onboard.autopilot import NOTHING_REFUSED, Refused, Version
 from onboard.config.fleet import Vec3
 from onboard.safety.failsafe_table import Condition
 from onboard.safety.limits import AUTOPILOT_SILENT_S, POSITION_STALE_S
 
 HEARTBEAT_SILENT_S = 3.0
+REFUSED_LATELY_S = 5.0
 OLDEST_SAMPLE_S, FUTURE_S = 0.5, 0.005
 
 
@@ -37,6 +38,10 @@ class PreflightFacts:
     px4_version: Version | None = None
     px4_nonsense: str = ""  # what is wrong with PX4's newest numbers, as a sentence
     attitude_hz: float | None = None  # arrival rate of PX4's attitude; None in the first second
+    refused: Refused = NOTHING_REFUSED  # packets at its endpoint that were not let in
+    refused_age_s: float = math.inf  # since the newest of them
+    is_signed: bool = False  # PX4 signs what it sends
+    has_signing_clock_behind: bool = False  # this computer's clock is behind that of another one that signs
     is_armed: bool = False
     is_landed_told: bool = True  # PX4 has reported lately whether it is on the ground
     is_failsafe: bool = False
@@ -68,6 +73,11 @@ class PreflightFacts:
     def has_autopilot(self) -> bool:
         """Whether PX4 and its heartbeat are heard."""
         return self.autopilot_age_s < AUTOPILOT_SILENT_S and self.heartbeat_age_s < HEARTBEAT_SILENT_S
+
+    @property
+    def newest_refused(self) -> str:
+        """Reason of the newest packet that was not let in; empty when that was long ago."""
+        return self.refused.newest if self.refused_age_s < REFUSED_LATELY_S else ""
 
     @property
     def has_wrong_clock(self) -> bool:

@@ -33,7 +33,7 @@ class Hang:
 
     def __init__(self, part: str, seconds: float) -> None:
         self.part, self.seconds = part, seconds
-        self.agent: loop.Agent | None = None
+        self.agent: loop.AgentProcess | None = None
         self._until_s = 0.0
 
     def begin(self, *_: object) -> None:
@@ -45,7 +45,7 @@ class Hang:
             threading.Thread(target=hold, args=(round(self.seconds * 1e6),), daemon=True).start()
         elif self.part == "executors":
             assert self.agent is not None
-            for block in (self.agent._blocking, self.agent._reliable):
+            for block in (self.agent._upkeep._blocking, self.agent._executor.reliable):
                 block.submit(time.sleep, self.seconds)
         else:
             self._until_s = time.monotonic() + self.seconds
@@ -63,13 +63,13 @@ class Hang:
 
 def install(hang: Hang) -> None:
     """Put the hooks around the agent's parts."""
-    plain_init, plain_callback, plain_receive = loop.Agent.__init__, session._callback, Px4Link._receive
+    plain_init, plain_callback, plain_receive = loop.AgentProcess.__init__, session._callback, Px4Link._receive
 
-    def init(self: loop.Agent, *args: Any, **named: Any) -> None:
+    def init(self: loop.AgentProcess, *args: Any, **named: Any) -> None:
         plain_init(self, *args, **named)
         hang.agent = self
 
-    loop.Agent.__init__ = init  # type: ignore[method-assign]
+    loop.AgentProcess.__init__ = init  # type: ignore[method-assign]
     session._callback = lambda function: plain_callback(hang.around("bus", function))
     received = hang.around("autopilot", plain_receive)
     Px4Link._receive = lambda self, *args: received(self, *args)  # type: ignore[method-assign]

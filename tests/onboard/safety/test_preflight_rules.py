@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 
+from onboard.autopilot import Refused
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.safety import preflight_rules
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
@@ -22,6 +23,8 @@ VEHICLE = FLEET.vehicles["mav1"]
 BARE = msgspec.structs.replace(VEHICLE, mocap_required=False)
 EMULATED = msgspec.structs.replace(VEHICLE, emulated=True)
 REACHED = msgspec.structs.replace(VEHICLE, px4_version="1.18", direct="udpout://192.168.1.11:18570")
+SIGNS = msgspec.structs.replace(VEHICLE, mavlink_signing=True)
+SILENT: dict[str, Any] = {"autopilot_age_s": math.inf}
 OUTSIDE = msgspec.structs.replace(VEHICLE, start_enu_m=(9.0, 0.0, 0.0))
 STEADY = msgspec.structs.replace(VEHICLE, px4_params={"MC_ROLL_P": 6.5, "MC_PITCH_P": 6.5})
 FINE = PreflightFacts(
@@ -57,6 +60,12 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"autopilot_age_s": math.inf, "px4_nonsense": "PX4 says that it is 5335 km from its origin."},
         "5335 km",
     ),
+    ("px4", "unsigned"): (SILENT | {"refused": Refused(newest="unsigned"), "refused_age_s": 1.0}, "does not sign"),
+    ("px4", "forged"): (
+        SILENT | {"refused": Refused(newest="forged"), "refused_age_s": 1.0},
+        "another key than keys/mav1",
+    ),
+    ("px4", "old"): (SILENT | {"refused": Refused(newest="old"), "refused_age_s": 1.0}, "older than what was heard"),
     ("version", "unknown"): ({"px4_version": None}, "does not say its version"),
     ("version", "unmeasured"): ({"px4_version": (1, 19)}, "v1.19 was never measured"),
     ("version", "other"): ({"px4_version": (1, 18)}, "lags by 0.29 s instead of 0.25 s"),
@@ -68,6 +77,12 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"vehicle": msgspec.structs.replace(VEHICLE, autopilot="udpin://0.0.0.0:14541")},
         "every network",
     ),
+    ("port", "others"): (
+        {"refused": Refused(strangers=7, newest="strangers", source="10.0.0.9 port 5"), "refused_age_s": 1.0},
+        "7 packets were not let in, the newest from 10.0.0.9 port 5 (under PX4's ids, from another address)",
+    ),
+    ("signing", "keyless"): ({"is_signed": True}, "ignores what is not signed"),
+    ("signing", "clock"): ({"is_signed": True, "has_signing_clock_behind": True, "vehicle": SIGNS}, "a minute behind"),
     ("signing", "open"): (
         {"px4_version": (1, 18), "vehicle": REACHED},
         "udpout://192.168.1.11:18570, and while it is disarmed it takes a key",

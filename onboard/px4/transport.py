@@ -1,0 +1,111 @@
+"""The way to one autopilot: a UDP socket or a serial device. Sending never waits; what cannot leave at once is lost."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import select
+import socket
+import struct
+import time
+from typing import Protocol
+
+from onboard.serial_device import open_serial
+
+Address = tuple[str, int]
+_LARGEST = 65_535
+_WAIT_MS = 200  # a serial device wakes nobody when it is closed
+_WAIT = struct.pack("ll", 1, 0)  # s, us
+
+
+class Transport(Protocol):
+    """Bytes to and from an autopilot."""
+
+    def receive(self) -> tuple[bytes, Address | None]:
+        """Wait for bytes; where they come from, if the transport tells. None come within a second, and after stop."""
+
+    def send(self, data: bytes, address: Address | None) -> bool:
+        """Send bytes at once, to an address where the transport has several; False when they are lost."""
+
+    def stop(self) -> None:
+        """End a waiting :meth:`receive`, and close."""
+
+
+def open_transport(endpoint: str) -> Transport:
+    """Open an endpoint of the fleet file.
+
+    Args:
+        endpoint: ``udpin://HOST:PORT``, ``udpout://HOST:PORT`` or ``serial://DEVICE:BAUD``.
+    Raises:
+        ValueError: it is written wrongly.
+        OSError: it cannot be opened.
+    """
+    match = re.fullmatch(r"(udpin|udpout)://(.+):(\d{1,5})", endpoint)
+    if match is None:
+        return _Serial(endpoint)
+    return _Datagrams((match[2].strip("[]"), int(match[3])), listens=match[1] == "udpin")
+
+
+class _Datagrams:
+    def __init__(self, address: Address, *, listens: bool) -> None:
+        family, _, _, _, resolved = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._is_connected = not listens
+        try:
+            if listens:
+                self._socket.bind(resolved)
+            else:
+                self._socket.connect(resolved)  # the kernel then drops what others send
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _WAIT)
+        except OSError:
+            self._socket.close()
+            raise
+
+    def receive(self) -> tuple[bytes, Address | None]:
+        try:
+            data, address = self._socket.recvfrom(_LARGEST)
+        except OSError:  # nothing came, or nobody is there (ICMP), or it was closed
+            return b"", None
+        return data, address[:2] if address and not self._is_connected else None
+
+    def send(self, data: bytes, address: Address | None) -> bool:
+        if address is None and not self._is_connected:
+            return False
+        try:
+            if self._is_connected:
+                self._socket.send(data, socket.MSG_DONTWAIT)
+            elif address is not None:
+                self._socket.sendto(data, socket.MSG_DONTWAIT, address)
+        except OSError:
+            return False
+        return True
+
+    def stop(self) -> None:
+        with contextlib.suppress(OSError):  # not connected, but a waiting receive ends
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
+
+
+class _Serial:
+    def __init__(self, endpoint: str) -> None:
+        self._descriptor = open_serial(endpoint)
+        self._poll = select.poll()
+        self._poll.register(self._descriptor, select.POLLIN)
+
+    def receive(self) -> tuple[bytes, Address | None]:
+        try:
+            data = os.read(self._descriptor, _LARGEST) if self._poll.poll(_WAIT_MS) else b""
+        except OSError:  # closed, or unplugged
+            time.sleep(_WAIT_MS * 1e-3)
+            data = b""
+        return data, None
+
+    def send(self, data: bytes, address: Address | None) -> bool:
+        try:
+            return os.write(self._descriptor, data) == len(data)
+        except OSError:
+            return False
+
+    def stop(self) -> None:
+        os.close(self._descriptor)

@@ -1,0 +1,37 @@
+"""A serial device for MAVLink: opened raw, without flow control, never blocking."""
+
+from __future__ import annotations
+
+import os
+import termios
+import tty
+
+_PREFIX = "serial://"
+
+
+def open_serial(endpoint: str) -> int:
+    """Open the device of an endpoint.
+
+    Args:
+        endpoint: as in the fleet file, ``serial://DEVICE:BAUD``.
+    Returns:
+        its file descriptor.
+    Raises:
+        ValueError: it is written wrongly.
+        OSError: there is no such device, or it is none, or it may not be used.
+    """
+    device, _, baud = endpoint.removeprefix(_PREFIX).rpartition(":")
+    speed = getattr(termios, f"B{baud}", None)
+    if not endpoint.startswith(_PREFIX) or not device or speed is None:
+        raise ValueError(f"'{endpoint}' is no serial endpoint; write it as serial:///dev/ttyAMA0:921600")
+    descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        tty.setraw(descriptor)
+        attributes = termios.tcgetattr(descriptor)
+        attributes[2] = attributes[2] & ~termios.CRTSCTS | termios.CLOCAL | termios.CREAD
+        attributes[4] = attributes[5] = speed
+        termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+    except termios.error as error:
+        os.close(descriptor)
+        raise OSError(f"{device} is no serial device ({error})") from None
+    return descriptor
