@@ -51,6 +51,9 @@ _BLOCKING_PRIORITY = zenoh.Priority.INTERACTIVE_HIGH
 _CLOSE_AFTER_US = 1_000_000  # then the connection to a peer that takes nothing is closed
 _OPEN_MS = 1000  # for a link: over QUIC a node that is not there refuses nothing, and silence takes this long
 _FAULT_NAME = "fault"
+# Topics whose messages fit into one datagram. Over QUIC nothing of a larger one arrives, so all others, ticks and
+# preflight reports among them, travel in streams. A publisher of the newest still drops rather than waits.
+_IN_DATAGRAMS = (Topic.STATE, Topic.FAR, Topic.MOCAP, Topic.ALL_POSES, Topic.TRUTH)
 
 
 class BusSession:
@@ -162,7 +165,7 @@ class BusSession:
             publisher = self._publishers[topic, name] = self._open.declare_publisher(
                 key(self.namespace, topic, name),
                 congestion_control=zenoh.CongestionControl.DROP if latest else zenoh.CongestionControl.BLOCK,
-                reliability=zenoh.Reliability.BEST_EFFORT if latest else zenoh.Reliability.RELIABLE,
+                reliability=zenoh.Reliability.BEST_EFFORT if topic in _IN_DATAGRAMS else zenoh.Reliability.RELIABLE,
                 priority=zenoh.Priority.REAL_TIME if urgent else zenoh.Priority.DATA if latest else _BLOCKING_PRIORITY,
                 allowed_destination=zenoh.Locality.REMOTE,  # a subscriber to all need not take its own messages
             )

@@ -165,6 +165,25 @@ def test_nobody_without_a_key_of_this_authority_is_heard_or_hears(fleet: FleetCo
     assert read == set()
 
 
+def test_what_fits_into_no_datagram_arrives(fleet: FleetConfig) -> None:
+    heard: set[Topic] = set()
+    large = replace(state_message(), vehicle="x" * 10_000)
+    topics = [
+        topic for topic in SAMPLES if topic in GRANTS[Role.VEHICLE].publishes and topic in GRANTS[Role.VIEWER].reads
+    ]
+    whole = set(topics) - {Topic.STATE, Topic.FAR}  # these are always small
+    with _node(fleet, "mav0", listens=True) as agent, _node(fleet, "viewer") as viewer:
+        for topic in whole:
+            viewer.subscribe(topic, "*", lambda topic, *_: heard.add(topic))
+
+        def tell() -> bool:
+            for topic in whole:
+                agent.publish(topic, "mav0", large)
+            return heard == whole
+
+        assert _until(tell), whole - heard
+
+
 def test_faults_are_the_emulators_to_answer_and_the_grounds_to_ask() -> None:
     assert [role for role in Role if Topic.SIM in GRANTS[role].asks] == [Role.GROUND]
     assert [role for role in Role if Topic.SIM in GRANTS[role].answers] == [Role.EMULATOR]
