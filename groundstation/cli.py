@@ -20,9 +20,9 @@ from keyword import iskeyword
 from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
 
-from onboard.bus.protocol import BusError
+from onboard.bus.protocol import BusError, NoRouterError
 from onboard.config.fleet import ConfigError
-from onboard.exit_status import EXIT_INTERRUPTED, EXIT_OK, EXIT_WRONG_INPUT
+from onboard.exit_status import EXIT_INTERRUPTED, EXIT_NO_ANSWER, EXIT_OK, EXIT_WRONG_INPUT
 from onboard.plain_text import PlainStream, drawing
 
 if TYPE_CHECKING:
@@ -73,6 +73,7 @@ COMMANDS = (
     Command("sitl-check", _SIMULATION, "whether a MAVLink endpoint behaves as a real PX4"),
     Command("sitl-truth", _SIMULATION, "ground truth of real PX4s with SIH, for verdicts"),
     Command("agent", _DRONE, "one vehicle's agent, also as a service of systemd"),
+    Command("router", _DRONE, "a router of the fleet's bus, for fleets on several networks", "network.router"),
     Command("mocap", _DRONE, "the relay from a motion capture to the fleet's bus"),
 )
 
@@ -91,6 +92,9 @@ def _run_in_sentences(words: list[str]) -> int:
     """Run one command, with errors as sentences."""
     try:
         return _run(words)
+    except NoRouterError as error:
+        _refuse(str(error))
+        return EXIT_NO_ANSWER
     except (ConfigError, BusError) as error:  # what was written or configured is wrong, or an endpoint is taken
         return _refuse(str(error))
     except ImportError as error:

@@ -311,6 +311,7 @@ def simulator_bus(fleet: FleetConfig, node: str = "sitl", *, is_partial: bool = 
         listen=[fleet.pose_endpoints[is_partial]],
         connect=agents,
         credentials=credentials_of(fleet, Role.EMULATOR),
+        routers=fleet.fleet.routers,
     )
 
 

@@ -27,6 +27,7 @@ def session(fleet: FleetConfig, role: str = GROUND) -> BusSession:
         node=f"{role}-{os.getpid()}-{random_id()[:4]}",
         connect=[*(vehicle.agent for vehicle in fleet.vehicles.values()), *fleet.pose_endpoints],
         credentials=credentials_of(fleet, _key_of(fleet, role)),
+        routers=fleet.fleet.routers,
     )
 
 

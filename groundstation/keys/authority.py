@@ -20,8 +20,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from onboard.bus.certificates import read_certificate
-from onboard.bus.roles import NODES, Role
-from onboard.config.endpoints import host_of
+from onboard.bus.roles import NODES, ROUTER
 from onboard.config.fleet import ConfigError, FleetConfig
 
 AUTHORITY_DAYS, NODE_DAYS = 3650, 825
@@ -42,16 +41,9 @@ def folder_of(fleet: FleetConfig) -> Path:
     return Path(fleet.keys_folder)
 
 
-def hosts_of(fleet: FleetConfig, node: str) -> list[str]:
-    """Return the addresses at which others reach a node; a ground is reached by nobody."""
-    simulator = host_of(fleet.simulator_endpoint)
-    hosts = {Role.MOCAP.value: [simulator], Role.EMULATOR.value: [simulator]}
-    return [fleet.vehicles[node].host] if node in fleet.vehicles else hosts.get(node, [])
-
-
 def nodes_of(fleet: FleetConfig) -> list[str]:
     """Return the names of all nodes that have a certificate."""
-    return [*fleet.vehicles, *(role.value for role in NODES)]
+    return [*fleet.vehicles, *(role.value for role in NODES), *([ROUTER] if fleet.fleet.routers else [])]
 
 
 def make_authority(folder: Path, fleet_name: str, now: datetime.datetime) -> Authority:

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from groundstation.keys.authority import Authority, folder_of, hosts_of, issue, load_authority, make_authority, nodes_of
+from groundstation.keys.authority import Authority, folder_of, issue, load_authority, make_authority, nodes_of
 from groundstation.starter.fleet_edit import edited, write_changes
+from onboard.bus.credentials import hosts_of
 from onboard.config.example_files import EXAMPLES
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
 
@@ -81,9 +82,12 @@ def _changes(fleet: FleetConfig) -> dict[str, Any]:
     agents = {name: _with_keys(vehicle.agent) for name, vehicle in fleet.vehicles.items()}
     if any(endpoint != fleet.vehicles[name].agent for name, endpoint in agents.items()):
         changes["vehicles"] = {name: {"agent": endpoint} for name, endpoint in agents.items()}
+    section: dict[str, Any] = {}
     if fleet.fleet.simulator is not None and fleet.fleet.simulator.startswith(_PLAIN):
-        changes["fleet"] = {"simulator": _with_keys(fleet.fleet.simulator)}
-    return changes
+        section["simulator"] = _with_keys(fleet.fleet.simulator)
+    if any(endpoint.startswith(_PLAIN) for endpoint in fleet.fleet.routers):
+        section["routers"] = [_with_keys(endpoint) for endpoint in fleet.fleet.routers]
+    return {**changes, "fleet": section} if section else changes
 
 
 def _with_keys(endpoint: str) -> str:

@@ -30,6 +30,12 @@ def is_free(port: int, kind: socket.SocketKind) -> bool:
     return True
 
 
+def is_free_endpoint(endpoint: str) -> bool:
+    """Whether an endpoint of the bus on this machine can be listened at now."""
+    kind = socket.SOCK_STREAM if endpoint.startswith(("tcp/", "tls/")) else socket.SOCK_DGRAM
+    return is_free(int(endpoint.rsplit(":", 1)[-1]), kind)
+
+
 def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
     """Return the fleet file's data with every endpoint on a free loopback port; all else stays as it is.
 
@@ -49,12 +55,14 @@ def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
             own["direct"] = f"udpout://127.0.0.1:{_next(ports)}"
         vehicles[name] = own
     section = {**data["fleet"], "simulator": f"tcp/127.0.0.1:{_next(ports)}"}
+    if fleet.fleet.routers:
+        section["routers"] = [f"tcp/127.0.0.1:{_next(ports)}" for _ in fleet.fleet.routers]
     return {**data, "fleet": section, "vehicles": vehicles}
 
 
 def is_local(fleet: FleetConfig) -> bool:
     """Whether every endpoint of a fleet file is of this machine alone, so that a simulated flight may use it."""
-    endpoints = [fleet.simulator_endpoint]
+    endpoints = [fleet.simulator_endpoint, *fleet.fleet.routers]
     for vehicle in fleet.vehicles.values():
         endpoints += [vehicle.agent, vehicle.autopilot, *([] if vehicle.direct is None else [vehicle.direct])]
     return all(is_loopback(host_of(endpoint)) for endpoint in endpoints)

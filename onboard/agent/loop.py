@@ -25,7 +25,7 @@ from onboard.agent.warm_up import warm_up
 from onboard.autopilot import LinkError
 from onboard.bus.codec import Malformed
 from onboard.bus.credentials import credentials_of
-from onboard.bus.protocol import BusError, UntrustedOrder
+from onboard.bus.protocol import BusError, NoRouterError, UntrustedOrder
 from onboard.bus.schema import Order, OrderReply
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig, MocapConfig
@@ -42,6 +42,7 @@ _CHECKED_POSITION_HZ = 10.0
 _STATISTICS_TICKS = 25
 _FAILED_TICKS_TO_LAND = 25
 _TIDY_TICKS = 500  # on the ground
+_ROUTER_S = 1.0  # to look for a router, before signals are looked at again
 
 log = logging.getLogger("covey.agent")
 
@@ -73,6 +74,8 @@ class AgentProcess:
             listen=[vehicle.agent],
             connect=[*agents, *fleet.pose_endpoints],
             credentials=credentials_of(fleet, name),
+            routers=fleet.fleet.routers,
+            router_timeout_s=_ROUTER_S,
         )
         mocap = MocapConfig() if has_bus_mocap or vehicle.emulated else fleet.mocap
         self._inbox = Inbox(vehicle, self._core.boot_id, self._bus, mocap)
@@ -96,7 +99,8 @@ class AgentProcess:
         warm_up(self._fleet, self._name)
         self._link.start()
         try:
-            self._bus.start()
+            if not await self._join_bus():
+                return EXIT_OK
             self._inbox.start()
             self._bus.serve_orders(self._name, self._order_on_bus_thread)
             self._core.preflight.is_warm = True
@@ -115,6 +119,20 @@ class AgentProcess:
             self._inbox.stop()
             self._bus.stop()
             self._link.stop()
+
+    async def _join_bus(self) -> bool:
+        """Open the bus, and wait for a router where the fleet has routers; False when asked to stop before that."""
+        is_told = False
+        while not self._signals:
+            try:
+                self._bus.start()
+                return True
+            except NoRouterError as error:
+                if not is_told:
+                    print(f"agent {self._name}: {error} It goes on looking.", file=sys.stderr, flush=True)
+                is_told = True
+                await asyncio.sleep(0.0)  # signals
+        return False
 
     def _order_on_bus_thread(
         self, message: Order | Malformed | UntrustedOrder, reply: Callable[[OrderReply], None]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Iterable
 
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
@@ -49,6 +50,27 @@ def check(authority: str, certificate: str, key: str, node: str, now: datetime.d
         raise ConfigError(
             f"{key} is of a former kind that signs no orders. Issue it anew: covey keys issue FLEET {node}"
         )
+
+
+def check_hosts(certificate: str, node: str, hosts: Iterable[str]) -> None:
+    """Check that a certificate is for the addresses at which others connect to its node: they look.
+
+    Args:
+        certificate: path.
+        node: its holder.
+        hosts: names and addresses of the fleet file.
+    Raises:
+        ConfigError: it is for others.
+    """
+    extension = read_certificate(certificate).extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    issued = [*map(str, extension.get_values_for_type(x509.IPAddress)), *extension.get_values_for_type(x509.DNSName)]
+    for host in hosts:
+        if host.strip("[]") not in issued:
+            addresses = ", ".join(one for one in issued if one != node) or "no address"
+            raise ConfigError(
+                f"{certificate} is for {addresses}, but the fleet file has {node} at {host}: nobody would connect to "
+                f"it. Issue it anew: covey keys issue FLEET {node}"
+            )
 
 
 def read_certificate(path: str) -> x509.Certificate:

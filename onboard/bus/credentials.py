@@ -11,7 +11,8 @@ import os
 import stat
 from dataclasses import dataclass
 
-from onboard.bus.roles import Role, access_control
+from onboard.bus.roles import ROUTER, Role, access_control
+from onboard.config.endpoints import host_of
 from onboard.config.fleet import ConfigError, FleetConfig
 
 _REMEDY = "Make what is missing with: covey secure {fleet}"
@@ -54,10 +55,26 @@ def credentials_of(fleet: FleetConfig, node: str, now: datetime.datetime | None 
     mode = stat.S_IMODE(os.stat(key).st_mode)
     if mode & 0o077:
         raise ConfigError(f"{key} can be read by other users of this computer (mode {mode:o}). Run: chmod 600 {key}")
-    from onboard.bus.certificates import check  # ten megabytes, which a fleet without keys need not have
+    from onboard.bus.certificates import check, check_hosts  # ten megabytes, which a fleet without keys need not have
 
     check(authority, certificate, key, node, now or datetime.datetime.now(datetime.UTC))
-    return Credentials(authority, certificate, key, access_control(fleet.namespace, fleet.vehicles))
+    if not fleet.fleet.routers or node == ROUTER:  # behind a router the others need not reach it
+        check_hosts(certificate, node, hosts_of(fleet, node))
+    access = access_control({fleet.namespace: fleet.vehicles}, has_router=bool(fleet.fleet.routers))
+    return Credentials(authority, certificate, key, access)
+
+
+def hosts_of(fleet: FleetConfig, node: str) -> list[str]:
+    """Return the addresses at which others reach a node; a ground is reached by nobody.
+
+    Args:
+        fleet: the fleet file.
+        node: a vehicle's name, or the value of a role.
+    """
+    simulator = host_of(fleet.simulator_endpoint)
+    routers = list(dict.fromkeys(map(host_of, fleet.fleet.routers)))
+    hosts = {Role.MOCAP.value: [simulator], Role.EMULATOR.value: [simulator], ROUTER: routers}
+    return [fleet.vehicles[node].host] if node in fleet.vehicles else hosts.get(node, [])
 
 
 def _who(node: str) -> str:
@@ -66,5 +83,6 @@ def _who(node: str) -> str:
         Role.VIEWER: "a ground that only watches",
         Role.MOCAP: "the relay of the motion capture",
         Role.EMULATOR: "the emulator",
+        ROUTER: "a router",
     }
-    return next((words for role, words in roles.items() if role.value == node), f"the agent of {node}")
+    return next((words for role, words in roles.items() if role == node), f"the agent of {node}")

@@ -37,6 +37,10 @@ class BusError(RuntimeError):
     """The bus could not be opened: a sentence that says what failed, where, and what to do."""
 
 
+class NoRouterError(BusError):
+    """The fleet has routers, and none of them answers."""
+
+
 class Bus(Protocol):
     """One node on the fleet's bus.
 

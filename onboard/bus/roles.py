@@ -24,6 +24,9 @@ class Role(StrEnum):
     EMULATOR = "sitl"  # publishes poses and ground truth of what it emulates
 
 
+ROUTER = "router"  # common name of a router, which has no role: it passes on what the others say, each within its own
+
+
 @dataclass(frozen=True, slots=True)
 class Grant:
     """What one role may do. Names: ``{own}`` is the vehicle's own, ``*`` any, ``x$*`` any that begins with x."""
@@ -85,21 +88,25 @@ _ALL_MESSAGES = (
 )
 
 
-def access_control(namespace: str, vehicles: Iterable[str]) -> dict[str, object]:
+def access_control(fleets: Mapping[str, Iterable[str]], *, has_router: bool) -> dict[str, object]:
     """Return zenoh's ``access_control``: what may come in from the holder of which certificate.
 
     Args:
-        namespace: key prefix, ``covey/<fleet name>``.
-        vehicles: names of the fleet's vehicles.
+        fleets: key prefix, ``covey/<fleet name>``, -> names of the vehicles; several for a router of several fleets.
+        has_router: whether routers pass on messages of others.
     """
-    holders = [*((name, Role.VEHICLE) for name in vehicles), *((role.value, role) for role in NODES)]
     rules: list[dict[str, object]] = [_rule("out", _ALL_MESSAGES, ["**"], "egress")]
-    policies, subjects = [], []
-    for name, role in holders:
-        own = list(_rules_of(namespace, name, GRANTS[role]))
-        rules += own
-        subjects.append({"id": name, "cert_common_names": [name]})
-        policies.append({"rules": ["out", *(rule["id"] for rule in own)], "subjects": [name]})
+    granted: dict[str, list[object]] = {}  # holder -> ids of rules
+    for namespace, vehicles in fleets.items():
+        for name, role in (*((name, Role.VEHICLE) for name in vehicles), *((role.value, role) for role in NODES)):
+            own = list(_rules_of(namespace, name, GRANTS[role]))
+            rules += own
+            granted.setdefault(name, ["out"]).extend(rule["id"] for rule in own)
+        if has_router:
+            rules.append(_rule(f"{namespace} {ROUTER}", _ALL_MESSAGES, [f"{namespace}/**"], "ingress"))
+            granted.setdefault(ROUTER, ["out"]).append(rules[-1]["id"])
+    subjects = [{"id": name, "cert_common_names": [name]} for name in granted]
+    policies = [{"rules": ids, "subjects": [name]} for name, ids in granted.items()]
     return {
         "enabled": True,
         "default_permission": "deny",
@@ -125,7 +132,7 @@ def _rules_of(namespace: str, name: str, grant: Grant) -> Iterator[dict[str, obj
         )
     ):
         if expressions:
-            yield _rule(f"{name} {number}", messages, expressions, "ingress")
+            yield _rule(f"{namespace} {name} {number}", messages, expressions, "ingress")
 
 
 def _rule(name: str, messages: Iterable[str], expressions: list[str], flow: str) -> dict[str, object]:

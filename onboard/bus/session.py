@@ -1,6 +1,5 @@
 """The bus over Zenoh; the only file of the project that imports zenoh.
 
-Endpoints are explicit, without multicast or gossip scouting: a node connects only to endpoints of the fleet file.
 Callbacks run on zenoh's threads and must only hand over (:meth:`asyncio.AbstractEventLoop.call_soon_threadsafe`);
 calling a session's method from inside a callback can deadlock.
 """
@@ -20,9 +19,9 @@ from onboard.bus.codec import Malformed, decode, encode
 from onboard.bus.credentials import Credentials
 from onboard.bus.presence import Presence
 from onboard.bus.protocol import (
-    LEASE_MS,
     MAX_COLLECTED,
     BusError,
+    NoRouterError,
     OnAlive,
     OnEnd,
     OnFault,
@@ -32,6 +31,7 @@ from onboard.bus.protocol import (
     UntrustedOrder,
 )
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
+from onboard.bus.settings import Setting, of_client, of_node
 from onboard.bus.sockets import PromptSockets
 from onboard.bus.topics import TOPICS, Delivery, Topic, key, topic_and_name
 from onboard.native_threads import keep_thread_state
@@ -40,7 +40,6 @@ from onboard.native_threads import keep_thread_state
 # wake-up costs more than the reading. Zenoh reads this when the first session opens.
 _RUNTIMES = [f"{name}: (handover: net)" for name in ("rx", "tx", "acc", "app")] + ["net: (worker_threads: 1)"]
 os.environ.setdefault("ZENOH_RUNTIME", f"({', '.join(_RUNTIMES)})")
-RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
 
 _Collector = tuple[Any, Callable[[Any], None]]  # a subscriber that keeps the newest samples, and the function for each
 _MAX_NAMES = 1000
@@ -48,8 +47,6 @@ _MAX_FOLLOWED = 16  # samples of one followed name that wait for delivery
 # Messages whose sender may block have a queue of their own: in a shared one, a peer that hangs would hold up the
 # control loop's messages too.
 _BLOCKING_PRIORITY = zenoh.Priority.INTERACTIVE_HIGH
-_CLOSE_AFTER_US = 1_000_000  # then the connection to a peer that takes nothing is closed
-_OPEN_MS = 1000  # for a link: over QUIC a node that is not there refuses nothing, and silence takes this long
 _FAULT_NAME = "fault"
 # Topics whose messages fit into one datagram. Over QUIC nothing of a larger one arrives, so all others, ticks and
 # preflight reports among them, travel in streams. A publisher of the newest still drops rather than waits.
@@ -65,6 +62,9 @@ class BusSession:
         listen: endpoints to listen at, for instance ``["tcp/127.0.0.1:7460"]``; empty for the ground.
         connect: endpoints of the others; retried for ever, so that the order of starting does not matter.
         credentials: of this node, for ``quic/`` and ``tls/``; None for a bus without keys.
+        routers: endpoints of the fleet's routers; where there are any, the node connects to one of them only, and
+            listens nowhere.
+        router_timeout_s: for which :meth:`start` looks for a router.
     """
 
     is_simulated = False
@@ -77,11 +77,14 @@ class BusSession:
         listen: Sequence[str] = (),
         connect: Sequence[str] = (),
         credentials: Credentials | None = None,
+        routers: Sequence[str] = (),
+        router_timeout_s: float = 10.0,
     ) -> None:
         self.namespace = namespace
         self.node = node
         self._listen = list(listen)
         self._connect = [endpoint for endpoint in connect if endpoint not in self._listen]
+        self._routers, self._router_timeout_s = tuple(routers), router_timeout_s
         self._credentials = credentials
         self._signatures = None if credentials is None else _Signatures(credentials)
         self._session: zenoh.Session | None = None
@@ -98,7 +101,7 @@ class BusSession:
         """Open the bus and declare the liveliness token; a second call does nothing.
 
         Raises:
-            BusError: an endpoint to listen at is taken or not valid.
+            BusError: an endpoint to listen at is taken or not valid, or no router answers.
         """
         if self._session is None:
             self._session = self._open_session()
@@ -106,36 +109,9 @@ class BusSession:
             self._declared.append(self._declare_token(self.node))
 
     def _open_session(self) -> zenoh.Session:
-        config = zenoh.Config()
-        for path, value in (
-            ("mode", "peer"),
-            ("listen/endpoints", [_link_of(endpoint) for endpoint in self._listen]),
-            ("connect/endpoints", [_link_of(endpoint) for endpoint in self._connect]),
-            *_security(self._credentials),
-            ("connect/timeout_ms", -1),
-            ("connect/exit_on_failure", False),
-            ("connect/retry", RETRY),
-            ("listen/exit_on_failure", True),
-            ("listen/timeout_ms", 0),
-            ("scouting/multicast/enabled", False),
-            ("scouting/gossip/enabled", False),
-            ("transport/link/tx/lease", LEASE_MS),
-            ("transport/unicast/open_timeout", _OPEN_MS),
-            ("transport/shared_memory/enabled", False),  # messages are small, and its threads and memory are not free
-            # a peer that hangs fills its queue: the publisher drops at once instead of waiting in the control loop
-            ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", 0),
-            ("transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments", 0),
-            ("transport/link/tx/queue/congestion_control/block/wait_before_close", _CLOSE_AFTER_US),
-        ):
-            config.insert_json5(path, json.dumps(value))
-        try:
-            return zenoh.open(config)
-        except zenoh.ZError as error:
-            raise BusError(
-                f"The bus cannot listen at {', '.join(self._listen) or 'no endpoint'} ({_reason(error)}). "
-                "Another agent or emulator of this fleet may be running: stop it, or change the endpoint in the "
-                "fleet file."
-            ) from None
+        if self._routers:
+            return open_zenoh(of_client(self._routers, self._router_timeout_s, self._credentials))
+        return open_zenoh(of_node(self._listen, self._connect, self._credentials))
 
     def stop(self) -> None:
         """Leave the bus; a second call does nothing."""
@@ -326,24 +302,34 @@ class _Signatures:
         return self._check.refusal(key_expression, payload, seal, datetime.datetime.now(datetime.UTC))
 
 
-def _link_of(endpoint: str) -> str:
-    """Return an endpoint with what zenoh is told of it: QUIC carries what may be lost in datagrams, beside streams."""
-    return f"{endpoint}?mixed_rel=1" if endpoint.startswith("quic/") else endpoint
+def open_zenoh(settings: Iterable[Setting]) -> zenoh.Session:
+    """Open a session of zenoh.
+
+    Args:
+        settings: of :mod:`onboard.bus.settings`.
+    Raises:
+        BusError: an endpoint to listen at is taken or not valid, or no router answers.
+    """
+    config, known = zenoh.Config(), dict(settings)
+    for path, value in known.items():
+        config.insert_json5(path, json.dumps(value))
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        if known["mode"] == "client":
+            raise NoRouterError(
+                f"No router of this fleet answers at {_bare(known['connect/endpoints'])}. Start one with covey router, "
+                "or correct [fleet] routers; with keys, both ends need those of one authority (covey keys list)."
+            ) from None
+        raise BusError(
+            f"The bus cannot listen at {_bare(known['listen/endpoints'])} ({_reason(error)}). "
+            "Another agent or emulator of this fleet may be running: stop it, or change the endpoint in the "
+            "fleet file."
+        ) from None
 
 
-def _security(credentials: Credentials | None) -> list[tuple[str, Any]]:
-    """Return the settings with which both ends of each link prove who they are."""
-    if credentials is None:
-        return []
-    tls = {
-        "root_ca_certificate": credentials.authority,
-        "enable_mtls": True,
-        "close_link_on_expiration": True,
-        **{f"{side}_certificate": credentials.certificate for side in ("listen", "connect")},
-        **{f"{side}_private_key": credentials.key for side in ("listen", "connect")},
-    }
-    settings: list[tuple[str, Any]] = [(f"transport/link/tls/{name}", value) for name, value in tls.items()]
-    return [*settings, ("access_control", credentials.access)]
+def _bare(endpoints: Sequence[str]) -> str:
+    return ", ".join(endpoint.partition("?")[0] for endpoint in endpoints) or "no endpoint"
 
 
 def _reason(error: zenoh.ZError) -> str:

@@ -79,6 +79,8 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bus_lost_land_s: float = 5.0  # a vehicle that hears nobody holds, and lands after so long
     ground_lost_land_s: float = 60.0  # vehicles in flight land when nobody has been there to order for so long
     keys: str = "keys"  # folder of the bus's keys, as seen from this file; docs/keys.md
+    # endpoints of routers, quic/HOST:PORT: nodes then connect to the first that answers; docs/network.md
+    routers: tuple[str, ...] = ()
     simulator: str | None = None  # where covey sitl listens on the bus; the port below the lowest agent's by default
 
     @property
@@ -165,7 +167,8 @@ class FleetConfig(msgspec.Struct, frozen=True):
     @property
     def config_hash(self) -> str:
         """Hash of all values: equal on all vehicles that read the same ones; differing hashes refuse take-off."""
-        fleet = msgspec.structs.replace(self.fleet, keys="keys")  # a place on one computer
+        # where keys lie, and which router is nearest, may differ from computer to computer
+        fleet = msgspec.structs.replace(self.fleet, keys="keys", routers=())
         parts = [fleet, self.law, self.formations, self.vehicles, self.obstacles, self.mocap]
         values = msgspec.json.encode(parts, order="deterministic")
         return hashlib.sha256(values).hexdigest()[:12]

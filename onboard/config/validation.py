@@ -39,7 +39,7 @@ VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
 }
 _AGENT_ENDPOINT = re.compile(r"(tcp|quic|tls|udp)/[A-Za-z0-9_.:\[\]-]+:\d{1,5}")
 _KEYED = ("quic/", "tls/")
-_NODE_NAMES = ("ground", "viewer", "mocap", "sitl", "ca")  # of keys beside the vehicles' own
+_NODE_NAMES = ("ground", "viewer", "mocap", "sitl", "router", "ca")  # of keys beside the vehicles' own
 _WITHOUT_SIGNING = ("1.16", "1.17")
 _AUTOPILOT_ENDPOINT = re.compile(r"(udpin|udpout|serial)://.+")
 
@@ -90,7 +90,14 @@ def _fleet_section_problems(config: FleetConfig) -> Iterator[str]:
 def _bus_problems(config: FleetConfig) -> Iterator[str]:
     endpoints = {f"vehicles.{name}.agent": vehicle.agent for name, vehicle in config.vehicles.items()}
     endpoints["fleet.simulator"] = config.simulator_endpoint
+    endpoints |= {f"fleet.routers[{number}]": endpoint for number, endpoint in enumerate(config.fleet.routers)}
+    owners: dict[str, str] = {}
     for key, endpoint in endpoints.items():
+        if not _AGENT_ENDPOINT.fullmatch(endpoint):
+            yield f"'{key}' is {endpoint!r}; write it as quic/10.0.0.5:7447."
+        place = endpoint.partition("/")[2]
+        if owners.setdefault(place, key) != key:
+            yield f"'{key}' and '{owners[place]}' are both at {place}. Only one can listen there: change one of them."
         if re.match(r"[a-z]+/(0\.0\.0\.0|\[::\]):", endpoint):
             yield (
                 f"'{key}' is {endpoint!r}. The others connect to this address: name the one at which they reach this "

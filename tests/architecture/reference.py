@@ -63,7 +63,7 @@ def _kind(text: str) -> str:
         return f"{('', '', 'two', 'three')[count]} numbers"
     words |= {"tuple[Any, ...]": "list of steps", "tuple[FramePoint, ...]": "list of tables"}
     words |= {"Names": "text or list of texts", "str | tuple[str, ...]": "text or list of texts"}
-    words |= {"tuple[tuple[float, float], ...]": "list of points"}
+    words |= {"tuple[tuple[float, float], ...]": "list of points", "tuple[str, ...]": "list of texts"}
     return words.get(base, "table")
 
 

@@ -23,8 +23,8 @@ from cyclopts import App, Parameter
 from groundstation.keys.authority import folder_of, load_authority, make_authority, nodes_of
 from groundstation.keys.secured_fleet import issue_all, refuse_example, secure_fleet
 from onboard.bus.certificates import check, read_certificate
-from onboard.bus.credentials import files_of
-from onboard.bus.roles import Role
+from onboard.bus.credentials import files_of, hosts_of
+from onboard.bus.roles import ROUTER, Role
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
 
@@ -45,6 +45,8 @@ def secure(fleet: Fleet, /) -> int:
     for name, vehicle in secured.vehicles.items():
         print(f"  to {vehicle.host}: {file}, {_files(secured, name)}")
     print(f"  to your ground: {file}, {_files(secured, Role.GROUND)}")
+    for host in hosts_of(secured, ROUTER):
+        print(f"  to {host}, for covey router: {file}, {_files(secured, ROUTER)}")
     print("  to whoever only watches: the same with viewer; to the relay of a motion capture: with mocap")
     print(f"{folder_of(secured) / 'ca.key'} makes new nodes: it stays here.")
     return EXIT_OK
@@ -76,7 +78,7 @@ def issue(fleet: Fleet, /, *nodes: Node) -> int:
 
     Args:
         fleet: the fleet file
-        nodes: vehicles, ground, viewer, mocap or sitl
+        nodes: vehicles, ground, viewer, mocap, sitl or router
     """
     config = _loaded(fleet)
     if not nodes:

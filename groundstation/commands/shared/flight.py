@@ -21,7 +21,7 @@ from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.findings import refuse_unflyable
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun, load_function
 from groundstation.missions.verdict import Verdict
-from groundstation.processes.free_ports import busy_ports, is_local, toml_text, with_free_ports
+from groundstation.processes.free_ports import busy_ports, is_free_endpoint, is_local, toml_text, with_free_ports
 from groundstation.processes.supervisor import ProcessError, Processes, agent_command, leaves_room
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.writer import FLUSH_PERIOD_S, RECORD_NAME, RecordWriter
@@ -148,6 +148,9 @@ def start_processes(settings: Settings, processes: Processes) -> None:
 def start_fleet(fleet: FleetConfig, folder: Path, seed: int, processes: Processes) -> None:
     """Start the emulator and the agents of the ``fleet.toml`` in a folder."""
     path, names = str(folder / "fleet.toml"), fleet.enabled_names
+    for number, endpoint in enumerate(fleet.fleet.routers):
+        if is_free_endpoint(endpoint):  # otherwise one is running
+            processes.start(f"router{number}", ["groundstation", "router", path, "--endpoint", endpoint])
     processes.start(EMULATOR, ["sitl", "--fleet", path, "--seed", str(seed)])
     for name in names:
         processes.start(name, agent_command(path, name, is_realtime=leaves_room(len(names))))

@@ -133,6 +133,7 @@ class MocapCheck:
             node=f"mocap-check-{os.getpid()}",
             connect=endpoints,
             credentials=credentials_of(fleet, Role.MOCAP),
+            routers=fleet.fleet.routers,
         )
         self._clock = ClockNode(self._bus)
         self._bodies: dict[str, Samples] = {}

@@ -79,6 +79,7 @@ class Relay:
             listen=[fleet.simulator_endpoint],
             connect=agents,
             credentials=credentials_of(fleet, Role.MOCAP),
+            routers=fleet.fleet.routers,
         )
         self._clock, self._publisher = ClockNode(self._bus), PosePublisher(self._bus)
         options = mock_options(fleet)

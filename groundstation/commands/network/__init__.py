@@ -1,0 +1,1 @@
+"""Commands about the network that a fleet flies over."""

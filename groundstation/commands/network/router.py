@@ -1,0 +1,62 @@
+"""``covey router``: a router of the fleet's bus, with the endpoints, the keys and the table of roles of the fleet file.
+
+Examples:
+  covey router fleet.toml
+  covey router fleet.toml --endpoint quic/10.0.0.5:7447
+  covey router north.toml south.toml
+  covey router fleet.toml --print-config > router.json5 && zenohd --config router.json5
+
+It runs until Ctrl-C. Exit status: 0 stopped; 2 wrong input. docs/network.md says when a fleet wants routers.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from json import dumps
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from onboard.bus.router import Router, router_settings
+from onboard.bus.settings import nested
+from onboard.config.fleet import load_fleet
+from onboard.exit_status import EXIT_OK
+
+
+def router(
+    *fleets: Annotated[str, Parameter(name="FLEET", required=True)],
+    endpoint: Annotated[str | None, Parameter(metavar="ENDPOINT")] = None,
+    print_config: bool = False,
+) -> int:
+    """Pass on the messages of one or several fleets, whose files name this router.
+
+    Args:
+        fleets: fleet files; several fleets share a router and hear nothing of each other
+        endpoint: which one of fleet.routers this is (default: the one of this computer)
+        print_config: only print the configuration, for Zenoh's own zenohd
+    """
+    loaded = [load_fleet(path) for path in fleets]
+    settings = router_settings(loaded, endpoint)
+    if print_config:
+        print(dumps(nested(settings), indent=2))
+        return EXIT_OK
+    stopped = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):  # a clean end
+        signal.signal(number, lambda *_: stopped.set())
+    node = Router(settings)
+    node.start()
+    known = dict(settings)
+    others = ", ".join(_bare(known["connect/endpoints"])) or "no other"
+    print(
+        f"router: {_bare(known['listen/endpoints'])[0]} for {', '.join(fleet.fleet.name for fleet in loaded)}; other "
+        f"routers: {others}. Ctrl-C ends.",
+        flush=True,
+    )
+    stopped.wait()
+    node.stop()
+    return EXIT_OK
+
+
+def _bare(endpoints: list[str]) -> list[str]:
+    return [endpoint.partition("?")[0] for endpoint in endpoints]

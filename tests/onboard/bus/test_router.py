@@ -1,0 +1,309 @@
+"""Behind routers: who may say what, who is told what, and what goes on when a router dies."""
+
+from __future__ import annotations
+
+import datetime
+import itertools
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from groundstation.keys.secured_fleet import secure_fleet
+from onboard.bus.credentials import credentials_of
+from onboard.bus.protocol import NoRouterError, UntrustedOrder
+from onboard.bus.router import Router, router_settings
+from onboard.bus.schema import Order, OrderReply
+from onboard.bus.session import BusSession
+from onboard.bus.topics import Topic
+from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
+from tests.onboard.state_messages import state_message
+
+PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
+NOW = datetime.datetime.now(datetime.UTC)
+NAMES = {"ground": "ground-1-a", "viewer": "watcher-1-a"}
+LAND = Order(order_id="g-1", author="ann", kind="land", stamp_ns=1, deadline_ns=0, node="ground-1-a")
+
+
+def _free_ports(count: int) -> list[int]:
+    with ExitStack() as stack:
+        probes = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(count)]
+        for probe in probes:
+            probe.bind(("127.0.0.1", 0))
+        return [probe.getsockname()[1] for probe in probes]
+
+
+def _fleet(folder: Path, *, routers: int = 1, name: str = "paper", has_keys: bool = True) -> FleetConfig:
+    endpoints = ", ".join(f'"tcp/127.0.0.1:{port}"' for port in _free_ports(routers))
+    text = PAPER.read_text(encoding="utf-8").replace('name = "paper"', f'name = "{name}"\nrouters = [{endpoints}]')
+    folder.mkdir(exist_ok=True)
+    (folder / "fleet.toml").write_text(text, encoding="utf-8")
+    file = str(folder / "fleet.toml")
+    return secure_fleet(file, NOW) if has_keys else load_fleet(file)
+
+
+@contextmanager
+def _routing(*fleets: FleetConfig) -> Iterator[None]:
+    router = Router(router_settings(fleets))
+    router.start()
+    try:
+        yield
+    finally:
+        router.stop()
+
+
+@contextmanager
+def _node(fleet: FleetConfig, holder: str) -> Iterator[BusSession]:
+    credentials = credentials_of(fleet, holder)
+    name, routers = NAMES.get(holder, holder), fleet.fleet.routers
+    session = BusSession(namespace=fleet.namespace, node=name, credentials=credentials, routers=routers)
+    session.start()
+    try:
+        yield session
+    finally:
+        session.stop()
+
+
+def _until(condition: Callable[[], object], timeout_s: float = 10.0) -> bool:
+    deadline_s = time.monotonic() + timeout_s
+    while not condition():
+        if time.monotonic() > deadline_s:
+            return False
+        time.sleep(0.02)
+    return True
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> FleetConfig:
+    """A fleet with keys and one router."""
+    return _fleet(tmp_path_factory.mktemp("fleets") / "locked")
+
+
+@pytest.fixture
+def locked(made: FleetConfig) -> FleetConfig:
+    """The same with the router on a free port."""
+    (port,) = _free_ports(1)
+    return replace(made, fleet=replace(made.fleet, routers=(f"quic/127.0.0.1:{port}",)))
+
+
+def test_a_router_holds_each_node_to_its_role_and_orders_stay_signed(locked: FleetConfig) -> None:
+    heard: set[tuple[Topic, str]] = set()
+    alive: set[str] = set()
+    taken: list[Order | UntrustedOrder] = []
+    answered: list[str] = []
+
+    def answer(order: object, reply: Callable[[OrderReply], None]) -> None:
+        assert isinstance(order, Order | UntrustedOrder)
+        taken.append(order)
+        reply(OrderReply(order_id=order.order_id, vehicle="mav0", is_accepted=True, reason=""))
+
+    with _routing(locked), ExitStack() as stack:
+        agent, twin, other, ground, viewer, mocap = (
+            stack.enter_context(_node(locked, holder))
+            for holder in ("mav0", "mav0", "mav1", "ground", "viewer", "mocap")
+        )
+        for topic in (Topic.STATE, Topic.SLOW_TELEMETRY, Topic.MOCAP, Topic.CLOCK):
+            agent.subscribe(topic, "*", lambda topic, name, _: heard.add((topic, name)))
+        agent.serve_orders("mav0", answer)
+        agent.watch_alive(lambda name, is_alive: alive.add(name) if is_alive else None)
+        viewer.claim("operator.1.x.y")
+        granted = {(Topic.STATE, "mav1"), (Topic.SLOW_TELEMETRY, "mav0"), (Topic.MOCAP, "body")}
+        message = state_message()
+
+        def tell() -> bool:
+            for false in (viewer, mocap, other):
+                for topic in (Topic.STATE, Topic.SLOW_TELEMETRY, Topic.CLOCK):
+                    false.publish(topic, "mav2", message)
+            viewer.publish(Topic.MOCAP, "viewed", message)
+            other.publish(Topic.MOCAP, "claimed", message)
+            mocap.publish(Topic.MOCAP, "body", message)
+            other.publish(Topic.STATE, "mav1", message)
+            twin.publish(Topic.SLOW_TELEMETRY, "mav0", message)  # a second agent of one name shows itself
+            return heard >= granted
+
+        assert _until(tell), granted - heard
+        for _ in range(5):
+            tell()
+            time.sleep(0.02)
+        for sender in (viewer, other, ground):
+            ended: list[bool] = []
+            sender.order(
+                "mav0",
+                LAND,
+                timeout_s=1.0,
+                on_reply=lambda reply: answered.append(reply.vehicle) if isinstance(reply, OrderReply) else None,
+                on_end=lambda ended=ended: ended.append(True),
+            )
+            assert _until(lambda ended=ended: bool(ended))
+        assert heard == granted
+        assert taken == [LAND]
+        assert answered == ["mav0"]
+        assert {"mav1", "mocap", "ground-1-a"} <= alive
+        assert "operator.1.x.y" not in alive
+
+
+def test_a_router_that_grants_everything_still_brings_no_false_order(locked: FleetConfig) -> None:
+    taken: list[Order | UntrustedOrder] = []
+
+    def answer(order: object, reply: Callable[[OrderReply], None]) -> None:
+        assert isinstance(order, Order | UntrustedOrder)
+        taken.append(order)
+        reply(OrderReply(order_id=order.order_id, vehicle="mav0", is_accepted=False, reason=""))
+
+    careless = Router([setting for setting in router_settings([locked]) if setting[0] != "access_control"])
+    careless.start()
+    try:
+        with _node(locked, "mav0") as agent, _node(locked, "viewer") as viewer:
+            agent.serve_orders("mav0", answer)
+
+            def order() -> bool:
+                viewer.order("mav0", LAND, timeout_s=0.2, on_reply=lambda _: None, on_end=lambda: None)
+                return bool(taken)
+
+            assert _until(order)
+    finally:
+        careless.stop()
+    assert {one.code if isinstance(one, UntrustedOrder) else "" for one in taken} == {"role"}
+
+
+def test_fleets_on_one_router_hear_nothing_of_each_other(tmp_path: Path) -> None:
+    north = _fleet(tmp_path / "north", name="north", has_keys=False)
+    data = tomllib.loads(north.text)
+    south = fleet_from_mapping({**data, "fleet": {**data["fleet"], "name": "south"}}, path=north.path)
+    heard: list[str] = []
+    with _routing(north, south), _node(north, "mav0") as hearer, _node(south, "mav1") as foreign:
+        hearer.subscribe(Topic.STATE, "*", lambda _topic, name, _: heard.append(name))
+        with _node(north, "mav2") as own:
+
+            def tell() -> bool:
+                foreign.publish(Topic.STATE, "mav1", state_message())
+                own.publish(Topic.STATE, "mav2", state_message())
+                return len(heard) > 5
+
+            assert _until(tell)
+    assert set(heard) == {"mav2"}
+
+
+@contextmanager
+def _process(fleet: FleetConfig, number: int) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-u", "-m", "groundstation", "router", fleet.path]
+    process = subprocess.Popen([*command, "--endpoint", fleet.fleet.routers[number]], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("router: ")
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_another_router_takes_over_and_a_hung_client_holds_up_nobody(tmp_path: Path) -> None:
+    fleet = _fleet(tmp_path / "two", routers=2)
+    far = replace(fleet, fleet=replace(fleet.fleet, routers=fleet.fleet.routers[::-1]))  # on the other site
+    heard: list[float] = []
+    alive: dict[str, bool] = {}
+    hung = f"""
+import sys, time
+from onboard.bus.credentials import credentials_of
+from onboard.bus.session import BusSession
+from onboard.bus.topics import Topic
+from onboard.config.fleet import load_fleet
+fleet = load_fleet({fleet.path!r})
+node = BusSession(namespace=fleet.namespace, node="mav2", credentials=credentials_of(fleet, "mav2"),
+                  routers=fleet.fleet.routers)
+node.start()
+node.subscribe(Topic.STATE, "*", lambda *_: None)
+print("up", flush=True)
+time.sleep(60)
+"""
+    with _process(fleet, 0) as first, _process(fleet, 1), _node(fleet, "mav0") as agent, _node(far, "ground") as ground:
+        ground.subscribe(Topic.STATE, "mav0", lambda *_: heard.append(time.monotonic()))
+        ground.watch_alive(alive.__setitem__)
+
+        def tell() -> None:
+            agent.publish(Topic.STATE, "mav0", state_message())
+
+        def longest_gap_s(seconds: float) -> float:
+            begin_s, count = time.monotonic(), len(heard)
+            _until(lambda: tell() or time.monotonic() - begin_s > seconds, seconds + 1.0)
+            times = [begin_s, *heard[count:], time.monotonic()]
+            return max(later - earlier for earlier, later in itertools.pairwise(times))
+
+        assert _until(lambda: tell() or heard)  # from one router to the other
+        with subprocess.Popen([sys.executable, "-c", hung], stdout=subprocess.PIPE, text=True) as peer:
+            try:
+                assert peer.stdout is not None
+                assert peer.stdout.readline() == "up\n"
+                joined_s = time.monotonic()
+                assert _until(lambda: alive.get("mav2"), 2.0)  # a late joiner
+                assert time.monotonic() - joined_s < 2.0
+                peer.send_signal(signal.SIGSTOP)
+                assert longest_gap_s(1.0) < 0.5
+            finally:
+                peer.kill()
+        assert _until(lambda: alive.get("mav2") is False)
+        first.kill()
+        assert first.wait() == -signal.SIGKILL
+        count = len(heard)
+        assert _until(lambda: tell() or len(heard) > count + 20)
+        assert _until(lambda: alive.get("mav0"))
+
+
+def test_what_cannot_be_a_router_is_refused_in_a_sentence(locked: FleetConfig, tmp_path: Path) -> None:
+    with pytest.raises(NoRouterError, match="No router of this fleet answers at quic/"):
+        BusSession(
+            namespace=locked.namespace,
+            node="mav0",
+            credentials=credentials_of(locked, "mav0"),
+            routers=locked.fleet.routers,
+            router_timeout_s=0.3,
+        ).start()
+    with pytest.raises(ConfigError, match="names no router"):
+        router_settings([load_fleet(PAPER)])
+    away = replace(locked, fleet=replace(locked.fleet, routers=("quic/192.0.2.7:7447",)))
+    with pytest.raises(ConfigError, match="is an address of this computer"):
+        router_settings([away])
+    with pytest.raises(ConfigError, match=r"router.pem is for 127.0.0.1, but the fleet file has router at 192.0.2.7"):
+        router_settings([away], "quic/192.0.2.7:7447")
+    with pytest.raises(ConfigError, match="is no router of this fleet"):
+        router_settings([locked], "quic/127.0.0.1:1")
+    two = _fleet(tmp_path / "two", routers=2)
+    with pytest.raises(ConfigError, match="Choose one: --endpoint"):
+        router_settings([two])
+    both = replace(two, fleet=replace(two.fleet, name="other", routers=locked.fleet.routers))
+    with pytest.raises(ConfigError, match="have different authorities"):
+        router_settings([locked, both])
+    with pytest.raises(ConfigError, match="both have a vehicle 'mav0'"):
+        router_settings([locked, replace(locked, fleet=replace(locked.fleet, name="other"))])
+    copy = Path(shutil.copytree(Path(locked.path).parent, tmp_path / "copy"))
+    (copy / "keys" / "router.pem").unlink()
+    with pytest.raises(ConfigError, match="is missing: a router cannot join"):
+        router_settings([load_fleet(copy / "fleet.toml")])
+
+
+def test_a_router_at_the_endpoint_of_somebody_else_is_refused() -> None:
+    data = tomllib.loads(PAPER.read_text(encoding="utf-8"))
+    taken = data["vehicles"]["mav1"]["agent"]
+    for routers, words in (([taken], "Only one can listen there"), (["10.0.0.5"], "write it as quic/10.0.0.5:7447")):
+        with pytest.raises(ConfigError, match=words):
+            fleet_from_mapping({**data, "fleet": {**data["fleet"], "routers": routers}})
+
+
+def test_only_a_fleet_with_routers_lets_a_router_in(locked: FleetConfig, tmp_path: Path) -> None:
+    own = credentials_of(locked, "mav0")
+    assert own is not None
+    assert "'cert_common_names': ['router']" in str(own.access)
+    shutil.copy(PAPER, tmp_path / "fleet.toml")
+    without = credentials_of(secure_fleet(str(tmp_path / "fleet.toml"), NOW), "mav0")
+    assert without is not None
+    assert "router" not in str(without.access)
+    assert not (tmp_path / "keys" / "router.pem").exists()
