@@ -26,6 +26,7 @@ from onboard.bus.schema import FaultOrder, MocapPose, OrderReply, Truth
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.config.mavlink_key import mavlink_key
 from sitl.emulator.emulator import Emulator, Environment, VehicleSpec
 from sitl.emulator.mocap import Mocap, MocapSettings
 from sitl.faults.catalogue import Fault, FaultError
@@ -200,6 +201,11 @@ class Server:
         self._vehicles = [fleet.vehicles[name] for name in vehicles]
         self.emulator = emulator_of(fleet, self._vehicles, seed=seed, environment=environment, px4=px4)
         self.emulator.unix_start_s = time.time()
+        for vehicle, px4_of, store in zip(
+            self._vehicles, self.emulator.autopilots, self.emulator.key_stores, strict=True
+        ):
+            if px4_of.version.knows_signing:  # as if the key had been set before
+                store.put(mavlink_key(fleet, vehicle.name) or b"", 0)
         for fault in injected:
             self.emulator.inject(fault)
         self.bus = bus

@@ -29,6 +29,7 @@ _REAL_TIME = (
 _ONE_IN_REAL_TIME = (  # one emulated vehicle or one server each
     "clients",
     "groundstation/commands/test_px4.py",
+    "groundstation/commands/test_px4_signing.py",
     "groundstation/web",
     "onboard/px4",
     "sitl/conformance/test_fuzz.py",

@@ -14,12 +14,15 @@ from typing import Any
 from groundstation.client.mavlink_port import (
     ARMED_FLAG,
     AUTOPILOT,
+    Signing,
     is_of_autopilot,
     keep_link,
     open_as_companion,
     send_heartbeat,
+    sign,
     take_link,
 )
+from onboard.config.mavlink_key import KEY_BYTES, TOOL_LINK_ID, signing_time
 
 Value = float | int
 _REQUEST_MESSAGE, _PREFLIGHT_STORAGE = 512, 245
@@ -42,21 +45,22 @@ class AutopilotLink:
         endpoint: of the fleet file.
         system_id: PX4's MAVLink system id.
         is_own: the vehicle's own link, which is used as its agent would; else PX4's ground link.
+        key: of MAVLink signing; None for a vehicle that does not sign.
 
     Raises:
         OSError: the endpoint cannot be opened.
         ValueError: it is written wrongly.
     """
 
-    def __init__(self, endpoint: str, system_id: int, *, is_own: bool = False) -> None:
-        self.endpoint, self.system_id, self._is_own = endpoint, system_id, is_own
-        self._link = open_as_companion(endpoint, system_id) if is_own else take_link(endpoint)
+    def __init__(self, endpoint: str, system_id: int, *, is_own: bool = False, key: bytes | None = None) -> None:
+        self.endpoint, self.system_id, self.is_own = endpoint, system_id, is_own
+        self._link = open_as_companion(endpoint, system_id, key) if is_own else take_link(endpoint, key)
         self._kinds: dict[str, int] = {}
         self.other_system_id: int | None = None  # of another autopilot that is heard here instead
 
     def stop(self) -> None:
         """Close the vehicle's own link; keep the ground's for the next command."""
-        if self._is_own:
+        if self.is_own:
             self._link.close()
         else:
             keep_link(self.endpoint, self._link)
@@ -93,6 +97,28 @@ class AutopilotLink:
         heard = self.listen(timeout_s, [_AUTOPILOT_VERSION], until="AUTOPILOT_VERSION")
         number = heard["AUTOPILOT_VERSION"].flight_sw_version if "AUTOPILOT_VERSION" in heard else 0
         return (number >> 24 & 0xFF, number >> 16 & 0xFF) if number else None
+
+    def sign(self, key: bytes | None) -> Signing:
+        """Sign from now on with a key, but hear also what is not signed with it: to see what PX4 does.
+
+        Args:
+            key: None to send unsigned.
+
+        Returns:
+            Counts of what is heard from now on.
+        """
+        signing = Signing(key, TOOL_LINK_ID, hears_all=True)
+        sign(self._link, signing)
+        return signing
+
+    def set_key(self, key: bytes | None) -> None:
+        """Send SETUP_SIGNING: a new key, or none.
+
+        Args:
+            key: None to have PX4 forget the one it has.
+        """
+        stamp = 0 if key is None else signing_time(time.time_ns())
+        self._link.mav.setup_signing_send(self.system_id, AUTOPILOT, list(key or bytes(KEY_BYTES)), stamp)
 
     def listen(
         self,

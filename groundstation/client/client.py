@@ -31,6 +31,7 @@ from onboard.bus.protocol import Bus
 from onboard.bus.schema import Event, FaultOrder, Message, PathOrder
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
+from onboard.config.mavlink_key import mavlink_keys
 from onboard.message_counts import in_words
 
 CONTROL_PERIOD_NS = 100_000_000
@@ -79,6 +80,7 @@ class FleetClient:
             publish_event=self.publish_event,
             views=lambda: self._state.vehicles,
             stall_clock_ns=stall_clock_ns,
+            mavlink_keys=mavlink_keys(fleet) if operates and not bus.is_simulated else {},
         )
         self._order_count = itertools.count(1)
         self._held = HeldFormation(default_formation(fleet))

@@ -41,7 +41,13 @@ class DirectResult:
 
 
 def send_direct(
-    endpoint: str, system_id: int, kind: DirectKind, *, timeout_s: float = 3.0, watch_s: float = 0.0
+    endpoint: str,
+    system_id: int,
+    kind: DirectKind,
+    *,
+    key: bytes | None = None,
+    timeout_s: float = 3.0,
+    watch_s: float = 0.0,
 ) -> DirectResult:
     """Send one command over MAVLink until PX4's heartbeat shows its effect, then wait for PX4 to disarm.
 
@@ -52,6 +58,7 @@ def send_direct(
         endpoint: PX4's ground link, as ``udpout://127.0.0.1:18570``.
         system_id: PX4's MAVLink system id.
         kind: land, or kill: disarm by force.
+        key: of MAVLink signing; None for a vehicle that does not sign.
         timeout_s: longest wait for the acknowledgement or the effect [s].
         watch_s: longest wait for the disarm after it [s].
 
@@ -59,7 +66,7 @@ def send_direct(
         PX4's answer; an endpoint that cannot be used gives one that is not accepted.
     """
     try:
-        link = take_link(endpoint)
+        link = take_link(endpoint, key)
     except (OSError, ValueError) as error:
         return DirectResult(False, False, f"the direct endpoint {endpoint} cannot be opened ({error})", False)
     try:

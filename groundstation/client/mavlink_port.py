@@ -11,8 +11,10 @@ import os
 import re
 import socket
 import threading
+import time
 from typing import Any
 
+from onboard.config.mavlink_key import TOOL_LINK_ID, ground_link_id, signing_time
 from onboard.serial_device import open_serial
 
 GCS_SYSTEM, GCS_COMPONENT, AUTOPILOT = 255, 190, 1
@@ -57,11 +59,49 @@ def send_heartbeat(link: Any) -> None:
     link.mav.heartbeat_send(_GCS if is_ground else _ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, 0, 0)
 
 
-def take_link(endpoint: str) -> Any:
+class Signing:
+    """Signing of one link, in the shape that pymavlink expects: timestamps follow the clock and never go back.
+
+    Several programs of this computer send under the same link id, and PX4 refuses what is older than the newest of
+    them: a timestamp that only counts on would be refused for ever.
+
+    Args:
+        key: of the vehicle; None for a link that neither signs nor checks.
+        link_id: of this sender.
+        hears_all: whether messages that are not signed with the key are let in, too.
+    """
+
+    def __init__(self, key: bytes | None, link_id: int, *, hears_all: bool = False) -> None:
+        self.secret_key, self.link_id, self.sign_outgoing = key, link_id, key is not None
+        self.allow_unsigned_callback = self._other
+        self.stream_timestamps: dict[tuple[int, int, int], int] = {}
+        self.sig_count = self.badsig_count = self.goodsig_count = self.unsigned_count = self.reject_count = 0
+        self._hears_all, self._newest = hears_all, 0
+
+    @property
+    def timestamp(self) -> int:
+        """The next one [10 us since 2015]."""
+        return max(self._newest, signing_time(time.time_ns()))
+
+    @timestamp.setter
+    def timestamp(self, value: int) -> None:
+        self._newest = value
+
+    def _other(self, _: Any, message_id: int) -> bool:
+        return self._hears_all
+
+
+def sign(link: Any, signing: Signing) -> None:
+    """Have a link sign from now on what it sends, and check what it receives."""
+    link.mav.signing = signing
+
+
+def take_link(endpoint: str, key: bytes | None = None) -> Any:
     """Return the ground's link to this endpoint, emptied of old messages.
 
     Args:
         endpoint: PX4's ground link, as in the fleet file.
+        key: of MAVLink signing; None for a vehicle that does not sign.
 
     Raises:
         OSError: it cannot be opened.
@@ -76,6 +116,8 @@ def take_link(endpoint: str) -> Any:
             with contextlib.suppress(OSError):  # taken by something else: any port then
                 link.port.bind(("", _FIRST_PORT + int(address.rpartition(":")[2]) % _PORTS))
             _receive_from_px4_only(link)
+    if link.mav.signing.secret_key != key:
+        sign(link, Signing(key, ground_link_id(socket.gethostname())))
     while link.recv_match(blocking=False) is not None:
         pass
     return link
@@ -86,20 +128,24 @@ def keep_link(endpoint: str, link: Any) -> None:
     _idle_links[endpoint] = link
 
 
-def open_as_companion(endpoint: str, system_id: int) -> Any:
+def open_as_companion(endpoint: str, system_id: int, key: bytes | None = None) -> Any:
     """Return the vehicle's own link, as its agent opens it; close it after use.
 
     Args:
         endpoint: ``autopilot`` of the fleet file.
         system_id: PX4's MAVLink system id.
+        key: of MAVLink signing; None for a vehicle that does not sign.
 
     Raises:
         OSError: it cannot be opened.
         ValueError: it is written wrongly.
     """
-    if not endpoint.startswith("serial://"):
-        return _connection(mavutil_address(endpoint), system_id, _COMPANION_COMPONENT)
-    return _serial(endpoint, system_id)
+    if endpoint.startswith("serial://"):
+        link = _serial(endpoint, system_id)
+    else:
+        link = _connection(mavutil_address(endpoint), system_id, _COMPANION_COMPONENT)
+    sign(link, Signing(key, TOOL_LINK_ID))
+    return link
 
 
 def _connection(address: str, system_id: int, component_id: int) -> Any:

@@ -38,6 +38,7 @@ class OpenOrders:
         publish_event: publishes an event of the ground.
         views: returns the vehicles as known now.
         stall_clock_ns: a clock that goes on while this computer sleeps [ns].
+        mavlink_keys: of the vehicles whose MAVLink is signed.
     """
 
     def __init__(
@@ -49,7 +50,9 @@ class OpenOrders:
         publish_event: PublishEvent,
         views: Callable[[], Mapping[str, VehicleView]],
         stall_clock_ns: Callable[[], int],
+        mavlink_keys: Mapping[str, bytes] = {},
     ) -> None:
+        self._mavlink_keys = mavlink_keys
         self._fleet, self._feed, self._views = fleet, feed, views
         self._send_direct, self._publish_event = send_direct, publish_event
         self._stall_clock_ns = stall_clock_ns
@@ -226,8 +229,9 @@ class OpenOrders:
         result.update(name, "direct", sentence)
         self._publish_event("warning", "direct_command", sentence, name)
         watch_s = _WATCH_KILL_S if kind == "kill" else _WATCH_LAND_S
+        key = {"key": self._mavlink_keys[name]} if name in self._mavlink_keys else {}
         answer = await asyncio.to_thread(
-            self._send_direct, vehicle.direct, vehicle.system_id, kind, timeout_s=3.0, watch_s=watch_s
+            self._send_direct, vehicle.direct, vehicle.system_id, kind, **key, timeout_s=3.0, watch_s=watch_s
         )
         sentence = f"{problem}; {kind} was sent straight to PX4: {answer.sentence}."
         phase: Phase = "done" if answer.is_disarmed else "failed"

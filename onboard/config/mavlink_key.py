@@ -38,15 +38,40 @@ def mavlink_key(fleet: FleetConfig, vehicle: str) -> bytes | None:
     """
     if not fleet.vehicles[vehicle].mavlink_signing:
         return None
-    path = os.path.join(fleet.keys_folder, key_file(vehicle))
+    return read_key(os.path.join(fleet.keys_folder, key_file(vehicle)), fleet.path)
+
+
+def mavlink_keys(fleet: FleetConfig) -> dict[str, bytes]:
+    """Read the keys of all vehicles whose MAVLink is signed, as :func:`mavlink_key` does.
+
+    Args:
+        fleet: the fleet file.
+    Returns:
+        vehicle -> key.
+    """
+    keys = {name: mavlink_key(fleet, name) for name in fleet.vehicles}
+    return {name: key for name, key in keys.items() if key is not None}
+
+
+def read_key(path: str, fleet_path: str) -> bytes:
+    """Read a key.
+
+    Args:
+        path: of its file.
+        fleet_path: of the fleet file, for the sentences.
+    Returns:
+        the key.
+    Raises:
+        ConfigError: the file is missing, open to others, or no key.
+    """
     try:
         mode = stat.S_IMODE(os.stat(path).st_mode)
         with open(path, "rb") as file:
             key = file.read(KEY_BYTES + 1)
     except OSError as error:
         raise ConfigError(
-            f"{path} cannot be read ({error.strerror}), but the MAVLink of {vehicle} is signed. Copy the file from the "
-            f"computer that has it, or make a new key there: covey secure {fleet.path} --mavlink"
+            f"{path} cannot be read ({error.strerror}): it is the key of a vehicle whose MAVLink is signed. Copy it "
+            f"from the computer that has it, or make a new key there: covey secure {fleet_path} --mavlink"
         ) from None
     if mode & 0o077:
         raise ConfigError(f"{path} can be read by other users of this computer (mode {mode:o}). Run: chmod 600 {path}")

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from onboard.bus.credentials import files_of
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.config.mavlink_key import key_file
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_OK, EXIT_WRONG_INPUT
 
 _FOLDER = "covey"  # in the home of the login
@@ -78,8 +79,10 @@ def _deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) ->
     target = _target(fleet, name, arguments)
     commands = [["ssh", "--", target, f"mkdir -p {_FOLDER}"]]
     commands.append(["scp", "--", fleet.path, f"{target}:{_FOLDER}/fleet.toml"])
-    if fleet.has_keys:
-        keys = [str(Path(fleet.keys_folder) / file) for file in files_of(name)]
+    files = [*(files_of(name) if fleet.has_keys else ())]
+    files += [key_file(name)] if fleet.vehicles[name].mavlink_signing else []
+    if files:
+        keys = [str(Path(fleet.keys_folder) / file) for file in files]
         commands[0][-1] += f" && mkdir -p -m 700 {_FOLDER}/{fleet.fleet.keys}"
         commands.append(["scp", "-p", "--", *keys, f"{target}:{_FOLDER}/{fleet.fleet.keys}/"])
     if arguments.wheel:

@@ -27,6 +27,7 @@ from sitl.px4.estimator import ESTIMATE_EVERY_STEPS, Estimator, Source, vision_l
 from sitl.px4.mode_control import TICK_S
 from sitl.px4.parameters import Parameters
 from sitl.px4.signals import Actuation, Setpoint, Situation
+from sitl.px4.signing import KeyStore
 from sitl.px4.versions import DEFAULT, Version
 
 _TICK_STEPS = round(TICK_S / STEP_S)
@@ -106,6 +107,7 @@ class Emulator:
         self.autopilots = [Autopilot(Parameters(spec.px4, {"MAV_SYS_ID": spec.system_id})) for spec in specs]
         for index in range(len(specs)):
             self._attitude_control_changed(index)
+        self.key_stores = [KeyStore() for _ in specs]
         self.has_global_origin = [False] * len(specs)
         self.unix_start_s = _SOME_DATE_S
         self._applied: list[Actuation | None] = [None] * len(specs)
@@ -150,6 +152,7 @@ class Emulator:
         self.autopilots[index].faults.extend(old.faults)
         self.has_global_origin[index] = False
         self.estimator.restart(index, self.time_s, self.world.vehicles.states.position_ned_m[index])
+        self.key_stores[index].restart()
         self.disturbances.boots[index] += 1
 
     def step(self) -> list[Collision]:

@@ -8,6 +8,7 @@ declared in `extra_dialect.py`.
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -80,9 +81,13 @@ class Message:
 
 @dataclass(slots=True)
 class Decoder:
-    """Datagrams to messages. What is not MAVLink is counted, never raised."""
+    """Datagrams to messages. What is not MAVLink is counted, never raised.
+
+    takes: whether a message is listened to, by its bytes and whether it is signed; None: all are.
+    """
 
     malformed: int = 0
+    takes: Callable[[Message, bytes, bool], bool] | None = None
 
     def decode(self, datagram: bytes) -> list[Message]:
         """All messages of one datagram; the rest of a broken one is dropped and counted once."""
@@ -93,10 +98,14 @@ class Decoder:
             if frame is None:
                 self.malformed += 1
                 break
-            message, start = frame
-            if message is not None:
+            begin, (message, start) = start, frame
+            if message is not None and (self.takes is None or self._is_taken(message, datagram[begin:start])):
                 messages.append(message)
         return messages
+
+    def _is_taken(self, message: Message, frame: bytes) -> bool:
+        is_signed = frame[0] == _MAGIC_V2 and bool(frame[2] & _SIGNED)
+        return self.takes is None or self.takes(message, frame, is_signed)
 
 
 def _frame(data: bytes, start: int) -> tuple[Message | None, int] | None:
@@ -156,6 +165,7 @@ class Encoder:
     system_id: int
     component_id: int = 1
     sequence: int = 0
+    is_signed: bool = False  # the frames say that a signature follows, which is added when they leave
 
     def encode(self, message_id: int, *values: Any) -> bytes:
         """Bytes of a message from its values in wire order (arrays flattened), trailing zeros cut as MAVLink 2 does."""
@@ -163,7 +173,8 @@ class Encoder:
         payload = packer.pack(*values).rstrip(b"\0") or b"\0"
         sequence = self.sequence
         self.sequence = (sequence + 1) & 0xFF
-        head = _HEAD.pack(len(payload), 0, sequence, self.system_id, self.component_id, id_low, id_high)
+        flags = _SIGNED if self.is_signed else 0
+        head = _HEAD.pack(len(payload), flags, sequence, self.system_id, self.component_id, id_low, id_high)
         # The magic byte is not part of the checksum; the seed of the message is, and is not sent.
         body = head + payload
         return b"\xfd" + body + _CHECKSUM.pack(mcrf4xx(body + extra))

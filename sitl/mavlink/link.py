@@ -16,6 +16,7 @@ import numpy as np
 from sitl.emulator.emulator import Emulator
 from sitl.mavlink import commands
 from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder, Message, text_of
+from sitl.mavlink.link_key import LinkKey
 from sitl.mavlink.streams import BUILDERS, schedule_of
 from sitl.mavlink.view import View
 from sitl.px4 import setpoints
@@ -53,9 +54,10 @@ class Link:
     Args:
         emulator, index: the vehicle.
         rates_hz: default rate of each message it can stream.
+        link_id: PX4's number of the link: 0 the ground's, 1 the companion's.
     """
 
-    def __init__(self, emulator: Emulator, index: int, rates_hz: Mapping[int, float]) -> None:
+    def __init__(self, emulator: Emulator, index: int, rates_hz: Mapping[int, float], link_id: int = 1) -> None:
         self.emulator = emulator
         self.index = index
         self.view = View(emulator, index)
@@ -63,6 +65,7 @@ class Link:
         self.schedule = schedule_of(self.autopilot.version, rates_hz)
         self.schedule.start(self.view.now_s, boot_s=self.autopilot.boot_time_s, phase=index)
         self._decoder = Decoder()
+        self._key = LinkKey(emulator.key_stores[index], link_id, self.encoder, self._decoder)
         self._params_to_send: deque[str] = deque()
         self._texts_sent = 0
         self._events_sent = self.autopilot.journal.events.count
@@ -89,15 +92,17 @@ class Link:
     def receive(self, datagram: bytes) -> list[bytes]:
         """Take one datagram; what is answered at once."""
         answers: list[bytes] = []
+        self._key.follow()
         for message in self._decoder.decode(datagram):
             reaction = _REACTIONS.get(message.name)
             if reaction is not None and reaction.is_meant(self, message):
                 answers.extend(reaction.handler(self, message) or ())
-        return answers
+        return self._key.signed(answers)
 
     def poll(self) -> list[bytes]:
         """Everything that is due at the emulator's present time."""
         now = self.view.now_s
+        self._key.follow()
         out: list[bytes] = []
         for message_id in self.schedule.pop_due(now):
             values = BUILDERS[message_id](self.view)
@@ -118,7 +123,7 @@ class Link:
             self._events_sent = journal.events.count
         if journal.texts.count != self._texts_sent or now - self._gcs_time_s < _GCS_TIMEOUT_S:
             out.extend(self._texts(now))
-        return out
+        return self._key.signed(out)
 
     def build(self, message_id: int) -> bytes | None:
         """One message that can be streamed, now; None when PX4 has nothing to say."""
@@ -289,6 +294,9 @@ class Link:
         result = self.autopilot.request_mode(self.view.now_s, custom >> 16 & 0xFF, custom >> 24 & 0xFF, f["base_mode"])
         return [self.ack(message, _DO_SET_MODE, result)]
 
+    def _setup_signing(self, message: Message) -> None:
+        self._key.set_up(self.autopilot, self.view.now_s, message)
+
     def _play_tune(self, message: Message) -> None:
         self.autopilot.play_tune()  # PX4 acknowledges no tune
 
@@ -369,6 +377,7 @@ _REACTIONS: dict[str, Reaction] = {
     "COMMAND_LONG": Reaction(commands.handle, Link._is_command_for_us),
     "COMMAND_INT": Reaction(commands.handle, Link._is_command_for_us),
     "SET_MODE": Reaction(Link._set_mode),
+    "SETUP_SIGNING": Reaction(Link._setup_signing, lambda *_: True),  # whatever system it is addressed to
     "SET_GPS_GLOBAL_ORIGIN": Reaction(Link._set_origin),
     "SET_ATTITUDE_TARGET": Reaction(Link._attitude_target, Link._is_for_autopilot),
     "SET_POSITION_TARGET_LOCAL_NED": Reaction(Link._position_target, Link._is_for_autopilot),

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from sitl.emulator.emulator import Emulator
 from sitl.mavlink.link import Link
 
+_LINK_IDS = ("ground", "companion", "simulator")
+
 
 class LossyLink:
     """A link of one vehicle as its clients meet it.
@@ -18,9 +20,10 @@ class LossyLink:
 
     def __init__(self, emulator: Emulator, index: int, rates_hz: Mapping[int, float], name: str) -> None:
         self._emulator, self._index, self._rates_hz = emulator, index, rates_hz
+        self._link_id = _LINK_IDS.index(name)
         wires = emulator.disturbances.wires[index]
         self._in, self._out = wires[name, "in"], wires[name, "out"]
-        self.link = Link(emulator, index, rates_hz)
+        self.link = Link(emulator, index, rates_hz, self._link_id)
         self.boot = emulator.disturbances.boots[index]
 
     def receive(self, datagram: bytes) -> list[bytes]:
@@ -58,4 +61,4 @@ class LossyLink:
         if boot != self.boot:
             # Rates, sequence numbers and what was asked for are gone with the process.
             self.boot = boot
-            self.link = Link(self._emulator, self._index, self._rates_hz)
+            self.link = Link(self._emulator, self._index, self._rates_hz, self._link_id)

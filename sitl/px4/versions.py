@@ -30,6 +30,7 @@ class Version:
     parameters_gone: frozenset[str]
     parameters_least: Mapping[str, float]
     severities: Mapping[str, int]
+    knows_signing: bool
 
     @property
     def number(self) -> tuple[int, int]:

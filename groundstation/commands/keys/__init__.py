@@ -2,6 +2,7 @@
 
 Examples:
   covey secure fleet.toml
+  covey secure fleet.toml --mavlink
   covey keys list fleet.toml
   covey keys issue fleet.toml mav3
   covey keys renew fleet.toml
@@ -21,11 +22,13 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from groundstation.keys.authority import folder_of, load_authority, make_authority, nodes_of
+from groundstation.keys.mavlink_keys import sign_mavlink
 from groundstation.keys.secured_fleet import issue_all, refuse_example, secure_fleet
 from onboard.bus.certificates import check, read_certificate
 from onboard.bus.credentials import files_of, hosts_of
 from onboard.bus.roles import ROUTER, Role
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.config.mavlink_key import key_file
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
 
 keys = App(name="keys", help="The keys of a fleet's bus.")
@@ -33,12 +36,15 @@ Fleet = Annotated[str, Parameter(name="FLEET")]
 Node = Annotated[str, Parameter(name="NODE")]
 
 
-def secure(fleet: Fleet, /) -> int:
+def secure(fleet: Fleet, /, *, mavlink: bool = False) -> int:
     """Make keys for every node of a fleet, and turn its endpoints into endpoints with keys.
 
     Args:
         fleet: the fleet file; its folder gets a folder keys/
+        mavlink: make the keys of MAVLink signing instead, between each vehicle's PX4 and all that speak to it
     """
+    if mavlink:
+        return _sign_mavlink(fleet)
     secured = secure_fleet(fleet, _now())
     file = Path(secured.path).name
     print(f"{secured.path}: every link of the bus is encrypted now, and both its ends prove who they are. Copy:")
@@ -49,6 +55,16 @@ def secure(fleet: Fleet, /) -> int:
         print(f"  to {host}, for covey router: {file}, {_files(secured, ROUTER)}")
     print("  to whoever only watches: the same with viewer; to the relay of a motion capture: with mocap")
     print(f"{folder_of(secured) / 'ca.key'} makes new nodes: it stays here.")
+    return EXIT_OK
+
+
+def _sign_mavlink(path: str) -> int:
+    signed = sign_mavlink(path)
+    print(f"{signed.path}: the vehicles sign their MAVLink now. Copy:")
+    for name, vehicle in signed.vehicles.items():
+        print(f"  to {vehicle.host}: {Path(signed.path).name}, {signed.fleet.keys}/{key_file(name)}")
+    print("  to a ground that orders: all of them, for land and kill past an agent")
+    print(f"Give each PX4 its key, with its agent stopped: covey px4 signing --set --fleet {path}")
     return EXIT_OK
 
 

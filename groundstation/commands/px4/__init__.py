@@ -7,6 +7,7 @@ Examples:
   covey px4 params --fleet fleet.toml --diff mav0
   covey px4 params --fleet fleet.toml --restore px4-lab-20261122-140301.params
   covey px4 info --fleet fleet.toml
+  covey px4 signing --fleet fleet.toml --set
   covey px4 compare 1.16 1.18 --fleet fleet.toml
 
 Exit status: 0 all are as needed; 1 none is; 2 wrong input; 10 nobody answered; 50 some are. docs/px4.md says more.
@@ -23,10 +24,11 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from groundstation.commands.parameters import FleetFile, Names
-from groundstation.commands.px4 import comparison, parameter_sets, vehicle_info, vehicle_parameters
+from groundstation.commands.px4 import comparison, parameter_sets, signing_keys, vehicle_info, vehicle_parameters
 from groundstation.commands.px4.links import for_each, opened
 from groundstation.commands.px4.parameter_file import default_backup
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle, load_fleet
+from onboard.config.mavlink_key import mavlink_key, read_key
 from onboard.exit_status import EXIT_OK
 
 px4 = App(name="px4", help="PX4 itself, past the agents.")
@@ -38,6 +40,11 @@ def _selected(fleet: FleetConfig, vehicles: str | None, exclude: str | None) -> 
     if not names:
         raise ConfigError("No vehicle is selected. Set enabled = true for one, or change --vehicles and --exclude.")
     return [fleet.vehicles[name] for name in names]
+
+
+def _keys(fleet: FleetConfig, vehicles: Sequence[Vehicle]) -> dict[str, bytes]:
+    keys = {vehicle.name: mavlink_key(fleet, vehicle.name) for vehicle in vehicles}
+    return {name: key for name, key in keys.items() if key is not None}
 
 
 @px4.command
@@ -77,7 +84,7 @@ def params(
     for path in (dump, backup):
         if path is not None and path.exists():
             raise ConfigError(f"{path} exists already. Give another name, or remove it.")
-    with opened(chosen) as links:
+    with opened(chosen, _keys(config, chosen)) as links:
         if dump or diff or restore:
             if dump:
                 reports = parameter_sets.dump(links, dump)
@@ -127,10 +134,47 @@ def info(*, fleet: FleetFile, vehicles: Names | None = None, exclude: Names | No
         json: one object instead of the list
     """
     config = load_fleet(fleet)
-    with opened(_selected(config, vehicles, exclude)) as links:
-        found = for_each(vehicle_info.ask, links)
+    chosen = _selected(config, vehicles, exclude)
+    keys = _keys(config, chosen)
+    with opened(chosen, keys) as links:
+        found = for_each(lambda link: vehicle_info.ask(link, keys.get(link.vehicle.name)), links)
     print(dumps(vehicle_info.as_mapping(found), indent=2) if json else vehicle_info.as_text(found))
     return vehicle_info.exit_status(found)
+
+
+@px4.command
+def signing(
+    *,
+    fleet: FleetFile,
+    vehicles: Names | None = None,
+    exclude: Names | None = None,
+    set: bool = False,
+    remove: bool = False,
+    old: _File = None,
+    json: bool = False,
+) -> int:
+    """Say whether every PX4 signs its messages with its key; give it the key, or take it away.
+
+    Args:
+        vehicles: only these: names or indices, a,b or 0-2 (default all)
+        exclude: all but these
+        set: give each disarmed PX4 the key keys/NAME.mavlink.key, over the vehicle's own link
+        remove: take the key from each disarmed PX4
+        old: with --set: the key that PX4 has now, where it has another one
+        json: one object instead of the list
+    """
+    config = load_fleet(fleet)
+    if set and remove:
+        raise ConfigError("--set and --remove exclude each other. Give one of them.")
+    if old is not None and not set:
+        raise ConfigError("--old belongs to --set: it is the key that PX4 has before.")
+    chosen = _selected(config, vehicles, exclude)
+    keys = signing_keys.keys_of(config, chosen, is_changed=set or remove)
+    old_key = None if old is None else read_key(str(old), config.path)
+    with opened(chosen, keys, hears_all=True) as links:
+        reports = signing_keys.run(links, keys, "set" if set else "remove" if remove else "look", old_key)
+    print(dumps(parameter_sets.as_mapping(reports), indent=2) if json else parameter_sets.as_text(reports))
+    return parameter_sets.exit_status(reports)
 
 
 @px4.command

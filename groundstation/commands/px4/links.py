@@ -7,7 +7,7 @@ the program that it heard there first, so nothing may push in between an agent a
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
@@ -49,10 +49,18 @@ class VehicleLink:
 
 
 @contextlib.contextmanager
-def opened(vehicles: Sequence[Vehicle]) -> Iterator[list[VehicleLink]]:
-    """Links to several vehicles, closed with the block."""
+def opened(
+    vehicles: Sequence[Vehicle], keys: Mapping[str, bytes], *, hears_all: bool = False
+) -> Iterator[list[VehicleLink]]:
+    """Links to several vehicles, closed with the block.
+
+    Args:
+        vehicles: whose.
+        keys: of those that sign.
+        hears_all: whether PX4 is heard whatever it signs with.
+    """
     with contextlib.ExitStack() as stack:
-        yield for_each(lambda vehicle: _open(vehicle, stack), vehicles)
+        yield for_each(lambda vehicle: _open(vehicle, stack, keys.get(vehicle.name), hears_all), vehicles)
 
 
 def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
@@ -61,7 +69,7 @@ def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[
         return list(pool.map(function, items))
 
 
-def _open(vehicle: Vehicle, stack: contextlib.ExitStack) -> VehicleLink:
+def _open(vehicle: Vehicle, stack: contextlib.ExitStack, key: bytes | None, hears_all: bool) -> VehicleLink:
     troubles: list[str] = []
     endpoints = [(vehicle.autopilot, True)] + ([(vehicle.direct, False)] if vehicle.direct else [])
     for endpoint, is_own in endpoints:
@@ -69,7 +77,9 @@ def _open(vehicle: Vehicle, stack: contextlib.ExitStack) -> VehicleLink:
         try:
             if is_own:
                 claim.take()
-            link = AutopilotLink(endpoint, vehicle.system_id, is_own=is_own)
+            link = AutopilotLink(endpoint, vehicle.system_id, is_own=is_own, key=key)
+            if hears_all:
+                link.sign(key)
         except (LinkError, OSError, ValueError) as error:
             claim.release()
             troubles.append(str(error))
@@ -81,7 +91,7 @@ def _open(vehicle: Vehicle, stack: contextlib.ExitStack) -> VehicleLink:
             return VehicleLink(vehicle, link, is_armed, link.version(), silent_links=tuple(troubles))
         link.stop()
         claim.release()
-        troubles.append(_silence(link, vehicle))
+        troubles.append(_silence(link, vehicle, is_signed=key is not None))
     if vehicle.direct is None:
         troubles.append(
             f"The fleet file gives no direct endpoint: stop its agent, or set vehicles.{vehicle.name}.direct to PX4's "
@@ -92,9 +102,10 @@ def _open(vehicle: Vehicle, stack: contextlib.ExitStack) -> VehicleLink:
     return VehicleLink(vehicle, trouble=" ".join(troubles))
 
 
-def _silence(link: AutopilotLink, vehicle: Vehicle) -> str:
+def _silence(link: AutopilotLink, vehicle: Vehicle, *, is_signed: bool) -> str:
     if link.other_system_id is None:
-        return f"Nothing is heard from PX4 at {link.endpoint}."
+        with_key = f" that is signed with the key of {vehicle.name} (covey px4 signing says more)" if is_signed else ""
+        return f"Nothing is heard from PX4 at {link.endpoint}{with_key}."
     return (
         f"The PX4 at {link.endpoint} has MAVLink system id {link.other_system_id}, but the fleet file says "
         f"{vehicle.system_id}. Correct 'system_id' or the endpoint of this vehicle, or MAV_SYS_ID of this PX4."

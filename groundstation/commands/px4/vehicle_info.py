@@ -45,8 +45,13 @@ class _Traffic:
         self.is_signed |= bool(message.get_signed())
 
 
-def ask(link: VehicleLink) -> VehicleInfo:
-    """Listen to one vehicle for some seconds."""
+def ask(link: VehicleLink, key: bytes | None = None) -> VehicleInfo:
+    """Listen to one vehicle for some seconds.
+
+    Args:
+        link: to its PX4.
+        key: of its MAVLink signing, where its messages are signed.
+    """
     if link.link is None:
         return VehicleInfo(link.vehicle.name, trouble=link.trouble)
     traffic = _Traffic()
@@ -58,10 +63,15 @@ def ask(link: VehicleLink) -> VehicleInfo:
         "state": _state(heard),
         "sensors": _sensors(heard),
         "satellites": _satellites(heard),
-        "links": _links(link, traffic),
+        "links": _links(link, traffic, key),
     }
-    if traffic.is_signed:
-        facts["signing"] = "it has a key of MAVLink signing and ignores what is not signed: Covey cannot fly it."
+    if key is not None:
+        facts["signing"] = "it signs with the key of this vehicle, and so does Covey."
+    elif traffic.is_signed:
+        facts["signing"] = (
+            "it has a key of MAVLink signing and ignores what is not signed, and mavlink_signing is not true in the "
+            "fleet file: Covey cannot fly it."
+        )
     return VehicleInfo(link.vehicle.name, facts)
 
 
@@ -134,22 +144,22 @@ def _satellites(heard: dict[str, Any]) -> str:
     return f"{_FIXES.get(message.fix_type, f'fix {message.fix_type}')}, {message.satellites_visible} satellites"
 
 
-def _links(link: VehicleLink, traffic: _Traffic) -> str:
+def _links(link: VehicleLink, traffic: _Traffic, key: bytes | None) -> str:
     assert link.link is not None
     vehicle = link.vehicle
     parts = [f"{link.endpoint}: {traffic.count / _LISTEN_S:.0f} messages/s"]
     if link.endpoint == vehicle.autopilot:
-        parts.append(_direct(vehicle))
+        parts.append(_direct(vehicle, key))
     else:
         parts += link.silent_links
     return "; ".join(part.rstrip(".") for part in parts)
 
 
-def _direct(vehicle: Vehicle) -> str:
+def _direct(vehicle: Vehicle, key: bytes | None) -> str:
     if vehicle.direct is None:
         return "no direct link in the fleet file"
     try:
-        ground = AutopilotLink(vehicle.direct, vehicle.system_id)
+        ground = AutopilotLink(vehicle.direct, vehicle.system_id, key=key)
     except (OSError, ValueError) as error:
         return f"{vehicle.direct}: {error}"
     try:

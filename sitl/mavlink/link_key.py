@@ -1,0 +1,49 @@
+"""The key of MAVLink signing at one link: when its messages are signed and checked, and SETUP_SIGNING."""
+
+from __future__ import annotations
+
+from sitl.mavlink.codec import Decoder, Encoder, Message
+from sitl.px4.commander import Autopilot
+from sitl.px4.signing import KeyStore, LinkSigning
+
+
+class LinkKey:
+    """Signing of one link.
+
+    Args:
+        store: the vehicle's key, which may come by any of its links.
+        link_id: number of the link.
+        encoder: signs while there is a key.
+        decoder: checks while there is a key.
+    """
+
+    def __init__(self, store: KeyStore, link_id: int, encoder: Encoder, decoder: Decoder) -> None:
+        self._store, self._signing = store, LinkSigning(store, link_id)
+        self._encoder, self._decoder = encoder, decoder
+        self.follow()
+
+    def follow(self) -> None:
+        """Sign and check from now on if there is a key."""
+        has_key = bool(self._store.key)
+        self._encoder.is_signed = has_key
+        self._decoder.takes = self._takes if has_key else None
+
+    def signed(self, frames: list[bytes]) -> list[bytes]:
+        """Return frames as they leave, in this order."""
+        # one that was made before a key came or went says so itself
+        return [self._signing.sign(frame) if frame[2] & 1 else frame for frame in frames] if self._store.key else frames
+
+    def set_up(self, px4: Autopilot, now_s: float, message: Message) -> None:
+        """Take a key, or none, as SETUP_SIGNING says."""
+        if not px4.version.knows_signing:
+            return
+        if px4.is_armed:
+            px4.journal.say(now_s, "signing refused")
+            return
+        self._store.put(bytes(message.fields["secret_key"]), message.fields["initial_timestamp"])
+        px4.journal.say(now_s, "signing accepted" if self._store.key else "signing disabled")
+        self.follow()
+
+    def _takes(self, message: Message, frame: bytes, is_signed: bool) -> bool:
+        sender = message.system_id, message.component_id
+        return self._signing.takes(frame, message.message_id, sender, is_signed=is_signed)
