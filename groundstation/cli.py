@@ -65,6 +65,7 @@ COMMANDS = (
     Command("secure", _BEFORE, "lock a fleet's bus: keys for every node, endpoints that use them", "keys"),
     Command("keys", _BEFORE, "the keys of a fleet's bus: issued, listed, renewed, replaced"),
     Command("doctor", _BEFORE, "whether this computer and the fleet's network are fit", "network.doctor"),
+    Command("attack", _BEFORE, "what gets into an emulated copy of a fleet, by whom it is tried", "network.attack"),
     Command("px4", _BEFORE, "PX4's parameters and state, and what another version of it changes"),
     Command("replay", _AFTER, "a recorded flight in the console"),
     Command("plot", _AFTER, "figures of a recorded flight"),

@@ -28,6 +28,7 @@ _REAL_TIME = (
 )
 _ONE_IN_REAL_TIME = (  # one emulated vehicle or one server each
     "clients",
+    "groundstation/commands/network/test_attack.py",
     "groundstation/commands/network/test_doctor_links.py",
     "groundstation/commands/test_px4.py",
     "groundstation/commands/test_px4_signing.py",
