@@ -20,6 +20,7 @@ _REAL_TIME = (
     "bench/test_bench_console.py",
     "flight",
     "groundstation/console/test_terminal.py",
+    "groundstation/keys/test_running.py",
     "groundstation/processes/test_supervisor.py",
     "onboard/bus",
     "onboard/mocap/test_relay.py",

@@ -4,6 +4,7 @@ Examples:
   covey secure fleet.toml
   covey secure fleet.toml --mavlink
   covey keys list fleet.toml
+  covey keys list fleet.toml --running
   covey keys issue fleet.toml mav3
   covey keys renew fleet.toml
   covey keys init fleet.toml --force
@@ -23,6 +24,7 @@ from cyclopts import App, Parameter
 
 from groundstation.keys.authority import folder_of, load_authority, make_authority, nodes_of
 from groundstation.keys.mavlink_keys import sign_mavlink
+from groundstation.keys.running import keep_former, running_authorities
 from groundstation.keys.secured_fleet import issue_all, refuse_example, secure_fleet
 from onboard.bus.certificates import check, read_certificate
 from onboard.bus.credentials import files_of, hosts_of
@@ -30,6 +32,12 @@ from onboard.bus.roles import ROUTER, Role
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.config.mavlink_key import key_file
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
+
+_RUNNING = {
+    "present": "runs with the present authority",
+    "former": "RUNS ON with a former authority, and hears nobody of the others: copy its files, and start it anew",
+    "": "does not answer: it is off, not reached, or has keys that this computer does not know",
+}
 
 keys = App(name="keys", help="The keys of a fleet's bus.")
 Fleet = Annotated[str, Parameter(name="FLEET")]
@@ -82,6 +90,7 @@ def init(fleet: Fleet, /, *, force: bool = False) -> int:
         raise ConfigError(
             f"{folder / 'ca.pem'} exists. A new authority locks out every node until it has its new files: --force"
         )
+    keep_former(config)
     issue_all(config, make_authority(folder, config.fleet.name, now), nodes_of(config), now)
     print(f"New authority in {folder}, {len(nodes_of(config))} nodes issued. With all vehicles on the ground copy each")
     print("node's files to its computer and start it anew: a node with older files finds nobody.")
@@ -114,11 +123,12 @@ def renew(fleet: Fleet, /) -> int:
 
 
 @keys.command(name="list")
-def list_(fleet: Fleet, /) -> int:
+def list_(fleet: Fleet, /, *, running: bool = False) -> int:
     """List the nodes: until when their certificates are valid, and what is wrong.
 
     Args:
         fleet: the fleet file
+        running: ask those that run with which authority they do: who was forgotten when it was replaced?
     """
     config = load_fleet(fleet)
     if not config.has_keys:
@@ -136,6 +146,11 @@ def list_(fleet: Fleet, /) -> int:
         except ConfigError as error:
             is_wrong = True
             print(f"{node:12s} {error}")
+    if running:
+        found = running_authorities(config)
+        for name in (*config.enabled_names, *(node for node in found if node not in config.vehicles)):
+            print(f"{name:12s} {_RUNNING[found.get(name, '')]}")
+        is_wrong = is_wrong or "former" in found.values()
     return EXIT_FAILED if is_wrong else EXIT_OK
 
 

@@ -1,0 +1,51 @@
+"""Who still runs with an authority that was replaced."""
+
+from __future__ import annotations
+
+import datetime
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from groundstation.cli import main
+from groundstation.keys.secured_fleet import secure_fleet
+from groundstation.processes.free_ports import toml_text, with_free_ports
+from onboard.bus.credentials import credentials_of
+from onboard.bus.session import BusSession
+from onboard.config.fleet import FleetConfig, load_fleet
+
+PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
+
+
+@contextmanager
+def _agent(fleet: FleetConfig, name: str) -> Iterator[None]:
+    session = BusSession(
+        namespace=fleet.namespace,
+        node=name,
+        listen=[fleet.vehicles[name].agent],
+        credentials=credentials_of(fleet, name),
+    )
+    session.start()
+    try:
+        yield
+    finally:
+        session.stop()
+
+
+def test_a_node_that_was_forgotten_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    paper, file = load_fleet(PAPER), tmp_path / "fleet.toml"
+    file.write_text(toml_text(with_free_ports(tomllib.loads(paper.text), paper)), encoding="utf-8")
+    fleet = secure_fleet(str(file), datetime.datetime.now(datetime.UTC))
+    with _agent(fleet, "mav0"):
+        assert main(["keys", "init", str(file), "--force"]) == 0
+        with _agent(fleet, "mav1"):
+            capsys.readouterr()
+            assert main(["keys", "list", str(file), "--running"]) == 1
+    rows = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()[-3:])
+    assert rows["mav0"].startswith("RUNS ON with a former authority")
+    assert rows["mav1"] == "runs with the present authority"
+    assert rows["mav2"].startswith("does not answer")
+    assert {oct(path.stat().st_mode & 0o777) for path in (tmp_path / "keys-former").rglob("*.key")} == {"0o600"}
