@@ -100,6 +100,7 @@ def _common(credentials: Credentials | None, lease_ms: int) -> list[Setting]:
         ("listen/timeout_ms", 0),
         ("scouting/multicast/enabled", False),
         ("scouting/gossip/enabled", False),
+        ("scouting/delay", 0),
         ("transport/link/tx/lease", lease_ms),
         ("transport/unicast/open_timeout", _OPEN_MS),
         ("transport/shared_memory/enabled", False),  # messages are small, and its threads and memory are not free
