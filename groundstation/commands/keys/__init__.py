@@ -26,7 +26,7 @@ from groundstation.keys.authority import folder_of, load_authority, make_authori
 from groundstation.keys.mavlink_keys import sign_mavlink
 from groundstation.keys.running import keep_former, running_authorities
 from groundstation.keys.secured_fleet import issue_all, refuse_example, secure_fleet
-from onboard.bus.certificates import check, read_certificate
+from onboard.bus.certificates import check, check_hosts, read_certificate
 from onboard.bus.credentials import files_of, hosts_of
 from onboard.bus.roles import ROUTER, Role
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
@@ -142,6 +142,7 @@ def list_(fleet: Fleet, /, *, running: bool = False) -> int:
         try:
             if key.exists():
                 check(str(authority), str(certificate), str(key), node, _now())
+                check_hosts(str(certificate), node, hosts_of(config, node))
             print(f"{node:12s} valid until {read_certificate(str(certificate)).not_valid_after_utc:%Y-%m-%d}")
         except ConfigError as error:
             is_wrong = True

@@ -23,6 +23,7 @@ from groundstation.commands.network.links import judged, listen
 from groundstation.commands.network.machine import interfaces, machine
 from groundstation.commands.parameters import Seconds
 from groundstation.keys.authority import folder_of, nodes_of
+from groundstation.keys.running import running_authorities
 from onboard.bus.certificates import check, read_certificate
 from onboard.bus.credentials import files_of
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
@@ -60,10 +61,20 @@ def doctor(
         heard = listen(config, seconds)
         is_silent = not heard.last
         found += [*interfaces(), *judged(config, heard)]
+        found += _authorities(config) if config.has_keys else ()
     print(as_json(found) if json else as_text(found))
     if is_silent:
         return EXIT_NO_ANSWER
     return EXIT_FAILED if worst(found) is Grade.FAIL else EXIT_OK
+
+
+def _authorities(fleet: FleetConfig) -> Iterator[Diagnosis]:
+    """Yield who runs on with an authority that was replaced."""
+    former = [node for node, authority in running_authorities(fleet).items() if authority == "former"]
+    text = f"Run on with a former authority: {', '.join(former) or 'none of those that answer'}."
+    yield graded(
+        "authority", not former, text, "Copy their new files, and start them anew: docs/keys.md", bad=Grade.FAIL
+    )
 
 
 def _keys(fleet: FleetConfig) -> Iterator[Diagnosis]:

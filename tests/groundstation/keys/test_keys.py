@@ -148,3 +148,18 @@ def test_endpoints_that_contradict_each_other_are_refused() -> None:
         _fleet(mav1="quic/127.0.0.1:7461")
     with pytest.raises(ConfigError, match="name the one at which they reach"):
         _fleet(mav1="tcp/0.0.0.0:7461")
+
+
+def test_a_vehicle_that_moved_to_another_address_needs_a_certificate_for_it(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = folder / "fleet.toml"
+    text = file.read_text(encoding="utf-8")
+    agent = load_fleet(file).vehicles["mav1"].agent
+    file.write_text(text.replace(agent, agent.replace("127.0.0.1", "10.0.0.21")), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"is for 127.0.0.1, but the fleet file has mav1 at 10.0.0.21"):
+        credentials_of(load_fleet(file), "mav1")
+    assert main(["keys", "list", str(file)]) == 1
+    assert "covey keys issue FLEET mav1" in capsys.readouterr().out
+    assert main(["keys", "issue", str(file), "mav1"]) == 0
+    assert credentials_of(load_fleet(file), "mav1") is not None

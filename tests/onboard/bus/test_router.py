@@ -16,8 +16,10 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
+import zenoh
 from msgspec.structs import replace
 
+from groundstation.cli import main
 from groundstation.keys.secured_fleet import secure_fleet
 from onboard.bus.credentials import credentials_of
 from onboard.bus.protocol import NoRouterError, UntrustedOrder
@@ -256,6 +258,13 @@ time.sleep(60)
         count = len(heard)
         assert _until(lambda: tell() or len(heard) > count + 20)
         assert _until(lambda: alive.get("mav0"))
+
+
+def test_zenoh_takes_the_printed_configuration(locked: FleetConfig, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["router", locked.path, "--print-config"]) == 0
+    printed = zenoh.Config.from_json5(capsys.readouterr().out)
+    assert printed.get_json("mode") == '"router"'
+    assert "mav1" in printed.get_json("access_control/subjects")
 
 
 def test_what_cannot_be_a_router_is_refused_in_a_sentence(locked: FleetConfig, tmp_path: Path) -> None:
