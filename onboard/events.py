@@ -178,7 +178,7 @@ class SendOdometry(Struct, frozen=True):
 
 
 class WatchBodies(Struct, frozen=True):
-    """Subscribe to the mocap poses of these bodies as well: their vehicles have begun to be silent."""
+    """Receive the mocap poses of exactly these other bodies: their vehicles are, or lately were, silent."""
 
     bodies: tuple[str, ...]
 

@@ -27,11 +27,13 @@ from groundstation.missions.findings import mission_findings
 from groundstation.missions.runner import load_function
 from onboard.config.endpoints import is_loopback
 from onboard.config.example_files import existing_file
-from onboard.config.fleet import ConfigError, FleetConfig, load_fleet, read_toml
+from onboard.config.fleet import ConfigError, FleetConfig, RadioConfig, load_fleet, read_toml
 from onboard.exit_status import EXIT_FAILED, EXIT_OK, EXIT_WRONG_INPUT
+from onboard.feasibility.airtime import airtime_finding
 from onboard.feasibility.bounds import ACCURACIES
 from onboard.feasibility.finding import Finding, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spacing_finding
+from onboard.neighbours.subscription import most_near
 
 
 def check(
@@ -105,16 +107,24 @@ def examine(
 
 
 def _bus_findings(fleet: FleetConfig) -> list[Finding]:
-    """Return a warning for a bus that other computers reach, without keys."""
+    """Return what the radio has to carry, and a warning for a bus without keys that other computers reach."""
     reached = [name for name in fleet.enabled_names if not is_loopback(fleet.vehicles[name].host)]
+    findings = []
+    if len(fleet.enabled_names) > 1 and (fleet.radio is not None or reached):
+        starts = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
+        near = max(most_near(fleet, spots) for spots in (starts, *fleet.formations.values()) if len(spots) > 1)
+        findings.append(airtime_finding(fleet, fleet.radio or RadioConfig(), near))
     if fleet.has_keys or not reached:
-        return []
+        return findings
     remedy = f"Lock the bus: covey secure {fleet.path} (docs/keys.md)."
     sentence = (
         f"The bus has no keys, and {_number(len(reached), 'vehicle')} can be reached from other computers: whoever "
         f"reaches one of them orders, kills, and reads everything. {remedy}"
     )
-    return [Finding("keys of the bus", "warning", len(reached), 0.0, "vehicles", "at most", sentence, remedy)]
+    return [
+        *findings,
+        Finding("keys of the bus", "warning", len(reached), 0.0, "vehicles", "at most", sentence, remedy),
+    ]
 
 
 def _page(headline: str, fleet: FleetConfig, findings: Sequence[Finding], errors: ErrorClass | None) -> str:

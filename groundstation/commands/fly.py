@@ -73,8 +73,8 @@ def fly_mission(
     )
     if not options.lockstep:
         return asyncio.run(MissionFlight(settings, say=clock_say()).fly())
-    from sitl.lockstep.bus import BusSettings
     from sitl.lockstep.command import fly_mission as fly_in_lockstep
+    from sitl.lockstep.connections import BusSettings
 
     return fly_in_lockstep(settings.mission, settings.folder, seed=settings.seed, bus=BusSettings(**bus.given))
 

@@ -27,6 +27,7 @@ class BusOptions:
         bus_delay_s: shortest time from sender to receiver (default 0.001)
         bus_jitter_s: mean of what comes on top of it (default 0)
         bus_loss: chance of each message to be lost (default 0)
+        bus_burst: mean number of messages lost in a row (default 1: each by itself)
         bus_reorder: chance of each message to be overtaken (default 0)
         bus_duplicate: chance of each message to come twice (default 0)
     """
@@ -34,6 +35,7 @@ class BusOptions:
     bus_delay_s: Annotated[float | None, _BUS] = None
     bus_jitter_s: Annotated[float | None, _BUS] = None
     bus_loss: Annotated[float | None, _BUS] = None
+    bus_burst: Annotated[float | None, _BUS] = None
     bus_reorder: Annotated[float | None, _BUS] = None
     bus_duplicate: Annotated[float | None, _BUS] = None
 

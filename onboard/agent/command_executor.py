@@ -106,8 +106,7 @@ class CommandExecutor:
             self.reliable.submit(reply, command.reply)
 
     def _watch_bodies(self, command: ev.WatchBodies) -> None:
-        for source in self._inbox.further_sources(command.bodies):
-            self._subscriptions.submit(source.start)
+        self._subscriptions.submit(self._inbox.watch_bodies, command.bodies)
 
     def _follow(self, command: ev.Follow) -> None:
         on_message = self._inbox.neighbour_received

@@ -109,6 +109,7 @@ class AgentCore:
                 self.preflight.duplicates,
                 self._orders.refused,
             ),
+            fleet.state_ticks,
         )
         self._follower = NeighbourFollower(self.neighbours)
         self.odometry = OdometryForwarder()
@@ -273,9 +274,9 @@ class AgentCore:
         messages = self._publisher.every_tick(result)
         out = [*self._publisher.telemetry(result), *self.flight.take_commands(), *setpoint, *messages]
         out.extend(self._follower.due(view.position_enu_m if view.has_position else None, view.now_ns))
-        bodies = self.neighbours.bodies_to_track(view.now_ns)
-        if bodies:
-            out.append(WatchBodies(tuple(bodies)))
+        bodies = self.neighbours.bodies_to_watch(view.now_ns, self.own.age_s)
+        if bodies is not None:
+            out.append(WatchBodies(bodies))
         if self.failsafes.reports.is_heartbeat_due(view.now_ns):
             out.append(RequestHeartbeat())
         report = self.preflight.due(view.now_ns)

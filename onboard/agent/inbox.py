@@ -18,6 +18,7 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import Vehicle
 from onboard.config.mocap import MocapConfig
 from onboard.message_counts import MessageCounts
+from onboard.mocap.bus_source import BusMocap
 from onboard.mocap.factory import source_of
 from onboard.mocap.source import MocapSource
 
@@ -34,15 +35,18 @@ class Inbox:
         boot_id: of the agent's core.
         bus: not yet open.
         mocap: where the poses come from.
+        state_ticks: from one state of a neighbour to the next.
     """
 
-    def __init__(self, vehicle: Vehicle, boot_id: int, bus: Bus, mocap: MocapConfig) -> None:
+    def __init__(self, vehicle: Vehicle, boot_id: int, bus: Bus, mocap: MocapConfig, state_ticks: int = 1) -> None:
         self.clock = ClockNode(bus)
         self.notices: deque[ev.EventIn] = deque(maxlen=_MOST_EVENTS)  # few, and the others must push none of them out
         self.events: deque[ev.EventIn] = deque(maxlen=_MOST_EVENTS)  # the newest matter
         self._nodes: dict[str, bool] = {}  # node whose presence has changed -> whether it is there
         self._vehicle, self._boot_id, self._bus, self._mocap_config = vehicle, boot_id, bus, mocap
+        self._state_ticks = state_ticks
         self._mocap: MocapSource | None = None
+        self._others = BusMocap(bus, "*", self._pose_received, self._malformed_received)
         self._reported_problem = ""  # of the mocap
         self._counts = MessageCounts()  # since they were taken last
         self._sequences: dict[str, int] = {}  # of the newest state of each followed neighbour
@@ -86,7 +90,8 @@ class Inbox:
 
     def _take_neighbour(self, topic: Topic, name: str, message: StateMessage | Telemetry) -> None:
         if topic is Topic.STATE:  # every one is sent here: the missing ones are lost
-            missing = message.sequence - self._sequences.get(name, message.sequence - 1) - 1
+            ticks = message.sequence - self._sequences.get(name, message.sequence - self._state_ticks)
+            missing = ticks // self._state_ticks - 1
             self._counts.dropped += missing if 0 < missing < _MOST_MISSING else 0
             if not -_MOST_MISSING < missing < 0:  # newer, or counted anew
                 self._sequences[name] = message.sequence
@@ -100,9 +105,10 @@ class Inbox:
         """Return a source of one body's poses, not yet started."""
         return source_of(self._mocap_config, self._bus, body, self._pose_received, self._malformed_received)
 
-    def further_sources(self, bodies: tuple[str, ...]) -> list[MocapSource]:
-        """Return sources of other bodies' poses; none where the mocap is read directly, with all its bodies."""
-        return [] if self._mocap_config.direct else [self.source(body) for body in bodies]
+    def watch_bodies(self, bodies: tuple[str, ...]) -> None:
+        """Receive the poses of exactly these other bodies; a mocap that is read directly sends those of all anyway."""
+        if not self._mocap_config.direct:
+            self._bus.follow(Topic.MOCAP, bodies, self._others.receive)
 
     def mocap_problem(self) -> ev.MocapProblemChanged | None:
         """Return the change of what is wrong with the mocap's source, if there is one."""

@@ -78,7 +78,7 @@ class AgentProcess:
             router_timeout_s=_ROUTER_S,
         )
         mocap = MocapConfig() if has_bus_mocap or vehicle.emulated else fleet.mocap
-        self._inbox = Inbox(vehicle, self._core.boot_id, self._bus, mocap)
+        self._inbox = Inbox(vehicle, self._core.boot_id, self._bus, mocap, fleet.state_ticks)
         self._executor = CommandExecutor(name, others, self._link, self._bus, self._inbox, self._exit)
         self._upkeep = LinkUpkeep(
             vehicle, self._link, self._core.flight, self._inbox.notices.append, applies_params=apply_params

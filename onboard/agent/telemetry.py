@@ -18,10 +18,11 @@ _BATCH_TICKS = 10
 class TelemetryPublisher:
     """Counts and batches the messages of one run of an agent."""
 
-    def __init__(self, identity: AgentIdentity, sources: TelemetrySources) -> None:
+    def __init__(self, identity: AgentIdentity, sources: TelemetrySources, state_ticks: int = 1) -> None:
         self.loop = LoopTimed(0.0, 0.0, 0.0, 0)  # newest statistics of the loop
         self.counts = MessageCounts()  # of messages that reached neither the neighbours' table nor the own state
         self._identity, self._sources = identity, sources
+        self._state_ticks = state_ticks  # from one state for the near neighbours to the next
         self._decimation = TelemetryDecimation()
         self._samples: list[TickSample] = []
         self._sequence = 0
@@ -31,7 +32,9 @@ class TelemetryPublisher:
         """Return the messages of this tick but the telemetry."""
         self._sequence += 1
         state = self._state(result)
-        commands: list[Command] = [Publish(Topic.STATE, state)]
+        commands: list[Command] = []
+        if self._sequence % self._state_ticks == 0:
+            commands.append(Publish(Topic.STATE, state))
         if is_slow(self._sequence):
             commands.append(Publish(Topic.FAR, state))
         self._samples.append(messages.tick_sample(result, state, self._sources))

@@ -21,6 +21,7 @@ from onboard.config.fleet_config import parking_distance_m as parking_distance_m
 from onboard.config.law import LawConfig as LawConfig
 from onboard.config.law import LawName as LawName
 from onboard.config.mocap import MocapConfig as MocapConfig
+from onboard.config.radio import RadioConfig as RadioConfig
 from onboard.config.sitl import SitlProfile as SitlProfile
 from onboard.config.toml_reading import ConfigError as ConfigError
 from onboard.config.toml_reading import check_schema as check_schema
@@ -60,7 +61,7 @@ def fleet_from_mapping(data: Mapping[str, Any], *, path: str = "<fleet>", text: 
     check_schema(data, path)
     if "step" in data:
         raise ConfigError(f"{path} is a mission file, not a fleet file. Name its fleet, or fly it: covey fly {path}")
-    known = {"schema", "fleet", "law", "formations", "mocap", "obstacles", "types", "defaults", "vehicles"}
+    known = {"schema", "fleet", "law", "formations", "mocap", "obstacles", "radio", "types", "defaults", "vehicles"}
     for key in data:
         if key not in known:
             raise ConfigError(f"{path}: unknown key '{key}'. Known keys here: {', '.join(sorted(known))}.")
@@ -73,12 +74,13 @@ def fleet_from_mapping(data: Mapping[str, Any], *, path: str = "<fleet>", text: 
     formations = convert(slots, dict[str, dict[str, Vec3]], path, "formations")
     fixed = convert(data.get("obstacles", []), tuple[obstacles.Obstacle, ...], path, "obstacles")
     mocap = convert(data.get("mocap", {}), MocapConfig, path, "mocap")
+    radio = convert(data["radio"], RadioConfig, path, "radio") if "radio" in data else None
     types = tables(data.get("types", {}), path, "types")
     defaults = table(data.get("defaults", {}), path, "defaults")
     vehicles = {
         name: vehicle_from_tables(name, index, own, types, defaults, path)
         for index, (name, own) in enumerate(tables(data["vehicles"], path, "vehicles").items())
     }
-    config = FleetConfig(path, fleet, law, formations, vehicles, text, fixed, mocap, shapes)
+    config = FleetConfig(path, fleet, law, formations, vehicles, text, fixed, mocap, shapes, radio)
     check_fleet(config)
     return config

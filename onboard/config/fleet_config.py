@@ -16,6 +16,7 @@ from onboard.config.endpoints import host_of
 from onboard.config.formation_shape import FormationShape
 from onboard.config.law import LawConfig
 from onboard.config.mocap import MocapConfig
+from onboard.config.radio import RadioConfig
 from onboard.config.sitl import SitlProfile
 from onboard.config.toml_reading import ConfigError
 
@@ -152,6 +153,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
     obstacles: tuple[obstacles.Obstacle, ...] = ()
     mocap: MocapConfig = MocapConfig()
     shapes: dict[str, FormationShape] = {}  # further formations; slots are the ground's matter, so not in the hash
+    radio: RadioConfig | None = None  # the channel that all share; not in the hash: no vehicle flies differently for it
 
     @property
     def namespace(self) -> str:
@@ -172,6 +174,11 @@ class FleetConfig(msgspec.Struct, frozen=True):
         parts = [fleet, self.law, self.formations, self.vehicles, self.obstacles, self.mocap]
         values = msgspec.json.encode(parts, order="deterministic")
         return hashlib.sha256(values).hexdigest()[:12]
+
+    @property
+    def state_ticks(self) -> int:
+        """Ticks of the control loop from one state for the near neighbours to the next."""
+        return 1 if self.radio is None else 50 // self.radio.states_hz
 
     @property
     def has_keys(self) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 
 from onboard.config import formation_shape, obstacles
 from onboard.config import mocap as mocap_config
+from onboard.config import radio as radio_config
 from onboard.config import sitl as sitl_profile
 from onboard.config.fleet_config import FleetConfig, Vehicle, parking_distance_m
 from onboard.config.law import LawConfig
@@ -64,6 +65,7 @@ def _problems(config: FleetConfig) -> Iterator[str]:
         yield from _vehicle_problems(config, vehicle)
     yield from _double_problems(config)
     yield from mocap_config.problems(config.mocap, {name: v.body for name, v in config.vehicles.items()})
+    yield from radio_config.problems(config.radio)
     clearance_m = 0.5 * config.fleet.body_diameter_m + config.law.obstacle_margin_m
     starts = {name: vehicle.start_enu_m for name, vehicle in config.vehicles.items()}
     yield from obstacles.problems(config.obstacles, starts, clearance_m)

@@ -28,12 +28,13 @@ class BusMocap:
 
     def start(self) -> None:
         """Subscribe; the bus must be open."""
-        self._bus.collect(Topic.MOCAP, self._body, self._receive)
+        self._bus.collect(Topic.MOCAP, self._body, self.receive)
 
     def stop(self) -> None:
         """Do nothing: the subscription ends with the bus."""
 
-    def _receive(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
+    def receive(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
+        """Take a message of the bus."""
         if isinstance(message, MocapPose):
             self._on_pose(message, time.monotonic_ns())
         else:

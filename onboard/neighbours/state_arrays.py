@@ -114,12 +114,12 @@ def is_plausible(*vectors: Vec3 | tuple[float, ...]) -> bool:
     return all(abs(value) < _LARGEST for vector in vectors for value in vector)
 
 
-def neighbours(arrays: NeighbourArrays, ages_s: Array, is_successor: BoolArray) -> list[Neighbour]:
+def neighbours(arrays: NeighbourArrays, ages_s: list[float], is_successor: BoolArray) -> list[Neighbour]:
     """Return the values for the law of all neighbours that are known; a silent or grounded one does not cooperate."""
     is_cooperative = arrays.flags[COOPERATIVE] & (ages_s <= arrays.silent_after_s)
     columns = (
         arrays.numbers.tolist(),
-        ages_s.tolist(),
+        ages_s,
         arrays.flags[KNOWN].tolist(),
         is_cooperative.tolist(),
         is_successor.tolist(),

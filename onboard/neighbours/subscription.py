@@ -6,9 +6,10 @@ follows the neighbours in reach, and in any case the nearest few. From all other
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import FleetConfig, Vec3
 
 FAR_PERIOD_TICKS = 10  # of the slow messages: 5 Hz
 FAR_SILENT_S = 0.75  # three of them missing
@@ -39,7 +40,7 @@ def reach_m(fleet: FleetConfig, name: str) -> float:
 
 
 def select(
-    distances_m: Mapping[str, float], unknown: frozenset[str], followed: frozenset[str], reach_m: float
+    distances_m: Mapping[str, float], unknown: frozenset[str], followed: frozenset[str], reach_m: float, most: int
 ) -> frozenset[str]:
     """Select the neighbours to follow from now on.
 
@@ -48,10 +49,25 @@ def select(
         unknown: neighbours that are there without a position: they could be anywhere.
         followed: so far; a neighbour that is followed is dropped a little farther away than it was added.
         reach_m: from :func:`reach_m`.
+        most: so many of those in reach, the nearest: the law uses no more, and the radio may not carry more.
     Returns:
         their names.
     """
     near = sorted(distances_m, key=distances_m.__getitem__)
-    wide_m = _STAY_FRAC * reach_m
-    inside = {name for name in near if distances_m[name] < (wide_m if name in followed else reach_m)}
-    return frozenset(inside.union(near[:ALWAYS_FOLLOWED], unknown))
+    reduced_m = {name: far_m / _STAY_FRAC if name in followed else far_m for name, far_m in distances_m.items()}
+    inside = sorted((name for name in near if reduced_m[name] < reach_m), key=reduced_m.__getitem__)
+    return frozenset(inside[:most]).union(near[:ALWAYS_FOLLOWED], unknown)
+
+
+def most_near(fleet: FleetConfig, spots: Mapping[str, Vec3]) -> int:
+    """Return how many neighbours a vehicle of a constellation follows at most.
+
+    Args:
+        fleet: the fleet file.
+        spots: vehicle -> position [m], fleet ENU; at least two.
+    """
+    counts = [
+        sum(math.dist(spots[name][:2], spot[:2]) < _STAY_FRAC * reach_m(fleet, name) for spot in spots.values()) - 1
+        for name in spots
+    ]
+    return min(len(spots) - 1, max(ALWAYS_FOLLOWED, min(max(counts), int(fleet.law.max_neighbours))))

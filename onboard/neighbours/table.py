@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -30,12 +31,11 @@ from onboard.neighbours.state_arrays import (
     numbers_of,
 )
 from onboard.neighbours.unbelieved import UnbelievedNeighbours, tracked_numbers
+from onboard.neighbours.watched_bodies import SILENT_AFTER_S, WatchedBodies
 from onboard.types import Neighbour
 
 SILENT_S = 0.25  # with two ticks of confirmation a silence is acted on within 0.3 s
 STALE_S = 0.15
-_TRACK_AFTER_S = 0.12  # from this age of its messages on a neighbour is tracked by the mocap
-_START_UP_NS = 2_000_000_000  # an agent that has just started has not heard anybody yet
 _BELIEVED_S = 1.0
 _ON_FLOOR_M = 0.15
 _MISSING_AFTER_S = 2.0
@@ -43,9 +43,12 @@ _MISSING_AFTER_S = 2.0
 
 @dataclass(slots=True)
 class _Ages:
-    """Ages of the newest states at one time, which several callers need at each tick."""
+    """Ages of the newest states at one time, which several callers need at each tick.
 
-    all_s: Array  # (K,); inf when never heard
+    In lists: for the few neighbours of a drone a loop costs less than numpy's calls.
+    """
+
+    all_s: list[float]  # of each of K neighbours; inf when never heard
     followed_s: list[float] = field(default_factory=list)
     oldest_s: float = math.inf  # of those followed
     has_silent: bool = True
@@ -77,10 +80,11 @@ class NeighbourTable:
         self.unbelieved = UnbelievedNeighbours()
         self._bodies = {body: index for index, body in bodies.items() if body is not None}
         self._trackers: dict[int, BodyTracker] = {}
-        self._first_ns = 0
+        self.watched = WatchedBodies()
         self._telemetry: dict[str, Telemetry] = {}
-        self._reach_m = subscription.reach_m(fleet, own_name)
-        self._ages = _Ages(np.full(len(self.names), np.inf))
+        most = max(subscription.ALWAYS_FOLLOWED, int(fleet.law.max_neighbours))
+        self._follow_limits = subscription.reach_m(fleet, own_name), most
+        self._ages = _Ages([math.inf] * len(self.names))
         self._follow(frozenset(self.names))
 
     # -- selection -----------------------------------------------------------------------------------------------------
@@ -101,7 +105,7 @@ class NeighbourTable:
         distances_m = {name: far for name, far, known in zip(self.names, far_m, is_known, strict=True) if known}
         unknown = {name for name in self._telemetry if name not in distances_m}
         unknown.update(self.silent(now_ns), self.invalid())
-        selected = subscription.select(distances_m, frozenset(unknown), self.followed, self._reach_m)
+        selected = subscription.select(distances_m, frozenset(unknown), self.followed, *self._follow_limits)
         if selected == self.followed:
             return False
         self._follow(selected)
@@ -109,11 +113,12 @@ class NeighbourTable:
 
     def _follow(self, names: frozenset[str]) -> None:
         self._followed = [name for name in self.names if name in names]
-        self._followed_indices = np.array([self.indices[name] for name in self._followed], dtype=np.int64)
+        self._followed_indices = [self.indices[name] for name in self._followed]
         arrays = self.arrays
         arrays.is_followed[:] = False
         arrays.is_followed[self._followed_indices] = True
         arrays.silent_after_s[:] = np.where(arrays.is_followed, SILENT_S, subscription.FAR_SILENT_S)
+        self._silent_after_s = arrays.silent_after_s.tolist()
         self.set_ages(self._ages.all_s, -1, True)
 
     # -- input ---------------------------------------------------------------------------------------------------------
@@ -162,6 +167,9 @@ class NeighbourTable:
         index = self._bodies.get(pose.body)
         if index is None:
             return False
+        if index not in self.watched.reason_ns:
+            self.hear_other_pose(pose, received_ns)
+            return False
         arrays, tracker = self.arrays, self._trackers.setdefault(index, BodyTracker())
         silence_s = (received_ns - int(arrays.heard_ns[index])) * 1e-9
         if not tracker.stamp_ns and silence_s < _BELIEVED_S:
@@ -169,7 +177,7 @@ class NeighbourTable:
             tracker.velocity_enu_m_s = (x, y, z)
         if not tracker.hear(pose, received_ns):
             return False
-        if silence_s < _TRACK_AFTER_S:
+        if silence_s < SILENT_AFTER_S:
             return True
         floor_m = self.fleet.vehicles[self.names[index]].start_enu_m[2]
         is_airborne = tracker.position_enu_m[2] > floor_m + _ON_FLOOR_M
@@ -193,24 +201,31 @@ class NeighbourTable:
             self.unbelieved.place(self.arrays, self._trackers, position_enu_m, now_ns)
             self.forget_ages()
 
-    def bodies_to_track(self, now_ns: int) -> list[str]:
-        """Return mocap bodies to subscribe to from now on: those of followed vehicles that have become silent."""
-        self._first_ns = self._first_ns or now_ns
+    def bodies_to_watch(self, now_ns: int, own_age_s: float) -> tuple[str, ...] | None:
+        """Return the mocap bodies whose poses are wanted from now on; None while they stay the same.
+
+        They are those of followed vehicles that are silent or doubtful, until neither has been so for a while.
+        """
+        has_started, doubtful = self.watched.begin(now_ns), self.unbelieved.doubtful
         self.ages_s(now_ns)
-        doubtful = self.unbelieved.doubtful
-        if (self._ages.oldest_s < _TRACK_AFTER_S and not doubtful) or len(self._trackers) == len(self._bodies):
-            return []
-        is_started = now_ns - self._first_ns > _START_UP_NS
-        bodies = []
-        for body, index in self._bodies.items():
-            age_s = self._ages.all_s[index]
-            is_new = self.arrays.is_followed[index] and index not in self._trackers
-            is_expected = is_started and self.fleet.vehicles[self.names[index]].enabled is not False
-            is_silent = age_s > _TRACK_AFTER_S and (is_expected or age_s < math.inf)
-            if is_new and (is_silent or index in doubtful):
-                self._trackers[index] = BodyTracker()
-                bodies.append(body)
-        return bodies
+        if self._ages.oldest_s < SILENT_AFTER_S and not doubtful and not self.watched.reason_ns:
+            return None
+        ages_s, is_followed = self.heard_ages_s(now_ns).tolist(), self.arrays.is_followed.tolist()
+        vehicles = [self.fleet.vehicles[name] for name in self.names]
+        silent = [
+            index
+            for index in self._bodies.values()
+            if self.watched.is_silent(
+                index, ages_s[index], is_followed[index], has_started and vehicles[index].enabled is not False
+            )
+        ]
+        in_reach = [index for index in doubtful if is_followed[index]]
+        indices = self.watched.update(silent, in_reach, now_ns, own_age_s)
+        if indices is None:
+            return None
+        for index in self._trackers.keys() - set(indices):
+            del self._trackers[index]
+        return tuple(body for body, index in self._bodies.items() if index in indices)
 
     def set_distrusted(self, name: str, is_distrusted: bool) -> None:
         """Let a vehicle's announcement that it cooperates count, or not."""
@@ -226,21 +241,25 @@ class NeighbourTable:
 
     # -- ages ----------------------------------------------------------------------------------------------------------
 
-    def ages_s(self, now_ns: int) -> Array:
-        """Return the age (K,) of each newest state; inf when never heard."""
+    def ages_s(self, now_ns: int) -> list[float]:
+        """Return the age of each of K newest states; inf when never heard."""
         if self._ages.at_ns != now_ns:
             arrays = self.arrays
-            ages_s = np.where(arrays.flags[KNOWN], np.maximum(now_ns - arrays.stamp_ns, 0) * 1e-9, np.inf)
-            self.set_ages(ages_s, now_ns, bool((ages_s > arrays.silent_after_s).any()))
+            ages_s = [
+                max(now_ns - stamp_ns, 0) * 1e-9 if is_known else math.inf
+                for stamp_ns, is_known in zip(arrays.stamp_ns.tolist(), arrays.flags[KNOWN].tolist(), strict=True)
+            ]
+            has_silent = any(map(operator.gt, ages_s, self._silent_after_s))
+            self.set_ages(ages_s, now_ns, has_silent)
         return self._ages.all_s
 
     def forget_ages(self) -> None:
         """Have the ages calculated anew, since newer states are in the arrays."""
         self._ages.at_ns = -1
 
-    def set_ages(self, ages_s: Array, now_ns: int, has_silent: bool) -> None:
-        """Set the ages (K,) at a time, where they were calculated for many tables together."""
-        followed_s = ages_s[self._followed_indices].tolist()
+    def set_ages(self, ages_s: list[float], now_ns: int, has_silent: bool) -> None:
+        """Set the ages of K neighbours at a time, where they were calculated for many tables together."""
+        followed_s = [ages_s[index] for index in self._followed_indices]
         self._ages = _Ages(ages_s, followed_s, max(followed_s, default=0.0), has_silent, now_ns)
 
     def followed_ages_s(self, now_ns: int) -> dict[str, float]:
@@ -251,7 +270,7 @@ class NeighbourTable:
 
     def age_s(self, name: str, now_ns: int) -> float:
         """Return the age of one newest state; inf when never heard."""
-        return float(self.ages_s(now_ns)[self.indices[name]])
+        return self.ages_s(now_ns)[self.indices[name]]
 
     def oldest_age_s(self, now_ns: int) -> float:
         """Return the largest age of all that are followed and were ever heard; 0 without any."""
@@ -260,7 +279,7 @@ class NeighbourTable:
     def heard_ages_s(self, now_ns: int) -> Array:
         """Return the age (K,) of each newest message; it grows while only mocap poses come; inf when never heard."""
         if not self._trackers:
-            return self.ages_s(now_ns)
+            return np.array(self.ages_s(now_ns))
         heard_ns = self.arrays.heard_ns
         return np.where(heard_ns > 0, np.maximum(now_ns - heard_ns, 0) * 1e-9, np.inf)
 
@@ -289,7 +308,7 @@ class NeighbourTable:
     def unseen(self, now_ns: int) -> tuple[str, ...]:
         """Return silent vehicles without mocap poses: nobody knows where they are."""
         limit_s = self.arrays.silent_after_s
-        is_old = (self.ages_s(now_ns) > limit_s) & (self.heard_ages_s(now_ns) > limit_s)
+        is_old = (np.array(self.ages_s(now_ns)) > limit_s) & (self.heard_ages_s(now_ns) > limit_s)
         return self._named(self.arrays.flags[AIRBORNE] & is_old)
 
     def stale(self, now_ns: int) -> tuple[str, ...]:
@@ -321,10 +340,11 @@ class NeighbourTable:
         """Return the horizontal distance to each vehicle that is followed, extrapolated up to the silence limit."""
         x, y, _ = position_enu_m
         self.ages_s(now_ns)
-        motions = self.arrays.numbers[self._followed_indices, :5].tolist()
+        motions = self.arrays.numbers[:, :5].tolist()
         distances_m = {}
-        for name, age_s, (px, py, _, vx, vy) in zip(self._followed, self._ages.followed_s, motions, strict=True):
+        for name, index, age_s in zip(self._followed, self._followed_indices, self._ages.followed_s, strict=True):
             if age_s < math.inf:
+                px, py, _, vx, vy = motions[index]
                 ahead_s = min(age_s, SILENT_S)
                 distances_m[name] = math.hypot(px + ahead_s * vx - x, py + ahead_s * vy - y)
         return distances_m

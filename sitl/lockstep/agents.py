@@ -173,9 +173,13 @@ class AgentShell:
         now_ns, vehicle = self._bus.now_ns, self.core.vehicle
         inbox, name, boot_id = self._inbox, self.name, self.core.boot_id
 
+        def is_interested(topic: object, other: object) -> bool:
+            """Whether it would have subscribed: to fast states of those followed, to slow ones of the others."""
+            return topic not in (Topic.STATE, Topic.FAR) or (topic is Topic.STATE) == (other in self._followed)
+
         def neighbour(topic: Topic, other: str, message: Message | Malformed) -> None:
-            if topic is not Topic.SLOW_TELEMETRY and (topic is Topic.STATE) != (other in self._followed):
-                return  # the others are heard slowly
+            if not is_interested(topic, other):
+                return
             if not isinstance(message, (StateMessage, Telemetry)) or message.vehicle != other:
                 is_claim = not isinstance(message, Malformed)
                 inbox.append(ev.MessagesCounted(malformed=not is_claim, refused=is_claim))
@@ -190,7 +194,7 @@ class AgentShell:
             if isinstance(message, MocapPoses):
                 inbox.append(ev.AllPosesReceived(message.poses, now_ns()))
 
-        self._on_neighbour, self._on_pose = neighbour, pose
+        self._on_neighbour, self._on_pose, node.is_interested = neighbour, pose, is_interested
         if self._reads_in_bulk:
             self._bus.subscribe_in_bulk(node, neighbour)
         else:
@@ -267,8 +271,9 @@ class AgentShell:
                     if reply is not None:
                         reply(answer)
                 case ev.WatchBodies(bodies):
-                    for body in bodies:
-                        self.node.subscribe(Topic.MOCAP, body, self._on_pose)
+                    vehicle = self.core.vehicle
+                    own = (vehicle.body,) if vehicle.mocap_required and vehicle.body else ()
+                    self.node.follow(Topic.MOCAP, (*own, *bodies), self._on_pose)
                 case ev.SetOffboard():
                     link.set_offboard()
                 case ev.Arm():

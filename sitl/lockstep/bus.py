@@ -11,7 +11,6 @@ import itertools
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from heapq import heappop, heappush
 from typing import cast
 
@@ -20,40 +19,15 @@ import numpy as np
 from onboard.bus.protocol import LEASE_MS, MAX_COLLECTED, OnAlive, OnEnd, OnFault, OnMessage, OnOrder, OnReply
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
 from onboard.bus.topics import TOPICS, Delivery, Topic
-from onboard.config.fleet import ConfigError
+from onboard.config.fleet import RadioConfig
+from sitl.lockstep.channel import Channel
+from sitl.lockstep.connections import BusSettings, Losses, Pair
 
 _LEASE_NS = LEASE_MS * 1_000_000
 _RECONNECT_NS = 300_000_000
 _RESEND_NS = 200_000_000  # TCP's shortest time until it sends again
 _MAX_RESENDS = 8
 _DUPLICATE_AFTER_NS = 3_000_000
-
-Pair = tuple[str, str]
-
-
-@dataclass(frozen=True, slots=True)
-class BusSettings:
-    """Quality of every connection."""
-
-    delay_s: float = 0.001  # shortest time from sender to receiver
-    jitter_s: float = 0.0  # mean of what comes on top, exponentially distributed
-    loss: float = 0.0  # chance of each message
-    reorder: float = 0.0  # chance of each message
-    reorder_s: float = 0.04  # a reordered message is held back for so long, so that others overtake
-    duplicate: float = 0.0  # chance of each message
-
-    def __post_init__(self) -> None:
-        for name in ("delay_s", "jitter_s", "reorder_s"):
-            if not 0.0 <= getattr(self, name) <= 10.0:
-                raise ConfigError(f"The bus's {name} is {getattr(self, name)}; it must lie between 0 and 10 s.")
-        for name in ("loss", "reorder", "duplicate"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ConfigError(f"The bus's {name} is {getattr(self, name)}, but it is a chance: between 0 and 1.")
-
-    @property
-    def is_random(self) -> bool:
-        """Whether messages differ in what happens to them."""
-        return self.jitter_s > 0.0 or self.loss > 0.0 or self.reorder > 0.0 or self.duplicate > 0.0
 
 
 class SimBus:
@@ -62,13 +36,23 @@ class SimBus:
     Args:
         settings: of every pair; :meth:`set_link` gives a pair its own.
         now_ns: the simulated time.
+        radio: the one channel that all share, and the nodes that have a radio; None without limits.
     """
 
-    def __init__(self, settings: BusSettings, now_ns: Callable[[], int], *, seed: int) -> None:
+    def __init__(
+        self,
+        settings: BusSettings,
+        now_ns: Callable[[], int],
+        *,
+        seed: int,
+        radio: tuple[RadioConfig, frozenset[str]] | None = None,
+    ) -> None:
         self.now_ns = now_ns
         self.settings, self._delay_ns = settings, round(settings.delay_s * 1e9)
         self._links: dict[Pair, BusSettings] = {}
         self._rng = np.random.default_rng([seed, 11])
+        self.channel = None if radio is None else Channel(*radio, now_ns, seed=seed)
+        self._losses = Losses()
         self._queue: list[tuple[int, int, Pair, Callable[..., None], tuple[object, ...]]] = []
         self._count = itertools.count()
         self._newest_ns: dict[tuple[Pair, bool], int] = {}
@@ -134,6 +118,8 @@ class SimBus:
     def deliver(self) -> None:
         """Everything that is due now, in the order of arrival."""
         now_ns = self.now_ns()
+        if self.channel is not None:
+            self.channel.advance(now_ns)
         queue, cut = self._queue, self._cut
         while queue and queue[0][0] <= now_ns:
             _, _, pair, function, args = heappop(queue)
@@ -154,7 +140,7 @@ class SimBus:
         draw = self._rng.random(4) if settings.is_random else None
         if draw is not None:
             due_ns += round(-math.log1p(-draw[0]) * settings.jitter_s * 1e9)
-            if is_latest and draw[1] < settings.loss:
+            if is_latest and self._losses.takes(pair, settings, draw[1], now_ns):
                 self.lost += 1
                 return
             if is_latest and draw[2] < settings.reorder:
@@ -167,15 +153,25 @@ class SimBus:
         if is_cut:
             self._held.append((now_ns, pair, function, args))
             return
+        if self.channel is not None:
+            self.channel.send(
+                pair, args, lambda end_ns: self._push(end_ns + due_ns - now_ns, pair, function, args), is_latest
+            )
+            return
         self._push(due_ns, pair, function, args)
         if draw is not None and is_latest and draw[3] < settings.duplicate:
             self._push(due_ns + _DUPLICATE_AFTER_NS, pair, function, args)
 
+    @property
+    def is_quiet(self) -> bool:
+        """Whether all messages arrive, each after the same time."""
+        return not (self._cut or self._links or self.settings.is_random or self.channel is not None)
+
     def send_latest(self, sender: str, receivers: list[tuple[Node, OnMessage]], args: tuple[object, ...]) -> None:
         """A LATEST message for all its subscribers, at once where nothing can happen to it."""
-        if self._cut or self._links or self.settings.is_random:
+        if not self.is_quiet:
             for node, on_message in receivers:
-                if node.name != sender:
+                if node.name != sender and node.is_interested(args[0], args[1]):
                     self.send((sender, node.name), Delivery.LATEST, on_message, *args)
             return
         due_ns, queue, count = self.now_ns() + self._delay_ns, self._queue, self._count
@@ -197,9 +193,9 @@ class SimBus:
 
     def post(self, sender: str, args: tuple[Topic, str, Message]) -> None:
         """A message for all who read in bulk."""
-        if self._cut or self._links or self.settings.is_random:
+        if not self.is_quiet:
             self.send_latest(sender, self._readers, args)
-        elif self._readers:
+        elif self._readers and args[0] is not Topic.FAR:  # whoever follows a vehicle slowly takes every tenth state
             self._push(self.now_ns() + self._delay_ns, (sender, ""), self._arrive, (args[2],))
 
     def _arrive(self, message: object) -> None:
@@ -259,6 +255,7 @@ class Node:
         self.order_server: OnOrder | None = None
         self.fault_server: OnFault | None = None
         self.claims: set[str] = set()
+        self.is_interested: Callable[[object, object], bool] = lambda topic, name: True  # its subscriptions are wider
         self._is_open = False
 
     @property
@@ -289,7 +286,7 @@ class Node:
     def publish(self, topic: Topic, name: str, message: Message) -> None:
         """Send to all who subscribed."""
         delivery = TOPICS[topic].delivery
-        if topic is Topic.STATE or topic is Topic.SLOW_TELEMETRY:
+        if topic in (Topic.STATE, Topic.FAR, Topic.SLOW_TELEMETRY):
             self.bus.post(self.name, (topic, name, message))
         for key in ((topic, "*"), (topic, name)):
             receivers = self.bus.subscribers.get(key)

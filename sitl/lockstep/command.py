@@ -8,7 +8,7 @@ from pathlib import Path
 
 from groundstation.missions.files import Mission
 from onboard.bus.schema import Event
-from sitl.lockstep.bus import BusSettings
+from sitl.lockstep.connections import BusSettings
 from sitl.lockstep.flight import Lockstep
 
 

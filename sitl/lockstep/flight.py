@@ -28,7 +28,8 @@ from onboard.config.fleet import FleetConfig, load_fleet
 from sitl.emulator.mocap import MocapSettings
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.agents import AgentShell
-from sitl.lockstep.bus import BusSettings, SimBus
+from sitl.lockstep.bus import SimBus
+from sitl.lockstep.connections import BusSettings
 from sitl.lockstep.loop import VirtualLoop
 from sitl.lockstep.record import LockstepRecord
 from sitl.lockstep.simulation import EPOCH_NS, Simulation

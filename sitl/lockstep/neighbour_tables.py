@@ -118,7 +118,7 @@ class Tables:
         ages_s = np.maximum(now_ns - self.arrays.stamp_ns, 0) * 1e-9
         ages_s[~self.arrays.flags[:, 0]] = np.inf
         has_silent = np.asarray((ages_s > self.arrays.silent_after_s).any(axis=1)).tolist()
-        for table, row, has_one in zip(self.tables, ages_s, has_silent, strict=True):
+        for table, row, has_one in zip(self.tables, ages_s.tolist(), has_silent, strict=True):
             table.set_ages(row, now_ns, has_one)
 
     def snapshots(self, rows: Sequence[int], now_ns: int) -> tuple[Rows, BoolArray]:

@@ -19,7 +19,8 @@ from sitl.emulator.mocap import MocapSettings
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.agent_batch import Batch
 from sitl.lockstep.agents import AgentShell, FleetTables, by_arrival
-from sitl.lockstep.bus import BusSettings, SimBus
+from sitl.lockstep.bus import SimBus
+from sitl.lockstep.connections import BusSettings
 from sitl.lockstep.link import LinkBank
 from sitl.physics.vehicle import STEP_S
 from sitl.server import TRUTH_EVERY_STEPS, Broadcast, answer_fault, emulator_of
@@ -61,7 +62,8 @@ class Simulation:
             boot_id=1,
             stamp_ns=lambda time_s: EPOCH_NS + round(time_s * 1e9),
         )
-        self.bus = SimBus(bus or BusSettings(), self.clock_ns, seed=seed)
+        radio = None if fleet.radio is None else (fleet.radio, frozenset(self.names))
+        self.bus = SimBus((bus or BusSettings()).over(fleet.radio), self.clock_ns, seed=seed, radio=radio)
         self._node = self.bus.node(_SIMULATOR)
         self._node.start()
         self._poses = PosePublisher(self._node)

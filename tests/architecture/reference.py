@@ -10,12 +10,13 @@ from typing import Any
 from groundstation.commands.gallery.catalogue import GALLERY, sentence_of
 from groundstation.formations.frame import FramePoint
 from groundstation.missions.steps import EXPECT_MOST_M, STEP_BOUNDS, STEPS, Expect, OnFailure, Until
-from onboard.config import formation_shape, mocap, sitl
+from onboard.config import formation_shape, mocap, radio, sitl
 from onboard.config.fleet_config import FleetSection, Geofence, Origin, Vehicle
 from onboard.config.formation_shape import FormationShape, ShapeName
 from onboard.config.law import LawConfig
 from onboard.config.mocap import MocapConfig
 from onboard.config.obstacles import Circle, Obstacle
+from onboard.config.radio import RadioConfig
 from onboard.config.validation import FLEET_BOUNDS, VEHICLE_BOUNDS, law_bounds
 
 Ends = tuple[float | str, float | str]
@@ -109,6 +110,7 @@ def fleet_file() -> str:
         ("`[types.NAME.sitl]`: of the emulator only", _table(sitl.SitlProfile, sitl.BOUNDS)),
         ("`[formations.NAME]` with a `shape`, here or in a mission", _table(FormationShape, formation_shape.BOUNDS)),
         ("`[mocap]`", _table(MocapConfig, mocap.BOUNDS)),
+        ("`[radio]`", _table(RadioConfig, radio.BOUNDS)),
         ("`[[obstacles]]`", _table(Obstacle, {})),
         ("`circle` of an obstacle", _table(Circle, {})),
         ("`[law]`", _table(LawConfig, law_bounds)),

@@ -29,8 +29,8 @@ def _state(stamp_ns: int, sequence: int = 1) -> StateMessage:
 
 def test_nobody_waits_for_a_disabled_vehicle() -> None:
     table = NeighbourTable(_fleet(), "mav0")
-    table.bodies_to_track(1 * S)
-    assert table.bodies_to_track(9 * S) == ["mav2"]
+    table.bodies_to_watch(1 * S, 0.02)
+    assert table.bodies_to_watch(9 * S, 0.02) == ("mav2",)
     assert table.missing(9 * S) == ("mav2",)
     assert table.silent(9 * S) == table.invalid() == table.unseen(9 * S) == ()
     assert table.snapshot(9 * S) == []
@@ -43,7 +43,7 @@ def test_a_disabled_vehicle_that_tells_a_state_is_an_obstacle_and_missed_when_it
     assert neighbour.position_enu_m == (0.9, 0.0, 1.0)
     assert table.distances_m((0.0, 0.0, 1.0), 5 * S) == {"mav1": 0.9}
     assert table.silent(6 * S) == ("mav1",)
-    assert "mav1" in table.bodies_to_track(6 * S)
+    assert "mav1" in (table.bodies_to_watch(6 * S, 0.02) or ())
 
 
 def test_tables_that_hear_together_hear_a_disabled_vehicle_too() -> None:

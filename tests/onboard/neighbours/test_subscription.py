@@ -23,16 +23,18 @@ def _state(name: str, x_m: float, sequence: int = 10, stamp_ns: int = S, **chang
 
 def test_whoever_is_in_reach_is_followed_and_leaves_later_than_it_came() -> None:
     distances_m = {f"mav{place}": 1.0 + place for place in range(10)}
-    first = subscription.select(distances_m, frozenset(), frozenset(), 6.5)
+    first = subscription.select(distances_m, frozenset(), frozenset(), 6.5, 12)
     assert first == {f"mav{place}" for place in range(6)}
     moved = {name: 1.08 * far_m for name, far_m in distances_m.items()}
-    assert subscription.select(moved, frozenset(), first, 6.4) == first  # mav5 is at 6.48 m, inside what it may leave
-    assert "mav5" not in subscription.select(moved, frozenset(), frozenset(), 6.4)
+    assert (
+        subscription.select(moved, frozenset(), first, 6.4, 12) == first
+    )  # mav5 is at 6.48 m, inside what it may leave
+    assert "mav5" not in subscription.select(moved, frozenset(), frozenset(), 6.4, 12)
 
 
 def test_the_nearest_four_and_the_unplaced_are_followed_however_far() -> None:
     distances_m = {f"mav{place}": 50.0 + place for place in range(10)}
-    found = subscription.select(distances_m, frozenset({"lost"}), frozenset(), 6.0)
+    found = subscription.select(distances_m, frozenset({"lost"}), frozenset(), 6.0, 12)
     assert found == {"mav0", "mav1", "mav2", "mav3", "lost"}
 
 

@@ -163,3 +163,16 @@ def test_a_round_of_messages_is_heard_like_one_after_the_other(rounds: list[tupl
         assert single.distances_m((0.0, 0.0, 0.0), now_ns) == whole.distances_m((0.0, 0.0, 0.0), now_ns)
         assert single.followed_ages_s(now_ns) == whole.followed_ages_s(now_ns)
         assert (single.counts, single.last_heard_ns) == (whole.counts, whole.last_heard_ns)
+
+
+def test_the_body_of_a_silent_neighbour_is_watched_until_its_messages_have_come_regularly_for_a_while() -> None:
+    table, changes = _table(), {}
+    for tick in range(600):  # 12 s
+        now_ns = 5 * S + tick * S // 50
+        for name in ("mav1", "mav2"):
+            if name == "mav1" or not 100 <= tick < 120:  # mav2 is silent for 0.4 s
+                table.hear(_state(vehicle=name, sequence=tick, stamp_ns=now_ns), now_ns)
+        bodies = table.bodies_to_watch(now_ns, 0.02)
+        if bodies is not None:
+            changes[tick] = bodies
+    assert changes == {105: ("mav2",), 370: ()}

@@ -17,7 +17,7 @@ from onboard.bus.topics import Topic
 from onboard.control.pipeline import pipeline_params
 from onboard.safety.failsafe_table import Condition as C
 from sitl.faults.catalogue import Fault
-from sitl.lockstep.bus import BusSettings
+from sitl.lockstep.connections import BusSettings
 from sitl.lockstep.flight import GROUND, Lockstep
 from sitl.lockstep.simulation import TICK_STEPS
 from sitl.physics.vehicle import STEP_S

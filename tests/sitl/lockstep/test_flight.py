@@ -54,7 +54,7 @@ def test_a_repeated_flight_has_the_same_record_byte_by_byte_and_another_seed_ano
 
 
 def test_a_repeated_flight_over_a_bad_bus_has_the_same_record(lockstep, hop, tmp_path):
-    from sitl.lockstep.bus import BusSettings
+    from sitl.lockstep.connections import BusSettings
 
     bus = BusSettings(delay_s=0.003, jitter_s=0.004, loss=0.1, reorder=0.05, duplicate=0.05)
     for name in ("one", "two"):

@@ -8,7 +8,7 @@ import pytest
 from onboard.bus.protocol import LEASE_MS
 from onboard.flight.types import Step
 from sitl.faults.catalogue import Fault
-from sitl.lockstep.bus import BusSettings
+from sitl.lockstep.connections import BusSettings
 from tests.sitl.lockstep.suite import fleet_of, mission_of
 
 

@@ -7,7 +7,8 @@ import pytest
 from onboard.bus.schema import Event, OrderReply, Truth
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError
-from sitl.lockstep.bus import BusSettings, SimBus
+from sitl.lockstep.bus import SimBus
+from sitl.lockstep.connections import BusSettings
 
 
 class Rig:

@@ -1,0 +1,161 @@
+"""How much of a radio channel's time a fleet takes: packets, the time of each in the air, and the finding. Pure.
+
+Small packets take a channel's time, not its bits: most of what a frame of 802.11 takes is waiting, preamble and
+acknowledgement. So stations of 802.11n and later send what waits for one receiver in one aggregate.
+
+The time of a frame is that of the distributed coordination function without collisions: DIFS, half of the first
+contention window, the frame, SIFS and the acknowledgement. For 802.11b it gives the throughputs that Cisco publishes
+for its wireless phones ("Maximum Throughput Calculations for 802.11b WLAN", table I-2). The values of OFDM are those of
+IEEE 802.11: slot 9 us, SIFS 16 us, symbols of 4 us, preamble and header 36 us in 802.11n, 20 us of an acknowledgement.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from onboard.bus.topics import TOPICS, Topic
+from onboard.config.fleet import FleetConfig
+from onboard.config.radio import RadioConfig
+from onboard.feasibility.finding import Finding, at_most
+
+STATE_BYTES, POSE_BYTES, TELEMETRY_BYTES, CLOCK_BYTES = 270, 110, 450, 60
+TICK_PACKETS, TICK_BYTES = 5, 1200  # a batch of ten ticks is cut into packets
+OVERHEAD_BYTES = 130  # of IP, UDP, QUIC and Zenoh, and of the frame beyond its first 28 bytes
+MOST_IN_TURN = 32  # packets of one aggregate
+_MAC_BYTES, _ACK_BYTES, _DELIMITER_BYTES = 28, 14, 6
+_MOST_BYTES = 1400  # of one packet
+
+
+class Phy(NamedTuple):
+    """Times of a physical layer [us]."""
+
+    slot_us: float
+    sifs_us: float
+    header_us: float  # preamble and header, before the first bit of data
+    ack_header_us: float  # the same of an acknowledgement
+    symbol_us: float  # data come in whole symbols; 0 for single bits
+    extra_bits: float  # service and tail
+    backoff_slots: float  # mean of the first contention window
+    ack_rates_mbit_s: tuple[float, ...]  # of acknowledgements; empty: as fast as the frame
+
+
+OFDM = Phy(9.0, 16.0, 36.0, 20.0, 4.0, 22.0, 7.5, (6.0, 12.0, 24.0))
+DSSS_SHORT = Phy(20.0, 10.0, 96.0, 96.0, 0.0, 0.0, 16.0, ())  # 802.11b with short preambles
+
+
+def frame_s(packet_bytes: float, rate_mbit_s: float, phy: Phy = OFDM) -> float:
+    """Return the time [s] for which one packet and its acknowledgement keep a channel busy.
+
+    Args:
+        packet_bytes: of the packet, with the headers of all layers above 802.11.
+        rate_mbit_s: of the data.
+        phy: times of the physical layer.
+    """
+    ack_mbit_s = max((rate for rate in phy.ack_rates_mbit_s if rate <= rate_mbit_s), default=rate_mbit_s)
+    waiting_us = phy.sifs_us + 2.0 * phy.slot_us + phy.backoff_slots * phy.slot_us
+    frame_us = phy.header_us + _data_us(packet_bytes + _MAC_BYTES, rate_mbit_s, phy)
+    ack_us = phy.ack_header_us + _data_us(_ACK_BYTES, ack_mbit_s, phy)
+    return 1e-6 * (waiting_us + frame_us + phy.sifs_us + ack_us)
+
+
+def _data_us(frame_bytes: float, rate_mbit_s: float, phy: Phy) -> float:
+    data_us = (phy.extra_bits + 8.0 * frame_bytes) / rate_mbit_s
+    if phy.symbol_us > 0.0:
+        data_us = phy.symbol_us * math.ceil(data_us / phy.symbol_us - 1e-9)
+    return data_us
+
+
+def turn_s(packets: int, size_bytes: float, rate_mbit_s: float) -> float:
+    """Return the time [s] of one turn of a station: packets for one receiver in one aggregate, answered by one frame.
+
+    Args:
+        packets: of the aggregate.
+        size_bytes: of all of them, with the headers of all layers above 802.11.
+        rate_mbit_s: of the data.
+    """
+    return frame_s(size_bytes + (packets - 1) * (_MAC_BYTES + _DELIMITER_BYTES), rate_mbit_s)
+
+
+def message_packets(message_bytes: int) -> int:
+    """Return how many packets a message of the bus makes.
+
+    Args:
+        message_bytes: encoded.
+    """
+    return max(1, math.ceil(message_bytes / _MOST_BYTES))
+
+
+class Flow(NamedTuple):
+    """Packets of one kind, of one vehicle."""
+
+    what: str
+    packets_1_s: float
+    message_bytes: int
+    is_to_vehicles: bool  # or between a vehicle and the wired end of an access point
+
+
+def flows(count: int, near: int, states_hz: float, has_mocap: bool) -> list[Flow]:
+    """Return the packets that the radio of one vehicle sends in a second, and the poses that it receives.
+
+    Args:
+        count: vehicles of the fleet.
+        near: neighbours that receive its states at full rate.
+        states_hz: that rate.
+        has_mocap: whether poses come over the radio.
+    """
+    rate = {topic: spec.rate_hz for topic, spec in TOPICS.items()}
+    others = count - 1
+    return [
+        Flow("states to near vehicles", near * states_hz, STATE_BYTES, True),
+        Flow("states to far vehicles", (others - near) * rate[Topic.FAR], STATE_BYTES, True),
+        Flow("telemetry to vehicles", others * rate[Topic.SLOW_TELEMETRY], TELEMETRY_BYTES, True),
+        Flow("clock to vehicles", others * rate[Topic.CLOCK], CLOCK_BYTES, True),
+        Flow("states to the record", states_hz, STATE_BYTES, False),
+        Flow("ticks to the record", TICK_PACKETS * rate[Topic.TICK], TICK_BYTES, False),
+        Flow("telemetry to the ground", rate[Topic.TELEMETRY], TELEMETRY_BYTES, False),
+        Flow("own poses", rate[Topic.MOCAP] if has_mocap else 0.0, POSE_BYTES, False),
+        Flow("poses of all", rate[Topic.ALL_POSES] if has_mocap else 0.0, count * POSE_BYTES, False),
+    ]
+
+
+def airtime_finding(fleet: FleetConfig, radio: RadioConfig, near: int) -> Finding:
+    """Judge whether one channel carries the whole fleet.
+
+    Each vehicle takes a turn for each state that it publishes: one to the access point, which takes one for each of
+    the vehicles in return, or one for each receiver without an access point; poses take one each. All else travels
+    with the states.
+
+    Args:
+        fleet: the fleet file; at least two vehicles.
+        radio: the channel.
+        near: neighbours that each vehicle follows at full rate.
+    Returns:
+        the finding: a warning beyond ``usable_frac`` of the channel's time, a refusal where there is not enough of it.
+    """
+    names, has_access_point = fleet.enabled_names, radio.link == "access point"
+    hops, turns = (2, 2) if has_access_point else (1, near)
+    packets_1_s = bits_1_s = turns_1_s = 0.0
+    for name in names:
+        has_mocap = fleet.vehicles[name].mocap_required and not fleet.mocap.direct
+        for flow in flows(len(names), near, radio.states_hz, has_mocap):
+            packets_1_s += flow.packets_1_s
+            frames_1_s = flow.packets_1_s * (hops if flow.is_to_vehicles else 1)
+            bits_1_s += frames_1_s * 8.0 * (flow.message_bytes + OVERHEAD_BYTES)
+        turns_1_s += turns * radio.states_hz + (TOPICS[Topic.MOCAP].rate_hz if has_mocap else 0.0)
+    busy_frac = turns_1_s * frame_s(0.0, radio.rate_mbit_s) + bits_1_s * 1e-6 / radio.rate_mbit_s
+    twice = ", which sends what goes between vehicles twice," if has_access_point else ""
+    means = "an access point" if has_access_point else "direct links"
+    return at_most(
+        "airtime",
+        100.0 * busy_frac,
+        100.0 * radio.usable_frac,
+        "%",
+        f"The radio carries up to {packets_1_s / len(names):.0f} packets/s for each vehicle (states at "
+        f"{radio.states_hz} Hz to {near} near ones, the record included), {packets_1_s:.0f} in all. Over {means} at "
+        f"{radio.rate_mbit_s:g} Mbit/s{twice} they take {{value}} of one channel's time, of which the fleet may take "
+        "{bound}",
+        "Lower [radio] states_hz or law.max_neighbours, stand farther apart, use a faster radio ([radio] rate_mbit_s), "
+        "or spread the fleet over several channels: docs/radio.md.",
+        refuse_above=100.0,
+    )

@@ -1,0 +1,74 @@
+"""Quality of the simulated bus's connections, and which of their messages are lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from onboard.config.fleet import ConfigError, RadioConfig
+
+Pair = tuple[str, str]
+_PERIOD_NS, _FORGOTTEN_NS = 20_000_000, 10_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class BusSettings:
+    """Quality of every connection."""
+
+    delay_s: float = 0.001  # shortest time from sender to receiver
+    jitter_s: float = 0.0  # mean of what comes on top, exponentially distributed
+    loss: float = 0.0  # share of the messages
+    burst: float = 1.0  # mean number of messages of 50 Hz that a connection loses in a row; 1: each loss by itself
+    reorder: float = 0.0  # chance of each message
+    reorder_s: float = 0.04  # a reordered message is held back for so long, so that others overtake
+    duplicate: float = 0.0  # chance of each message
+
+    def __post_init__(self) -> None:
+        for name in ("delay_s", "jitter_s", "reorder_s"):
+            if not 0.0 <= getattr(self, name) <= 10.0:
+                raise ConfigError(f"The bus's {name} is {getattr(self, name)}; it must lie between 0 and 10 s.")
+        for name in ("loss", "reorder", "duplicate"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ConfigError(f"The bus's {name} is {getattr(self, name)}, but it is a chance: between 0 and 1.")
+        if not 1.0 <= self.burst <= 1000.0:
+            raise ConfigError(f"The bus's burst is {self.burst}, a number of messages: it must lie between 1 and 1000.")
+
+    @property
+    def is_random(self) -> bool:
+        """Whether messages differ in what happens to them."""
+        return self.jitter_s > 0.0 or self.loss > 0.0 or self.reorder > 0.0 or self.duplicate > 0.0
+
+    def over(self, radio: RadioConfig | None) -> BusSettings:
+        """Return the settings with what the fleet's radio adds to them."""
+        if radio is None:
+            return self
+        return replace(
+            self,
+            jitter_s=self.jitter_s + radio.jitter_s,
+            loss=1.0 - (1.0 - self.loss) * (1.0 - radio.loss_frac),
+            burst=max(self.burst, radio.burst_packets),
+            reorder=max(self.reorder, radio.reorder_frac),
+            duplicate=max(self.duplicate, radio.duplicate_frac),
+        )
+
+
+class Losses:
+    """Memory of the connections that lose messages in a row: the two-state chain of Gilbert and Elliott for each.
+
+    The states last for times, and messages of 50 Hz are lost as settings say: of those that come less often fewer are
+    lost in a row, and of those sent at one instant all or none.
+    """
+
+    def __init__(self) -> None:
+        self._newest: dict[Pair, tuple[int, bool]] = {}  # time of the last message, and whether it was lost
+
+    def takes(self, pair: Pair, settings: BusSettings, draw: float, now_ns: int) -> bool:
+        """Return whether the next message of a connection is lost; ``draw`` is uniform in [0, 1)."""
+        loss = settings.loss
+        if settings.burst <= 1.0 or not 0.0 < loss < 1.0:
+            return draw < loss
+        at_ns, was_lost = self._newest.get(pair, (-_FORGOTTEN_NS, False))
+        leave = 1.0 / settings.burst
+        remembered = max(0.0, 1.0 - leave - leave * loss / (1.0 - loss)) ** ((now_ns - at_ns) / _PERIOD_NS)
+        is_lost = bool(draw < loss + (was_lost - loss) * remembered)
+        self._newest[pair] = now_ns, is_lost
+        return is_lost
