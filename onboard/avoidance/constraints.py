@@ -23,6 +23,8 @@ from onboard.avoidance.params import (
 from onboard.vectors import Vec2, cross_2, dot_2, length_2
 
 SPEED_GAIN_1_S = 4.0
+_CONFLICT_FADE, _CONFLICT_WIDTH = 0.2, 0.9  # times the distance to keep
+_CONFLICT_M_S = 0.3  # relative intent from which a conflict counts in full
 
 
 def h_1(e: Vec2, w: Vec2, d_m: float, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
@@ -135,6 +137,23 @@ def rotation_row(pair: NeighbourPair, own_velocity_m_s: Vec2, is_crowded: bool, 
     return HalfPlane(Vec2(-e.y * sign / d, e.x * sign / d), bound / d)
 
 
+def conflict(e: Vec2, intent_m_s: Vec2, d_m: float) -> float:
+    """Return how far the straight ways that both intend come too near to each other, from 0 to 1. DEVIATION D4.
+
+    Args:
+        e: relative position [m].
+        intent_m_s: relative velocity that both intend.
+        d_m: distance to keep.
+    Properties: rotation-equivariant; the same for both vehicles.
+    """
+    speed = length_2(intent_m_s)
+    if speed < 1e-6 or dot_2(e, intent_m_s) >= 0.0:
+        return 0.0
+    miss_m = abs(cross_2(e, intent_m_s)) / speed
+    share = min(max((_CONFLICT_WIDTH * d_m - miss_m) / (_CONFLICT_FADE * d_m), 0.0), 1.0)
+    return share * min(speed / _CONFLICT_M_S, 1.0)
+
+
 def turn_sign(e: Vec2, intent_m_s: Vec2, d_m: float, is_crowded: bool, direction: int) -> float:
     """Return the side of a turn: +1 counter-clockwise, (8), or -1 clockwise, (9); by policy. DEVIATION D4, D14.
 
@@ -244,5 +263,7 @@ def faded(row: HalfPlane, thrust_m_s2: Vec2, strength: float) -> HalfPlane:
         thrust_m_s2: of the baseline.
         strength: from 0 to 1.
     """
+    if strength >= 1.0:
+        return row
     given = dot_2(row.normal, thrust_m_s2)
     return HalfPlane(row.normal, given + strength * (row.bound_m_s2 - given))

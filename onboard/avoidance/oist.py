@@ -20,6 +20,7 @@ from onboard.avoidance import oist_paper
 from onboard.avoidance.constraints import (
     can_bind,
     compensated,
+    conflict,
     distance_row,
     faded,
     fence_rows,
@@ -46,8 +47,9 @@ from onboard.avoidance.params import (
     JAM_IGNORE,
     PAPER,
     PREDICTION_NONE,
+    ROTATION_AHEAD,
     ROTATION_ALWAYS,
-    ROTATION_VIOLATED,
+    ROTATION_NEVER,
     Capsule,
     LawParams,
 )
@@ -187,22 +189,20 @@ def saturate(
     for constraint in constraints:
         if constraint.violation_m_s2 > worst:
             worst, active = constraint.violation_m_s2, constraint.table_index
-    is_avoiding = active != NOBODY
-    if not is_avoiding and params.policies.rotation != ROTATION_ALWAYS:
+    turns = [c.turn for c in constraints if c.is_turning]  # the last one is dropped first
+    if active == NOBODY and len(turns) == 0:
         status = INACTIVE if are_sound else INFEASIBLE
         return Answer(own.thrust_m_s2, status, 0.0, crowd_count, NOBODY)
-    soft = [c.turn for c in constraints if c.is_turning]  # the last one is dropped first, the speed row never before
-    if is_avoiding and length_2(own.velocity_m_s) > _STANDING_M_S:
-        speed = speed_row(own.velocity_m_s, params.top_speed_m_s)
-        soft = [compensated(speed, own.compensation_m_s2), *soft]
-    found = nearest_thrust(own, pairs, [c.row for c in constraints], soft, params)
+    found = nearest_thrust(own, pairs, [c.row for c in constraints], turns, params)
     return Answer(found.point, found.status if are_sound else INFEASIBLE, found.slack, crowd_count, active)
 
 
 def nearest_thrust(
     own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane], soft: list[HalfPlane], params: LawParams
 ) -> Projection:
-    """Return the nearest thrust for all rows; where none fits, margins give way before promises and walls (line Q).
+    """Return the nearest thrust for all rows; where none fits, margins and speed give way before promises and walls.
+
+    Implements: line Q.
 
     Args:
         own: this vehicle at t + L.
@@ -211,6 +211,8 @@ def nearest_thrust(
         soft: rows in order of importance; the last is dropped first.
     """
     kept = [row for row in rows[: len(pairs)] if can_bind(row, own.radius_m_s2)]
+    if length_2(own.velocity_m_s) > _STANDING_M_S:
+        kept.append(compensated(speed_row(own.velocity_m_s, params.top_speed_m_s), own.compensation_m_s2))
     static = [row for row in rows[len(pairs) :] if can_bind(row, own.radius_m_s2)]
     found = fit(own.thrust_m_s2, kept + static, soft, own.radius_m_s2)
     if found.status != RELAXED:
@@ -221,21 +223,41 @@ def nearest_thrust(
 
 
 def neighbour_constraint(own: Own, pair: NeighbourPair, crowd_count: float, params: LawParams) -> Constraint:
-    """Return the rows of one neighbour: its distance (line D), and turning while that is violated (line R).
+    """Return the rows of one neighbour: its distance (line D), and turning as far as it is asked for (line R).
 
     Args:
         own: this vehicle at t + L.
         crowd_count: of this vehicle.
     """
     row = compensated(distance_row(pair, params), own.compensation_m_s2)
-    missing, rotation, fade = violation(row, own.thrust_m_s2), params.policies.rotation, params.gains.rotation_fade_m_s2
-    if not is_turning(missing, rotation):
+    missing = violation(row, own.thrust_m_s2)
+    strength = turning_strength(missing, pair, params)
+    if strength <= 0.0:
         return Constraint(row, _NO_ROW, False, missing, pair.table_index)
     is_crowded = max(crowd_count, pair.crowd_count) >= params.gains.crowd_count
     turn = compensated(rotation_row(pair, own.velocity_m_s, is_crowded, params), own.compensation_m_s2)
-    if rotation == ROTATION_VIOLATED and missing < fade:
-        turn = faded(turn, own.thrust_m_s2, missing / fade)
-    return Constraint(row, turn, True, missing, pair.table_index)
+    return Constraint(row, faded(turn, own.thrust_m_s2, strength), True, missing, pair.table_index)
+
+
+def turning_strength(violation_m_s2: float, pair: NeighbourPair, params: LawParams) -> float:
+    """Return how much of a neighbour's rotation row counts, from 0 to 1, by policy. DEVIATION D4, D15.
+
+    ahead: with the violation, and before it as far as the ways that both intend come too near; violated: with the
+    violation alone.
+
+    Args:
+        violation_m_s2: of the distance row by the baseline.
+        pair: this vehicle and the neighbour at t + L.
+    """
+    rotation = params.policies.rotation
+    if rotation == ROTATION_NEVER:
+        return 0.0
+    if rotation == ROTATION_ALWAYS:
+        return 1.0
+    strength = violation_m_s2 / params.gains.rotation_fade_m_s2 if violation_m_s2 > _VIOLATED_M_S2 else 0.0
+    if rotation == ROTATION_AHEAD:
+        strength = max(strength, conflict(pair.e, pair.intent_m_s, pair.d_m))
+    return min(strength, 1.0)
 
 
 def obstacle_constraint(own: Own, surface: Surface, params: LawParams) -> Constraint:
@@ -265,13 +287,13 @@ def wall_constraint(own: Own, wall: HalfPlane) -> Constraint:
 
 
 def is_turning(violation_m_s2: float, rotation: int) -> bool:
-    """Whether the policy asks for a rotation row, given the violation of the distance row.
+    """Whether the policy asks for a static obstacle's rotation row, given the violation of the distance row.
 
     Args:
         violation_m_s2: of the distance row by the baseline.
         rotation: the policy.
     """
-    return rotation == ROTATION_ALWAYS or (rotation == ROTATION_VIOLATED and violation_m_s2 > _VIOLATED_M_S2)
+    return rotation == ROTATION_ALWAYS or (rotation != ROTATION_NEVER and violation_m_s2 > _VIOLATED_M_S2)
 
 
 def held(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:

@@ -24,14 +24,14 @@ _MARGIN_FLOOR_M, _MARGIN_SIGMAS = 0.05, 4.5  # fitted over simulated flights: th
 OFF, PAPER, COVEY = 0, 1, 2  # name
 RESPONSIBILITY_HALF, RESPONSIBILITY_SHORTFALL, RESPONSIBILITY_FULL = 0, 1, 2
 PREDICTION_NONE, PREDICTION_LAG = 0, 1
-ROTATION_NEVER, ROTATION_VIOLATED, ROTATION_ALWAYS = 0, 1, 2
+ROTATION_NEVER, ROTATION_VIOLATED, ROTATION_ALWAYS, ROTATION_AHEAD = 0, 1, 2, 3
 DIRECTION_FIXED, DIRECTION_PAIR, DIRECTION_CROWD, DIRECTION_INTENT = 0, 1, 2, 3
 JAM_IGNORE, JAM_SLOW = 0, 1
 
 LAW_NAMES: tuple[LawName, ...] = ("off", "paper", "covey")  # the name of each number
 _RESPONSIBILITIES = ("half", "shortfall", "full")
 _PREDICTIONS = ("none", "lag")
-_ROTATIONS = ("never", "violated", "always")
+_ROTATIONS = ("never", "violated", "always", "ahead")
 _DIRECTIONS = ("fixed", "pair", "crowd", "intent")
 _JAMS = ("ignore", "slow")
 

@@ -19,7 +19,7 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     prediction: Literal["lag", "none"] = "lag"  # "lag": rows hold at the time at which a command takes effect
     # "accuracy": grows with the errors of the positions that fly; "fixed": design_margin_m
     margin: Literal["accuracy", "fixed"] = "accuracy"
-    rotation: Literal["violated", "never", "always"] = "violated"  # when vehicles that meet turn about each other
+    rotation: Literal["ahead", "violated", "never", "always"] = "ahead"  # when vehicles that meet turn about each other
     direction: Literal["intent", "crowd", "pair", "fixed"] = "intent"  # to which side they turn
     jam: Literal["slow", "ignore"] = "slow"  # "slow": who stands in a jam gives way after a while
     # neighbours
@@ -30,20 +30,19 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     kappa_1_1_s: float = 4.0  # how late a vehicle may brake: distance rows, first gain
     kappa_2_1_s: float = 8.0  # distance rows, second gain
     kappa_3_1_s: float = 2.0  # rotation rows, first gain
-    kappa_4_1_s: float = 1.5  # rotation rows, second gain
+    kappa_4_1_s: float = 1.0  # rotation rows, second gain
     shortfall_gain: float = 0.85  # share of what the other is seen not to do that this one takes over
-    v_perp_m_s: float = 0.42  # speed of the turn about each other
-    v_perp_crowd_m_s: float = 0.55  # the same in a crowd
+    v_perp_m_s: float = 0.55  # speed of the turn about each other
+    v_perp_crowd_m_s: float = 0.65  # the same in a crowd
     crowd_count: int = 4  # neighbours that make a crowd
     # a rotation row is as strong as the violation, up to this one, so that nothing jumps when it begins
-    rotation_fade_m_s2: float = 1.0
+    rotation_fade_m_s2: float = 2.0
     max_neighbours: int = 12  # the nearest of them are avoided
     range_m: float = 8.0  # neighbours farther away are not looked at
     # obstacles, geofence and speed
     obstacle_margin_m: float = 0.20  # kept from obstacles beside half a body
     fence_margin_m: float = 0.05  # kept from the fence
-    # separation may still push beyond: to 1.5 among 16 vehicles, to 2.3 for moments among 32 and more
-    avoid_speed_frac: float = 1.3
+    avoid_speed_frac: float = 1.25  # of its top speed may a vehicle fly while it avoids, unless the promise is at stake
     # the paper's law, (5)-(22)
     paper_kappa_1_1_s: float = 2.0  # of (5) to (9)
     paper_kappa_2_1_s: float = 2.0  # of (5) to (9)

@@ -103,8 +103,15 @@ def neighbour_rows(own, neighbours, p, is_roundabout):
     turning = np.where(is_full, turn(e, w, v, d, v_perp, sign, g), 0.5 * turn(e, w, w, d, 2.0 * v_perp, sign, g))
     around = np.stack([-e[:, 1], e[:, 0]], -1) * sign[:, None]
     scale = d[:, None]
-    rows, turns = (e / scale, bound / d), (around / scale, turning / d)
+    rows, turns = (e / scale, bound / d), (around / scale, turning / d, conflicts(e, intent, d))
     return rows, turns, n["table_index"][order].astype(int), crowd
+
+
+def conflicts(e, intent, d):
+    """0 to 1 (K,): how far the straight ways that both intend come too near."""
+    speed = np.maximum(np.sqrt(dot(intent, intent)), 1e-300)
+    share = np.clip((0.9 * d - np.abs(cross(e, intent)) / speed) / (0.2 * d), 0.0, 1.0)
+    return np.where((dot(e, intent) < 0.0) & (speed >= 1e-6), share * np.minimum(speed / 0.3, 1.0), 0.0)
 
 
 def obstacle_rows(own, capsules, p):
@@ -124,7 +131,7 @@ def obstacle_rows(own, capsules, p):
     sign = sides(e, np.broadcast_to(own["intent"], e.shape), d, np.zeros(len(e), bool), p.policies.direction)
     turning = turn(e, w, v, d, g.v_perp_m_s, sign, g)
     around = np.stack([-e[:, 1], e[:, 0]], -1) * sign[:, None]
-    return (e / d[:, None], bound / d), (around / d[:, None], turning / d)
+    return (e / d[:, None], bound / d), (around / d[:, None], turning / d, np.zeros(len(d)))
 
 
 def wall_rows(own, p):
@@ -158,23 +165,21 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
     missing = bounds - normals @ u
     is_avoiding = bool((missing > 1e-10).any())
     active = int(np.array(indices)[np.argmax(missing)]) if is_avoiding else -1
-    if not is_avoiding and rotation != numbers.ROTATION_ALWAYS:
-        return u, INACTIVE, 0.0, crowd, active
-    soft = []
-    speed = np.hypot(*own["velocity"])
-    if is_avoiding and speed > 1e-6:
-        normal = -own["velocity"] / speed
-        soft.append((normal, -4.0 * (p.top_speed_m_s - speed) + normal @ own["compensation"]))
-    start = 0
-    for turn_normals, turn_bounds, has_fade in turn_parts:
+    soft, start = [], 0
+    for turn_normals, turn_bounds, ahead, has_fade in turn_parts:
         for k, normal in enumerate(turn_normals):
             bound, lack, given = turn_bounds[k] + normal @ own["compensation"], missing[start + k], normal @ u
             if rotation == numbers.ROTATION_ALWAYS:
                 soft.append((normal, bound))
-            elif rotation == numbers.ROTATION_VIOLATED and lack > 1e-10:
-                strength = min(1.0, lack / p.gains.rotation_fade_m_s2) if has_fade else 1.0
+                continue
+            strength = (lack > 1e-10) * (min(1.0, lack / p.gains.rotation_fade_m_s2) if has_fade else 1.0)
+            if rotation == numbers.ROTATION_AHEAD:
+                strength = max(strength, ahead[k])
+            if rotation != numbers.ROTATION_NEVER and strength > 0.0:
                 soft.append((normal, given + strength * (bound - given)))
         start += len(turn_normals)
+    if not is_avoiding and not soft:
+        return u, INACTIVE, 0.0, crowd, active
     count = len(turn_parts[0][1]) if neighbours else 0
     promised = [np.zeros((0, 2)), np.zeros(0)]
     if neighbours:
@@ -183,7 +188,13 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
         promised[1] = promised[1] + promised[0] @ own["compensation"]
     is_fixed = np.isfinite(bounds) & (np.arange(len(bounds)) >= count)
     firm = [np.concatenate([a, b[is_fixed]]) for a, b in zip(promised, (normals, bounds), strict=True)]
-    return (*projection(u, normals[:count], bounds[:count], firm, soft, own["radius"]), crowd, active)
+    yielding = binding(normals[:count], bounds[:count], own["radius"])
+    speed = np.hypot(*own["velocity"])
+    if speed > 1e-6:  # the speed row gives way with the margins
+        normal = -own["velocity"] / speed
+        bound = -4.0 * (p.top_speed_m_s - speed) + normal @ own["compensation"]
+        yielding = np.concatenate([yielding[0], normal[None]]), np.append(yielding[1], bound)
+    return (*projection(u, yielding, firm, soft, own["radius"]), crowd, active)
 
 
 def least_crowd(p, is_roundabout):
@@ -196,9 +207,9 @@ def binding(normals, bounds, radius):
     return normals[can_bind], bounds[can_bind]
 
 
-def projection(u, normals, bounds, firm, soft, radius):
+def projection(u, yielding, firm, soft, radius):
     """Line Q: point, status and slack, by trying every active set; firm: the promised distances and what stands."""
-    yielding, firm = binding(normals, bounds, radius), binding(*firm, radius)
+    firm = binding(*firm, radius)
     normals, bounds = (np.concatenate(pair) for pair in zip(yielding, firm, strict=True))
     for kept in range(len(soft), -1, -1):
         n = np.concatenate([normals, *(row[0][None] for row in soft[:kept])])
@@ -206,7 +217,7 @@ def projection(u, normals, bounds, firm, soft, radius):
         point = nearest_in_rows_and_disc(u, n, b, radius)
         if point is not None:
             is_same = np.abs(point - u).max() <= 1e-10
-            return point, INACTIVE if is_same else SATURATED, 0.0
+            return point, INACTIVE if is_same and kept == len(soft) else SATURATED, 0.0
     if nearest_in_rows_and_disc(u, *firm, radius) is None:
         normals, bounds = firm
     else:  # a thousand times as stiff

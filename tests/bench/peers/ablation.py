@@ -65,6 +65,7 @@ VARIANTS = {
     "half": _law("half each, no shortfall", "responsibility=half"),
     "gamma-1": _law("shortfall gain 1", "shortfall_gain=1.0"),
     "no-rotation": _law("no rotation rows", "rotation=never"),
+    "violated": _law("rotation rows only with a violation", "rotation=violated"),
     "always": _law("rotation rows always", "rotation=always"),
     "fixed": _law("always counter-clockwise", "direction=fixed"),
     "crowd": _law("direction by motion, not intention", "direction=crowd"),

@@ -161,7 +161,7 @@ def test_neighbour_that_does_not_cooperate_is_given_more_room():
     assert distance(params, exact, exact, False) - distance(params, exact, exact, True) == pytest.approx(0.3)
 
 
-def test_rotation_policies_turn_never_when_violated_or_always():
+def test_rotation_policies_turn_never_ahead_when_violated_or_always():
     near = [neighbour_of([0.95, 0.0, 0.0])]
 
     def sideways(policy, east_m_s2):
@@ -173,6 +173,26 @@ def test_rotation_policies_turn_never_when_violated_or_always():
     assert sideways("always", -4.0) > 0.01  # leaving, and still made to turn
     assert sideways("violated", -4.0) == pytest.approx(0.0, abs=1e-12)
     assert sideways("never", -1.0) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_vehicles_turn_ahead_only_where_the_ways_that_both_intend_come_too_near():
+    """A pair 3 m apart, whose distance row does not bind yet."""
+
+    def sideways(own_intent, their_intent, **law):
+        near = [neighbour_of([3.0, 0.0, 0.0], intent_enu_m_s=vec(their_intent))]
+        baseline = interface.Baseline(thrust_of([0.0, 0.0, 0.0]), ZERO_3, vec(own_intent))
+        state = state_of(np.zeros(3), np.zeros(3))
+        out = oist.step(oist.initial(), baseline, Motion(ZERO_3, ZERO_3), state, near, (), law_of(**law), 0.02)[1]
+        return out.status
+
+    east, west, north, still = [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]
+    soft = {"kappa_3_1_s": 0.1}  # the turn reaches far
+    assert sideways(east, west, **soft) == LawStatus.SATURATED
+    assert sideways(east, still, **soft) == LawStatus.SATURATED  # somebody hovers in the way
+    assert sideways(east, west, rotation="violated", **soft) == LawStatus.INACTIVE
+    assert sideways(still, still, **soft) == LawStatus.INACTIVE  # nobody circles a parked one
+    assert sideways(north, still, **soft) == LawStatus.INACTIVE
+    assert sideways(west, east, **soft) == LawStatus.INACTIVE  # they part
 
 
 def test_rotation_row_fades_in_with_the_violation():
