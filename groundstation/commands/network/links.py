@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from groundstation.client.ground_node import session
 from groundstation.commands.network.diagnosis import Diagnosis, Grade, graded
+from groundstation.keys.listeners import is_listening
 from onboard.bus.authority import WATCHER
 from onboard.bus.clock_sync import BEAT_S, ClockNode
 from onboard.bus.codec import Malformed
@@ -40,6 +41,7 @@ class Heard:
     ages_there_s: dict[tuple[str, str], list[float]] = field(default_factory=lambda: defaultdict(list))
     first: dict[str, Telemetry] = field(default_factory=dict)
     last: dict[str, Telemetry] = field(default_factory=dict)
+    listening: set[str] = field(default_factory=set)  # vehicles that told nothing, but listen at their endpoint
     seconds: float = 0.0
 
 
@@ -85,6 +87,8 @@ def listen(fleet: FleetConfig, seconds: float) -> Heard:
         heard.nodes.discard(bus.node)
     finally:
         bus.stop()
+    silent = [name for name in fleet.enabled_names if name not in heard.last]
+    heard.listening = {name for name in silent if is_listening(fleet.vehicles[name].agent)}
     return heard
 
 
@@ -100,10 +104,7 @@ def judged(fleet: FleetConfig, heard: Heard) -> Iterator[Diagnosis]:
     """Yield what is to be said of each vehicle, then of the computers."""
     for name in fleet.enabled_names:
         if name not in heard.last:
-            endpoint = fleet.vehicles[name].agent
-            what = "on the bus, but tells nothing" if name in heard.nodes else f"nobody answers at {endpoint}"
-            remedy = "Does its agent run (covey agent status), is it reached (ping), with this fleet file and keys?"
-            yield Diagnosis(name, Grade.FAIL, f"{what[0].upper()}{what[1:]}.", remedy)
+            yield _silent(name, fleet, heard)
             continue
         yield _arrivals(name, heard)
         yield from _neighbours(name, fleet, heard)
@@ -112,6 +113,22 @@ def judged(fleet: FleetConfig, heard: Heard) -> Iterator[Diagnosis]:
     for node, error_s in sorted(heard.clock_errors_s.items()):
         text = f"Known within {1e3 * error_s:.1f} ms." if error_s < 1e3 else "Not measured yet."
         yield graded(f"clock of {node}", error_s < _CLOCK_S, text, "Wait some seconds; else its way here is too slow.")
+
+
+def _silent(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
+    """Return why a vehicle tells nothing, as far as that can be seen from here."""
+    endpoint = fleet.vehicles[name].agent
+    if name in heard.nodes:
+        return Diagnosis(name, Grade.FAIL, "On the bus, but tells nothing.", "Look at its log: covey agent logs")
+    if name in heard.listening and fleet.has_keys:
+        said = f"It runs at {endpoint}, and takes no link: its keys are others, of a former authority perhaps, or its clock is wrong."
+        remedy = "Copy keys/ca.pem and its own two files to it anew, and start its agent anew (covey keys list FLEET)."
+        return Diagnosis(name, Grade.FAIL, said, remedy)
+    if name in heard.listening:
+        remedy = "Does its agent have this fleet file, and does it have keys that this file does not know of?"
+        return Diagnosis(name, Grade.FAIL, f"It runs at {endpoint}, and is not of this fleet.", remedy)
+    remedy = "Does its agent run (covey agent status)? Is its computer reached (ping)?"
+    return Diagnosis(name, Grade.FAIL, f"Nobody answers at {endpoint}.", remedy)
 
 
 def _arrivals(name: str, heard: Heard) -> Diagnosis:

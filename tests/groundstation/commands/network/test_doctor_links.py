@@ -82,6 +82,25 @@ def test_what_one_vehicle_tells_is_measured_and_the_others_do_not_answer(
     assert said["mav1"]["grade"] == said["mav2"]["grade"] == "FAIL"
 
 
-def test_nobody_there_is_an_exit_status_of_its_own(fleet: FleetConfig, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["doctor", "fleet.toml", "--network", "--seconds", "1", "--json"]) == 10
-    assert [one["grade"] for name, one in _said(capsys).items() if name in fleet.vehicles] == ["FAIL"] * 3
+def test_a_vehicle_with_the_keys_of_a_former_authority_is_told_from_one_that_is_not_there(
+    fleet: FleetConfig, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree("keys", "old")
+    assert main(["keys", "init", "fleet.toml", "--force"]) == 0
+    capsys.readouterr()
+    former = replace(fleet, fleet=replace(fleet.fleet, keys=str(Path("old").resolve())))
+    agent = BusSession(
+        namespace=fleet.namespace,
+        node="mav0",
+        listen=[fleet.vehicles["mav0"].agent],
+        credentials=credentials_of(former, "mav0"),
+    )
+    agent.start()
+    try:
+        assert main(["doctor", "fleet.toml", "--network", "--seconds", "1", "--json"]) == 10
+    finally:
+        agent.stop()
+    said = _said(capsys)
+    assert [said[name]["grade"] for name in fleet.vehicles] == ["FAIL"] * 3
+    assert "takes no link: its keys are others" in said["mav0"]["sentence"]
+    assert "Nobody answers" in said["mav1"]["sentence"]
