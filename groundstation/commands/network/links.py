@@ -121,7 +121,7 @@ def _silent(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
     if name in heard.nodes:
         return Diagnosis(name, Grade.FAIL, "On the bus, but tells nothing.", "Look at its log: covey agent logs")
     if name in heard.listening and fleet.has_keys:
-        said = f"It runs at {endpoint}, and takes no link: its keys are others, of a former authority perhaps, or its clock is wrong."
+        said = f"It runs at {endpoint}, and takes no link: its keys are others, or its clock is wrong."
         remedy = "Copy keys/ca.pem and its own two files to it anew, and start its agent anew (covey keys list FLEET)."
         return Diagnosis(name, Grade.FAIL, said, remedy)
     if name in heard.listening:
