@@ -19,6 +19,7 @@ BENCHMARKS = {
     "soak": ("tests.bench.soak", "memory, orders and late ticks of a long flight"),
     "tick": ("tests.bench.tick", "processor time of one control tick with 0 to 12 neighbours"),
     "gallery": ("tests.bench.gallery", "fly and draw the missions of the gallery"),
+    "network": ("tests.bench.network.bench", "how old states are over a bad link, with each transport"),
     "law": ("tests.bench.peers.bench", "the law beside other methods, and without each of its ideas"),
 }
 

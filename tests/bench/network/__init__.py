@@ -1,0 +1,1 @@
+"""Benchmarks of the bus over a bad network."""

@@ -1,0 +1,146 @@
+"""``make bench-network``: how old a neighbour's state is over a bad link, with each transport of the bus.
+
+Two processes in network namespaces of their own, one publishing its state at 50 Hz, one looking at the newest one 50
+times a second, as an agent does. Between them lies a link that delays, and loses packets of every kind, TCP's included.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import math
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from groundstation.keys.secured_fleet import secure_fleet
+from groundstation.processes.free_ports import toml_text
+from tests.bench.fixture import fleet_data
+from tests.bench.network.bad_link import BadLink, LinkQuality
+
+EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT = 0, 1, 2
+SCHEMES = ("quic", "udp", "tls", "tcp")
+LINKS = {
+    "no loss": (LinkQuality(), math.inf),
+    "5 % independent": (LinkQuality(loss=0.05), 60.0),
+    "5 % in bursts of 3": (LinkQuality(loss=0.05, burst=3.0), 130.0),
+}
+_ADDRESSES = ("10.77.0.1", "10.77.0.2")
+_DATAGRAMS = ("quic", "udp")  # what the bounds are for
+
+
+@dataclass(frozen=True, slots=True)
+class Age:
+    """Ages of the newest state, at each tick of the listener."""
+
+    scheme: str
+    link: str
+    p50_ms: float
+    p99_ms: float
+    max_ms: float
+    messages: int
+    bound_ms: float | None  # of the 99th percentile; None where nothing is asked
+
+
+def measure(scheme: str, link: str, seconds: float, folder: Path, seed: int = 1) -> Age:
+    """Measure one transport over one link.
+
+    Raises:
+        OSError: this computer does not allow network namespaces.
+        RuntimeError: nothing arrived.
+    """
+    path = _fleet_file(scheme, folder)
+    quality, bound_ms = LINKS[link]
+    nodes, tuns, parents = [], [], []
+    for index, address in enumerate(_ADDRESSES):
+        parent, child = socket.socketpair()
+        words = [f"mav{index}", str(path), f"{address}/24", str(seconds), str(child.fileno())]
+        command = [sys.executable, "-m", "tests.bench.network.node", *words]
+        nodes.append(subprocess.Popen(command, pass_fds=[child.fileno()], stdout=subprocess.PIPE, text=True))
+        child.close()
+        parents.append(parent)
+    try:
+        for parent in parents:
+            _, received, _, _ = socket.recv_fds(parent, 16, 1)
+            if not received:
+                raise OSError("This computer allows no network namespaces with a tun device: run it as root.")
+            tuns.append(received[0])
+        carrier = BadLink(tuns[0], tuns[1], quality, seed)
+        carrier.start()
+        for parent in parents:
+            parent.send(b"g")
+        output, _ = nodes[1].communicate(timeout=seconds + 40.0)
+        carrier.stop()
+    finally:
+        for node in nodes:
+            node.kill()
+            node.wait()
+        for parent in parents:
+            parent.close()
+        for tun in tuns:
+            os.close(tun)
+    found = json.loads(output)
+    ages_ms = sorted(found["ages_ms"])
+    if not ages_ms:
+        raise RuntimeError(f"Nothing arrived over {scheme}.")
+    at = [ages_ms[min(len(ages_ms) - 1, int(share * len(ages_ms)))] for share in (0.5, 0.99, 1.0)]
+    bound = bound_ms if scheme in _DATAGRAMS and bound_ms < math.inf else None
+    return Age(scheme, link, *at, found["messages"], bound)
+
+
+def _fleet_file(scheme: str, folder: Path) -> Path:
+    """Write a fleet of two, with keys where the transport has some."""
+    data = fleet_data(2, 3.0, "network")
+    for vehicle, address in zip(data["vehicles"].values(), _ADDRESSES, strict=True):
+        vehicle["agent"] = f"tcp/{address}:7460"
+    own = folder / scheme
+    own.mkdir(exist_ok=True)
+    path = own / "fleet.toml"
+    path.write_text(toml_text(data), encoding="utf-8")
+    if scheme in ("quic", "tls"):
+        secure_fleet(str(path), datetime.datetime.now(datetime.UTC))
+        path.write_text(path.read_text().replace("quic/", f"{scheme}/"), encoding="utf-8")
+    else:
+        path.write_text(path.read_text().replace("tcp/", f"{scheme}/"), encoding="utf-8")
+    return path
+
+
+def table(ages: Sequence[Age]) -> str:
+    """Return the rows of docs/network-bench.md."""
+    lines = ["| link, 20 ms each way | transport | p50 | p99 | longest | asked of p99 |", "|---|---|---|---|---|---|"]
+    for age in ages:
+        asked = "" if age.bound_ms is None else f"at most {age.bound_ms:.0f} ms"
+        figures = " | ".join(f"{value_ms:.0f} ms" for value_ms in (age.p50_ms, age.p99_ms, age.max_ms))
+        lines.append(f"| {age.link} | `{age.scheme}/` | {figures} | {asked} |")
+    return "\n".join(lines)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry of ``make bench-network``; exit status 0 when everything is as asked."""
+    parser = argparse.ArgumentParser(prog="make bench-network", description=__doc__.partition("\n")[0])
+    parser.add_argument("--seconds", type=float, default=20.0, help="measured time of each (default 20)")
+    parser.add_argument("--transports", default=",".join(SCHEMES), help="of quic,udp,tls,tcp")
+    parser.add_argument("--json", action="store_true", help="figures as JSON on stdout")
+    options = parser.parse_args(argv)
+    schemes = options.transports.split(",")
+    if not set(schemes) <= set(SCHEMES) or not 1.0 <= options.seconds <= 600.0:
+        print("bench network: give transports of quic,udp,tls,tcp and 1 to 600 seconds.", file=sys.stderr)
+        return EXIT_WRONG_INPUT
+    with tempfile.TemporaryDirectory(prefix="covey-network-") as scratch:
+        try:
+            ages = [measure(one, link, options.seconds, Path(scratch)) for link in LINKS for one in schemes]
+        except (OSError, RuntimeError) as error:
+            print(f"bench network: {error}", file=sys.stderr)
+            return EXIT_WRONG_INPUT
+    print(json.dumps([asdict(age) for age in ages]) if options.json else table(ages))
+    return EXIT_FAILED if any(age.bound_ms is not None and age.p99_ms > age.bound_ms for age in ages) else EXIT_OK
+
+
+if __name__ == "__main__":
+    sys.exit(main())
