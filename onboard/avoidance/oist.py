@@ -211,7 +211,7 @@ def nearest_thrust(
         soft: rows in order of importance; the last is dropped first.
     """
     kept = [row for row in rows[: len(pairs)] if can_bind(row, own.radius_m_s2)]
-    if length_2(own.velocity_m_s) > _STANDING_M_S:
+    if length_2(own.velocity_m_s) > _STANDING_M_S and not is_fleeing(own, pairs, rows):
         kept.append(compensated(speed_row(own.velocity_m_s, params.top_speed_m_s), own.compensation_m_s2))
     static = [row for row in rows[len(pairs) :] if can_bind(row, own.radius_m_s2)]
     found = fit(own.thrust_m_s2, kept + static, soft, own.radius_m_s2)
@@ -220,6 +220,20 @@ def nearest_thrust(
     promises = [compensated(promised_row(pair, params), own.compensation_m_s2) for pair in pairs]
     firm = [row for row in promises if can_bind(row, own.radius_m_s2)] + static
     return relaxed_in_order(own.thrust_m_s2, kept, firm, own.radius_m_s2)
+
+
+def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> bool:
+    """Whether a neighbour that does not cooperate is near enough to matter: then no speed is too high.
+
+    Args:
+        own: this vehicle at t + L.
+        pairs: with the neighbours that count.
+        rows: that keep their distance, in the same order.
+    """
+    for k in range(len(pairs)):
+        if not pairs[k].is_cooperative and can_bind(rows[k], own.radius_m_s2):
+            return True
+    return False
 
 
 def neighbour_constraint(own: Own, pair: NeighbourPair, crowd_count: float, params: LawParams) -> Constraint:

@@ -104,7 +104,7 @@ def neighbour_rows(own, neighbours, p, is_roundabout):
     around = np.stack([-e[:, 1], e[:, 0]], -1) * sign[:, None]
     scale = d[:, None]
     rows, turns = (e / scale, bound / d), (around / scale, turning / d, conflicts(e, intent, d))
-    return rows, turns, n["table_index"][order].astype(int), crowd
+    return rows, turns, n["table_index"][order].astype(int), crowd, ~cooperative
 
 
 def conflicts(e, intent, d):
@@ -147,9 +147,9 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
     """Thrust, status, slack, crowd count and active index; own: position, velocity, intent, thrust, compensation,
     radius, position_std, velocity_std."""
     rotation, u = p.policies.rotation, own["thrust"]
-    parts, turn_parts, indices, crowd = [], [], [], least_crowd(p, is_roundabout)
+    parts, turn_parts, indices, stranger, crowd = [], [], [], [], least_crowd(p, is_roundabout)
     if neighbours:
-        rows, turns, indexes, crowd = neighbour_rows(own, neighbours, p, is_roundabout)
+        rows, turns, indexes, crowd, stranger = neighbour_rows(own, neighbours, p, is_roundabout)
         parts.append(rows)
         turn_parts.append((*turns, True))
         indices.extend(indexes)
@@ -190,7 +190,11 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
     firm = [np.concatenate([a, b[is_fixed]]) for a, b in zip(promised, (normals, bounds), strict=True)]
     yielding = binding(normals[:count], bounds[:count], own["radius"])
     speed = np.hypot(*own["velocity"])
-    if speed > 1e-6:  # the speed row gives way with the margins
+    strangers = np.array(stranger, bool)[:count]
+    is_free = (
+        bool((bounds[:count] > -own["radius"] * np.hypot(*normals[:count].T))[strangers].any()) if count else False
+    )
+    if speed > 1e-6 and not is_free:  # the speed row gives way with the margins
         normal = -own["velocity"] / speed
         bound = -4.0 * (p.top_speed_m_s - speed) + normal @ own["compensation"]
         yielding = np.concatenate([yielding[0], normal[None]]), np.append(yielding[1], bound)
