@@ -42,6 +42,7 @@ class Heard:
     first: dict[str, Telemetry] = field(default_factory=dict)
     last: dict[str, Telemetry] = field(default_factory=dict)
     listening: set[str] = field(default_factory=set)  # vehicles that told nothing, but listen at their endpoint
+    state_ticks: int = 1  # from the number of one state to that of the next
     seconds: float = 0.0
 
 
@@ -51,7 +52,7 @@ def listen(fleet: FleetConfig, seconds: float) -> Heard:
     Raises:
         ConfigError: the fleet's keys do not fit. BusError: the bus cannot be opened.
     """
-    heard, bus = Heard(seconds=seconds), session(fleet, WATCHER)
+    heard, bus = Heard(state_ticks=fleet.state_ticks, seconds=seconds), session(fleet, WATCHER)
     clock = ClockNode(bus)
 
     def take(_topic: Topic, name: str, message: Message | Malformed) -> None:
@@ -133,8 +134,8 @@ def _silent(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
 
 def _arrivals(name: str, heard: Heard) -> Diagnosis:
     numbers = heard.sequences[name]
-    span = max(numbers) - min(numbers) + 1 if numbers else 0
-    share = len(numbers) / max(span, 1)
+    sent = (max(numbers) - min(numbers)) // heard.state_ticks + 1 if numbers else 1
+    share = len(numbers) / sent
     age_s = _p99(heard.ages_s[name])
     text = f"{len(numbers) / heard.seconds:.0f} states a second come here, {100.0 * (1.0 - share):.1f} % are lost, "
     text += f"their age is {1e3 * age_s:.0f} ms (p99)."

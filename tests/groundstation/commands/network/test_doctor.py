@@ -50,6 +50,13 @@ def test_a_fleet_that_is_all_right_gets_no_advice(heard: Heard) -> None:
     assert "4.0 ms at best, there and back." in as_text(said)
 
 
+def test_a_big_fleet_that_sends_every_second_state_loses_none(heard: Heard) -> None:
+    heard.state_ticks = 2
+    for name in heard.sequences:
+        heard.sequences[name] = set(range(100, 300, 2))
+    assert not _bad(heard)
+
+
 def test_each_fault_of_a_link_is_said_with_a_remedy(heard: Heard, make_telemetry: Any) -> None:
     heard.sequences["mav0"] = set(range(100, 300, 3))
     heard.ages_there_s["mav1", "mav2"] = [0.02] * 100 + [0.3] * 100
