@@ -22,6 +22,7 @@ _KILL_EFFECT_S = 1.3  # PX4 reports that it is disarmed once a second
 _LINK_SILENT_S = 1.0  # age of PX4's last packet at the agent, after which its link counts as dead
 _WATCH_PERIOD_S = 0.05
 _WATCH_KILL_S, _WATCH_LAND_S = 2.0, 30.0  # wait so long for PX4 to report that it is disarmed
+LOST_END_S = 3.0  # a vehicle that followed an order, and goes on without it for so long, has ended it
 _DIRECT: dict[str, DirectKind] = {"land": "land", "kill": "kill"}
 
 SendDirect = Callable[..., DirectResult]  # as direct_mavlink.send_direct
@@ -159,6 +160,7 @@ class OpenOrders:
                 return
         else:
             if direct is None:
+                await self._watch_for_lost_end(result, vehicle)
                 return
             if result.results[vehicle].phase == "direct":
                 problem = f"{vehicle}'s agent refused kill ({result.results[vehicle].sentence})"
@@ -189,6 +191,22 @@ class OpenOrders:
             if not stall.look(limit_s):
                 return False
             has_stalled = True
+
+    async def _watch_for_lost_end(self, result: OrderResult, vehicle: str) -> None:
+        """End an accepted order that its vehicle does not follow any more: a link that broke has lost how it ended."""
+        order_id, last_ns = result.planned.orders[vehicle].order_id, 0
+        while not result.results[vehicle].is_final:
+            await asyncio.sleep(0.1 * LOST_END_S)
+            view, now_ns = self._views()[vehicle], self._feed.now_ns()
+            told = view.telemetry
+            if told is None or not view.is_fresh(now_ns):
+                continue
+            if told.order_id == order_id:
+                last_ns = now_ns
+            elif last_ns and (now_ns - last_ns) * 1e-9 >= LOST_END_S:
+                doing = f"it is {told.state}. {told.reason}".strip()
+                sentence = f"{vehicle} does not follow this order any more, and how it ended was not heard: {doing}"
+                result.update(vehicle, "failed", sentence)
 
     async def _missing_effect(self, result: OrderResult, vehicle: str, kind: DirectKind) -> str:
         """Watch an accepted land or kill.

@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from groundstation.client import open_orders
 from groundstation.client.client import FleetClient
 from groundstation.client.direct_mavlink import DirectResult, send_direct
 from groundstation.client.mavlink_port import mavutil_address
@@ -265,6 +266,21 @@ async def test_an_order_accepted_by_an_agent_that_does_not_hear_px4_goes_straigh
     assert sent == [verb]
     assert handle.is_done
     assert "has not heard PX4 for 2.5 s" in handle.results["mav1"].sentence
+
+
+async def test_an_order_whose_end_was_lost_with_the_link_does_not_stay_open(
+    client: Any, bus: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(open_orders, "LOST_END_S", 0.3)
+    bus.misbehave["mav1"] = "stuck"
+    handle = await client.submit("move mav1 0 1 1")
+    bus.tell("mav1", order_id=handle.planned.orders["mav1"].order_id)
+    await asyncio.sleep(0.5)
+    assert handle.results["mav1"].phase == "accepted"
+    bus.tell("mav1", order_id="", state="holding", reason="Neighbour silent.")
+    result = (await handle.wait(5.0))["mav1"]
+    assert result.phase == "failed"
+    assert "how it ended was not heard: it is holding. Neighbour silent." in result.sentence
 
 
 async def test_a_landing_that_takes_its_time_is_left_to_its_agent(fleet: FleetConfig, bus: Any) -> None:
