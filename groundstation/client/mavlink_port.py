@@ -148,9 +148,18 @@ def open_as_companion(endpoint: str, system_id: int, key: bytes | None = None) -
     return link
 
 
+def _mavutil() -> Any:
+    os.environ["MAVLINK20"] = (
+        "1"  # else pymavlink begins with MAVLink 1, and forgets a key when it changes to MAVLink 2
+    )
+    from pymavlink import mavutil
+
+    return mavutil
+
+
 def _connection(address: str, system_id: int, component_id: int) -> Any:
     with _opening:
-        from pymavlink import mavutil
+        mavutil = _mavutil()
 
         return mavutil.mavlink_connection(
             address, source_system=system_id, source_component=component_id, dialect="common"
@@ -160,7 +169,7 @@ def _connection(address: str, system_id: int, component_id: int) -> Any:
 def _serial(endpoint: str, system_id: int) -> Any:
     """A serial device without pyserial, which the ground does not have."""
     with _opening:
-        from pymavlink import mavutil
+        mavutil = _mavutil()
 
         mavutil.set_dialect("common")
     descriptor = open_serial(endpoint)

@@ -14,12 +14,14 @@ from __future__ import annotations
 import re
 import sys
 from json import dumps
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from groundstation.commands.parameters import Seconds
 from onboard.config.fleet import ConfigError
+from onboard.config.mavlink_key import read_key
 from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_NO_ANSWER, EXIT_OK
 from sitl.conformance.endpoint import UdpPort
 from sitl.conformance.facts import VERSIONS, Fact, FactReport, FactResult, Verdict, facts_of, matching
@@ -42,6 +44,7 @@ def sitl_check(
     wait: Seconds = 15.0,
     from_elsewhere: bool = False,
     i_have_removed_the_propellers: bool = False,
+    key: Annotated[Path | None, Parameter(metavar="FILE")] = None,
 ) -> int:
     """Check fact by fact whether a MAVLink endpoint behaves as a real PX4 of its version was measured to.
 
@@ -60,6 +63,7 @@ def sitl_check(
         from_elsewhere: speak first from another port than ENDPOINT's, to see the stream move there; the vehicle is
             locked to that port until it restarts
         i_have_removed_the_propellers: turn motors even if the vehicle does not look simulated
+        key: sign with the key of MAVLink signing that the vehicle has, as keys/NAME.mavlink.key
     """
     facts = _facts(only, px4)
     if list:
@@ -74,7 +78,8 @@ def sitl_check(
     try:
         ground = _open(gcs) if gcs else None
         simulator = _open(sih) if sih else None
-        terms = Terms(i_have_removed_the_propellers, wait, from_elsewhere)
+        own_key = None if key is None else read_key(str(key), "FLEET")
+        terms = Terms(i_have_removed_the_propellers, wait, from_elsewhere, own_key)
         report = FactReport(facts, is_version_known=px4 != "auto")
         return _check(endpoint, report, (port, ground, simulator), terms, is_json=json)
     finally:

@@ -95,6 +95,11 @@ class UdpPort:
         self._socket.close()
 
 
+def is_signed(frame: bytes) -> bool:
+    """Whether a signature follows the checksum of a frame."""
+    return frame[0] == _MAGIC_V2 and bool(frame[2] & 1)
+
+
 @dataclass(slots=True)
 class Packet:
     """One frame: when it came (vehicle's time) and its bytes."""

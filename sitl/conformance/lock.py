@@ -1,12 +1,21 @@
-"""The stream stays with the first sender, for good."""
+"""Who is listened to: the first sender for good, and with a key of MAVLink signing only what is signed."""
 
 from __future__ import annotations
 
+import time
+
+from sitl.conformance.endpoint import is_signed
 from sitl.conformance.facts import FactReport, facts
+from sitl.conformance.hover import grounded
 from sitl.conformance.phase import Phase
-from sitl.conformance.vehicle_client import VehicleClient
+from sitl.conformance.vehicle_client import REQUEST, Signature, VehicleClient
 
 FACTS = facts("lock", "facts")
+SIGNING_FACTS = facts("signing", "facts")
+_KEY, _OTHER_KEY = bytes(range(1, 33)), bytes(range(2, 34))
+LINK_ID, _OTHER_LINK_ID = 12, 13
+_BEGIN_S, _STEPS_PER_S = 1_420_070_400, 100_000
+_HEARTBEAT = 0.0
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
@@ -51,4 +60,53 @@ def _from_elsewhere(client: VehicleClient, report: FactReport) -> None:
         stranger.close()
 
 
+def signing_time() -> int:
+    """Timestamp of now [10 us since 2015]."""
+    return int((time.time() - _BEGIN_S) * _STEPS_PER_S)
+
+
+def run_signing(client: VehicleClient, report: FactReport) -> None:
+    """Set a key, send with it and without it, and remove it."""
+    if client.signature is not None:
+        report.skip(SIGNING_FACTS, "it has a key already")
+        return
+    grounded(client)
+    client.signature = Signature(_KEY, LINK_ID, signing_time())
+    report.add("signing.before", client.command(REQUEST, _HEARTBEAT))
+    client.signature = None
+    _set_key(client, _KEY, signing_time())
+    report.add("signing.messages", _messages(client))
+    report.add("signing.unsigned", client.command(REQUEST, _HEARTBEAT))
+    now = signing_time()
+    client.signature = Signature(_KEY, LINK_ID, now)
+    report.add("signing.signed", client.command(REQUEST, _HEARTBEAT))
+    client.signature = Signature(_KEY, LINK_ID, now - 10 * _STEPS_PER_S)
+    report.add("signing.older", client.command(REQUEST, _HEARTBEAT))
+    client.signature = Signature(_KEY, _OTHER_LINK_ID, now - 90 * _STEPS_PER_S)
+    report.add("signing.other-sender", client.command(REQUEST, _HEARTBEAT))
+    client.signature = Signature(_OTHER_KEY, LINK_ID, now + _STEPS_PER_S)
+    report.add("signing.other-key", client.command(REQUEST, _HEARTBEAT))
+    _set_key(client, _OTHER_KEY, signing_time())
+    client.signature = Signature(_KEY, LINK_ID, now + 2 * _STEPS_PER_S)
+    report.add("signing.kept", client.command(REQUEST, _HEARTBEAT))
+    _set_key(client, bytes(32), 0)
+    client.signature = None
+    report.add("signing.removed", _messages(client))
+
+
+def _set_key(client: VehicleClient, key: bytes, timestamp: int) -> None:
+    for _ in range(2):
+        client.send("SETUP_SIGNING", target_system=99, target_component=1, secret_key=key, initial_timestamp=timestamp)
+        client.spend(0.2)
+
+
+def _messages(client: VehicleClient) -> str:
+    since_s = client.now_s
+    client.spend(0.5)
+    packets = [packet for packet in client.received.of("ATTITUDE", since_s) if not packet.is_v1]
+    kinds = {is_signed(packet.frame) for packet in packets}
+    return "signed" if kinds == {True} else "unsigned" if kinds == {False} else "both"
+
+
 PHASE = Phase("first and second sender", FACTS, run, turns_motors=False)
+SIGNING_PHASE = Phase("signing", SIGNING_FACTS, run_signing)

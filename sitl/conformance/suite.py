@@ -24,7 +24,7 @@ from sitl.conformance.endpoint import Port
 from sitl.conformance.facts import Fact, FactReport, facts_of, nearest
 from sitl.conformance.hover import default_streams, grounded
 from sitl.conformance.phase import Phase
-from sitl.conformance.vehicle_client import Gone, Stuck, VehicleClient
+from sitl.conformance.vehicle_client import Gone, Signature, Stuck, VehicleClient
 
 # Streams are watched before anybody has spoken and before any rate was changed: both last until the vehicle restarts.
 PHASES: tuple[Phase, ...] = (
@@ -41,6 +41,7 @@ PHASES: tuple[Phase, ...] = (
     battery.PHASE,
     setpoints.STICKS_PHASE,
     vision.PHASE,
+    lock.SIGNING_PHASE,
     setpoints.BROKEN,
 )
 # Each on a port of its own, and the option of sitl-check that names it.
@@ -67,6 +68,7 @@ class Terms:
     may_turn_motors: bool = False  # also on a vehicle that does not look simulated
     wait_s: float = 10.0  # for the first heartbeat
     from_elsewhere: bool = False  # let the first sender be another port than the one listened on
+    key: bytes | None = None  # of MAVLink signing, which the vehicle has
 
 
 def check(
@@ -84,6 +86,7 @@ def check(
     """
     client = VehicleClient(port)
     client.moves_first_sender = terms.from_elsewhere
+    client.signature = _signature(terms)
     _meet(client, terms)
     try:
         _fly(client, report, terms, say)
@@ -97,12 +100,16 @@ def check(
             while other_port.receive(0.0):
                 pass  # what came while nobody read
             other = VehicleClient(other_port)
-            other.system_id = client.system_id
+            other.system_id, other.signature = client.system_id, _signature(terms)
             try:
                 _settle(phase, other, report, say)
             except Gone:
                 report.fail(phase.facts, "it fell silent")
     return client
+
+
+def _signature(terms: Terms) -> Signature | None:
+    return None if terms.key is None else Signature(terms.key, lock.LINK_ID, lock.signing_time())
 
 
 def is_simulated(client: VehicleClient) -> bool:

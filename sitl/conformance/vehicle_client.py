@@ -58,6 +58,15 @@ class Stuck(RuntimeError):
 
 
 @dataclass(slots=True)
+class Signature:
+    """Signing of what a client sends."""
+
+    key: bytes
+    link_id: int
+    timestamp: int  # of the next message [10 us since 2015]
+
+
+@dataclass(slots=True)
 class Duty:
     """Something sent again and again; None is a pause."""
 
@@ -98,6 +107,7 @@ class VehicleClient:
         self.system_id = 0
         self.is_ground_station = False
         self.moves_first_sender = False
+        self.signature: Signature | None = None
         self.heartbeat_duty = Duty(0.5)
         self.setpoint_duty = Duty(0.02)
         self.vision_duty = Duty(0.02)
@@ -257,6 +267,10 @@ class VehicleClient:
         }
         mav = common.MAVLink(None, srcSystem=system, srcComponent=component)
         mav.seq = self._sequence = (self._sequence + 1) & 0xFF
+        if self.signature is not None:
+            mav.signing.secret_key, mav.signing.sign_outgoing = self.signature.key, True
+            mav.signing.link_id, mav.signing.timestamp = self.signature.link_id, self.signature.timestamp
+            self.signature.timestamp += 1
         return bytes(kind(**(zeros | fields)).pack(mav))
 
     def send(self, name: str, **fields: Any) -> None:

@@ -70,7 +70,7 @@ def install(hang: Hang) -> None:
         hang.agent = self
 
     loop.AgentProcess.__init__ = init  # type: ignore[method-assign]
-    session._callback = lambda function: plain_callback(hang.around("bus", function))
+    session._callback = lambda function, *rest: plain_callback(hang.around("bus", function), *rest)
     received = hang.around("autopilot", plain_receive)
     Px4Link._receive = lambda self, *args: received(self, *args)  # type: ignore[method-assign]
     signal.signal(signal.SIGUSR1, hang.begin)

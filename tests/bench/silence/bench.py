@@ -13,11 +13,12 @@ import copy
 import itertools
 import json
 import os
+import secrets
 import signal
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from groundstation.missions.api import NotReady, OrderFailed
 from groundstation.processes.free_ports import with_free_ports
 from groundstation.processes.supervisor import ProcessError
 from onboard.config.fleet import fleet_from_mapping
+from onboard.config.mavlink_key import KEY_BYTES, key_file
 from tests.bench.fixture import BenchFleet, fleet_data
 from tests.bench.silence import wire
 
@@ -111,9 +113,12 @@ def judge(case: Case, passed: Sequence[wire.Passed], fault_ns: int, end_ns: int)
     )
 
 
-async def fly(cases: Sequence[Case], folder: Path) -> list[Observation]:
+async def fly(cases: Sequence[Case], folder: Path, *, is_signed: bool = False) -> list[Observation]:
     """Hover one vehicle for each case, let each hang in its way, and judge what passed on the wire."""
     emulator = fleet_data(len(cases), SPACING_M, "silence")
+    if is_signed:
+        emulator["defaults"] |= {"mavlink_signing": True, "px4_version": "1.18"}
+        _make_keys(folder / "keys", emulator["vehicles"])
     data = _other_autopilot_ports(emulator)
     parts = {f"mav{place}": case.part for place, case in enumerate(cases)}
     hang_s = {f"mav{place}": case.hang_s for place, case in enumerate(cases)}
@@ -140,6 +145,14 @@ async def fly(cases: Sequence[Case], folder: Path) -> list[Observation]:
         judge(case, [one for one in passed if one.vehicle == name], *times_ns[name])
         for name, case in zip(parts, cases, strict=True)
     ]
+
+
+def _make_keys(folder: Path, vehicles: Iterable[str]) -> None:
+    folder.mkdir(exist_ok=True)
+    for name in vehicles:
+        file = folder / key_file(name)
+        file.touch(mode=0o600)
+        file.write_bytes(secrets.token_bytes(KEY_BYTES))
 
 
 async def _hang(pid: int, case: Case) -> tuple[int, int]:
@@ -197,6 +210,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     names = [case.name for case in CASES]
     parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="CASE", help=", ".join(names))
+    parser.add_argument("--signed", action="store_true", help="with MAVLink signing")
     parser.add_argument("--rounds", type=int, default=1, help="how often everything is done (default 1)")
     parser.add_argument("--keep", type=Path, help="folder for the logs of all processes")
     parser.add_argument("--json", action="store_true", help="figures as JSON on stdout")
@@ -208,7 +222,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             folder = options.keep or Path(scratch)
             folder.mkdir(parents=True, exist_ok=True)
             try:
-                found += asyncio.run(fly(cases, folder))
+                found += asyncio.run(fly(cases, folder, is_signed=options.signed))
             except (ProcessError, NotReady, OrderFailed) as error:
                 print(f"bench silence: {error}", file=sys.stderr)
                 return EXIT_WRONG_INPUT

@@ -116,6 +116,10 @@ def _two_acks(wires: Wires) -> None:
     wires.outgoing = editing(COMMAND_ACK=lambda ack: (ack, ack) if ack.command == 176 else (ack,))
 
 
+def _without_keys(wires: Wires) -> None:
+    wires.incoming = lambda datagram: () if IDS["SETUP_SIGNING"] == _id_of(datagram) else (datagram,)
+
+
 def _unfiltered(wires: Wires) -> None:
     _secretly(MC_REF_W_N=0.0)(wires)
     wires.emulator.parameters_changed(0)
@@ -309,6 +313,7 @@ MUTANTS: tuple[Mutant, ...] = (
         flies=True,
     ),
     Mutant("two ACKs for DO_SET_MODE in v1.18", "mode.two-acks", _two_acks, px4="1.18"),
+    Mutant("no key by SETUP_SIGNING in v1.18", "signing.messages", _without_keys, px4="1.18"),
     Mutant(
         "no lasting harm by a quaternion of zeros in v1.18",
         "setpoint.zero-quaternion-after",
