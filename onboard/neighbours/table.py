@@ -232,8 +232,13 @@ class NeighbourTable:
         (self.distrusted.add if is_distrusted else self.distrusted.discard)(self.indices[name])
 
     def claim(self, name: str) -> tuple[Claim | None, Seen | None]:
-        """Return what a neighbour says of itself, and where the mocap sees it; None where nothing is known."""
+        """Return what a neighbour says of itself, and where the mocap sees it; None where nothing is known.
+
+        One that flies by satellites errs by more than it knows; its word and the mocap's are not compared.
+        """
         index = self.indices[name]
+        if not self.fleet.vehicles[name].mocap_required:
+            return self.unbelieved.claim(self.arrays, index), None
         tracker, seen = self._trackers.get(index), self.unbelieved.seen.get(index)
         if tracker is not None and (seen is None or tracker.stamp_ns > seen.stamp_ns):
             seen = Seen(tracker.stamp_ns, tracker.position_enu_m)

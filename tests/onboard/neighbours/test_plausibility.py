@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from onboard.bus.schema import MocapPose
+from onboard.config.fleet import load_fleet
 from onboard.neighbours.plausibility import (
     Claim,
     PlausibilityMonitor,
@@ -15,7 +18,9 @@ from onboard.neighbours.plausibility import (
     mocap_contradiction,
     physical_contradiction,
 )
+from onboard.neighbours.table import NeighbourTable
 
+_FLEETS = Path(__file__).parents[3] / "configs/fleets"
 MS = 1_000_000
 _CLAIM = Claim(1_000 * MS, (1.0, 2.0, 1.0), (1.0, 0.0, 0.0), (1.3, 2.0, 1.0), (1.0, 0.0, 0.0), 0.3, 0.01)
 _metres = st.floats(-20.0, 20.0)
@@ -93,3 +98,22 @@ def test_three_poses_in_a_row_elsewhere_are_believed_and_what_it_says_of_its_acc
             monitor.look(claim, seen, claim.stamp_ns)  # the same pose again proves nothing
         reasons.append(monitor.reason)
     assert reasons == ["says that it is 1.2 m from where the mocap sees it", ""]
+
+
+@pytest.mark.parametrize(("name", "is_compared"), [("sih", True), ("px4-sitl", False)])
+def test_only_the_word_of_a_vehicle_that_flies_by_the_mocap_is_compared_with_poses(
+    name: str, is_compared: bool
+) -> None:
+    config = load_fleet(_FLEETS / f"{name}.toml")
+    table = NeighbourTable(config, "mav0")
+    pose = MocapPose(
+        body=config.vehicles["mav1"].mocap_body or "mav1",
+        boot_id=1,
+        sequence=1,
+        stamp_ns=5 * MS,
+        is_tracked=True,
+        position_enu_m=(1.0, 0.0, 1.0),
+        quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
+    )
+    table.hear_other_pose(pose, 10 * MS)
+    assert (table.claim("mav1")[1] is not None) == is_compared
