@@ -22,6 +22,7 @@ from onboard.config.mocap import SystemType
 Position = Literal["optitrack", "vicon", "qualisys", "vrpn", "motionanalysis", "bus", "gps"]
 HERE = "here"
 MOST = 200  # of MAVLink's 255 system ids; some are other programs'
+_MOST_AT_50_HZ = 8  # vehicles that send all their states over one channel
 _FIRST_PORT, _FIRST_DIRECT = 7460, 18570
 _LAYOUT, _LAYOUT_FROM_TEN = (
     (14540, 18570),
@@ -120,6 +121,7 @@ def _fleet_text(answers: Answers, names: Sequence[str], spots: list[Plan], slots
         'name = "covey"',
         *law_lines(answers),
         *_mocap(answers, names),
+        *_radio(answers),
         "",
         "[formations.ring]  # offsets from the formation's position: east, north, up",
         *(f"{name} = [{x}, {y}, 0.0]" for name, (x, y) in zip(names, slots, strict=True)),
@@ -131,6 +133,12 @@ def _fleet_text(answers: Answers, names: Sequence[str], spots: list[Plan], slots
         *itertools.chain.from_iterable(_vehicles(answers, names, spots)),
     ]
     return "\n".join(parts) + "\n"
+
+
+def _radio(answers: Answers) -> list[str]:
+    if answers.companions == HERE or answers.vehicles <= _MOST_AT_50_HZ:
+        return []
+    return ["", "[radio]  # the Wi-Fi that all share; covey check computes what they take of it", "states_hz = 25"]
 
 
 def _origin(answers: Answers) -> list[str]:
