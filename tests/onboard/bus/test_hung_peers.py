@@ -5,7 +5,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -14,6 +14,7 @@ from onboard.bus.schema import Event, Order, StateMessage, TickBatch
 from onboard.bus.session import BusSession
 from onboard.bus.sockets import let_all_close_at_once
 from onboard.bus.topics import Topic
+from tests.onboard.bus.sessions import until
 from tests.onboard.state_messages import state_message
 
 # Somebody's script: six peers hear everything and answer orders. Their small buffers stand for a network: what they do
@@ -43,13 +44,6 @@ def free_endpoint() -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-def wait_for(condition: Callable[[], Any], seconds: float = 30.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "condition not reached in time"
-        time.sleep(0.005)
 
 
 def state(sequence: int) -> StateMessage:
@@ -96,7 +90,7 @@ class Fleet:
             event = Event(vehicle="mav0", stamp_ns=self._sent, severity="info", code="c", sentence="Armed.")
             self.talker.publish(Topic.EVENT, "mav0", event)
         time.sleep(_PERIOD_S)
-        wait_for(self._has_arrived, _HELD_UP_S)
+        assert until(self._has_arrived, _HELD_UP_S)
 
     def _has_arrived(self) -> bool:
         self.hearer.deliver()
@@ -113,7 +107,7 @@ class Fleet:
             self.hearer.deliver()
             return _SCRIPTS | {"mav1"} <= self.alive and min(self.newest, self.newest_event) > 0
 
-        wait_for(is_heard)
+        assert until(is_heard, 30.0)
 
 
 @pytest.fixture
@@ -160,7 +154,7 @@ def test_orders_to_nodes_that_hang_end_without_an_answer_and_hold_up_nobody(flee
         fleet.talker.order(name, order, timeout_s=1.0, on_reply=lambda _: None, on_end=lambda: ended.append("so"))
         fleet.talk()
     talk_until_given_up(fleet)
-    wait_for(lambda: len(ended) == len(_SCRIPTS))
+    assert until(lambda: len(ended) == len(_SCRIPTS), 30.0)
 
 
 def test_sockets_that_would_wait_at_their_end_are_found_among_all_files() -> None:

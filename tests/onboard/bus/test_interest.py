@@ -17,6 +17,7 @@ import pytest
 from onboard.bus.schema import Event, TickBatch
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
+from tests.onboard.bus.sessions import until
 
 _SENTENCE_BYTES = 2000
 BATCH = TickBatch(vehicle="x" * 50_000, boot_id=1, sequence=1, ticks=())
@@ -68,13 +69,6 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def wait_for(condition: Callable[[], Any], seconds: float = 10.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "condition not reached in time"
-        time.sleep(0.01)
-
-
 @pytest.fixture
 def talker() -> Iterator[tuple[BusSession, int]]:
     port = free_port()
@@ -109,7 +103,7 @@ def test_a_topic_that_is_not_followed_is_not_sent(talker: tuple[BusSession, int]
             heard.append(name)
 
         listener.follow(Topic.EVENT, {"near"}, hear)
-        wait_for(hears("near"))
+        assert until(hears("near"))
         before = relay.bytes_to_client
         for _ in range(50):
             say(session, "far")
@@ -119,7 +113,7 @@ def test_a_topic_that_is_not_followed_is_not_sent(talker: tuple[BusSession, int]
         assert "far" not in heard
 
         listener.follow(Topic.EVENT, {"far"}, hear)  # the one goes, the other comes
-        wait_for(hears("far"))
+        assert until(hears("far"))
         time.sleep(0.2)
         listener.deliver()
         heard.clear()
@@ -160,7 +154,7 @@ def test_what_is_collected_waits_and_of_too_much_the_newest_is_kept(talker: tupl
             listener.deliver()
             return bool(heard)
 
-        wait_for(hears)
+        assert until(hears)
         for number in range(5000):
             tell(number)
         time.sleep(0.5)
@@ -205,7 +199,7 @@ def hanging(talker: tuple[BusSession, int]) -> Iterator[subprocess.Popen[str]]:
                 session.publish(Topic.TICK, "talker", BATCH)
                 return heard.is_set()
 
-            wait_for(listens, 30.0)
+            assert until(listens, 30.0)
             process.send_signal(signal.SIGSTOP)
             yield process
         finally:

@@ -21,6 +21,7 @@ from onboard.bus.schema import FaultOrder, Order, OrderReply
 from onboard.bus.session import BusSession
 from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.config.fleet import FleetConfig, load_fleet
+from tests.onboard.bus.sessions import started, until
 from tests.onboard.state_messages import state_message
 
 PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
@@ -57,20 +58,8 @@ def _node(fleet: FleetConfig, holder: str, *, listens: bool = False, has_keys: b
         connect=[] if listens else [endpoint],
         credentials=credentials_of(fleet, holder) if has_keys else None,
     )
-    session.start()
-    try:
+    with started(session):
         yield session
-    finally:
-        session.stop()
-
-
-def _until(condition: Callable[[], bool], timeout_s: float = 10.0) -> bool:
-    deadline_s = time.monotonic() + timeout_s
-    while not condition():
-        if time.monotonic() > deadline_s:
-            return False
-        time.sleep(0.02)
-    return True
 
 
 def _names(holder: str) -> list[str]:
@@ -107,7 +96,7 @@ def test_what_each_holder_of_a_key_may_publish_read_and_order(fleet: FleetConfig
         agent.watch_alive(lambda name, is_alive: alive.add(name) if is_alive else None)
         for token in ("operator.1.x.y", "mav2"):
             node.claim(token)
-        assert _until(lambda: NODES[holder] in alive)
+        assert until(lambda: NODES[holder] in alive)
         granted = {
             (topic, name) for topic in SAMPLES for name in _names(holder) if _arrives(holder, topic, name, "mav0")
         }
@@ -121,14 +110,14 @@ def test_what_each_holder_of_a_key_may_publish_read_and_order(fleet: FleetConfig
                     node.publish(topic, name, message)
             return heard >= granted and read >= readable
 
-        assert _until(tell), (granted - heard, readable - read)
+        assert until(tell), (granted - heard, readable - read)
         for _ in range(5):
             tell()
             time.sleep(0.02)
         ended: list[bool] = []
         order = Order(order_id="o1", author=holder, kind="land", stamp_ns=time.monotonic_ns(), deadline_ns=0)
         node.order("mav0", order, timeout_s=1.0, on_reply=lambda _: None, on_end=lambda: ended.append(True))
-        assert _until(lambda: bool(ended))
+        assert until(lambda: bool(ended))
         assert heard == granted
         assert read == readable
         assert bool(ordered) is (holder == "ground")
@@ -157,7 +146,7 @@ def test_nobody_without_a_key_of_this_authority_is_heard_or_hears(fleet: FleetCo
                     node.publish(Topic.STATE, name, state_message())
                 return (Topic.STATE, "mav1") in heard
 
-            assert _until(tell)  # who has a key gets in
+            assert until(tell)  # who has a key gets in
             for _ in range(50):
                 tell()
                 time.sleep(0.02)
@@ -181,7 +170,7 @@ def test_what_fits_into_no_datagram_arrives(fleet: FleetConfig) -> None:
                 agent.publish(topic, "mav0", large)
             return heard == whole
 
-        assert _until(tell), whole - heard
+        assert until(tell), whole - heard
 
 
 def test_faults_are_the_emulators_to_answer_and_the_grounds_to_ask() -> None:

@@ -28,6 +28,7 @@ from onboard.bus.schema import Order, OrderReply
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
+from tests.onboard.bus.sessions import started, until
 from tests.onboard.state_messages import state_message
 
 PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
@@ -67,21 +68,8 @@ def _routing(*fleets: FleetConfig) -> Iterator[None]:
 def _node(fleet: FleetConfig, holder: str) -> Iterator[BusSession]:
     credentials = credentials_of(fleet, holder)
     name, routers = NAMES.get(holder, holder), fleet.fleet.routers
-    session = BusSession(namespace=fleet.namespace, node=name, credentials=credentials, routers=routers)
-    session.start()
-    try:
+    with started(BusSession(namespace=fleet.namespace, node=name, credentials=credentials, routers=routers)) as session:
         yield session
-    finally:
-        session.stop()
-
-
-def _until(condition: Callable[[], object], timeout_s: float = 10.0) -> bool:
-    deadline_s = time.monotonic() + timeout_s
-    while not condition():
-        if time.monotonic() > deadline_s:
-            return False
-        time.sleep(0.02)
-    return True
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +120,7 @@ def test_a_router_holds_each_node_to_its_role_and_orders_stay_signed(locked: Fle
             twin.publish(Topic.SLOW_TELEMETRY, "mav0", message)  # a second agent of one name shows itself
             return heard >= granted
 
-        assert _until(tell), granted - heard
+        assert until(tell), granted - heard
         for _ in range(5):
             tell()
             time.sleep(0.02)
@@ -145,7 +133,7 @@ def test_a_router_holds_each_node_to_its_role_and_orders_stay_signed(locked: Fle
                 on_reply=lambda reply: answered.append(reply.vehicle) if isinstance(reply, OrderReply) else None,
                 on_end=lambda ended=ended: ended.append(True),
             )
-            assert _until(lambda ended=ended: bool(ended))
+            assert until(lambda ended=ended: bool(ended))
         assert heard == granted
         assert taken == [LAND]
         assert answered == ["mav0"]
@@ -171,7 +159,7 @@ def test_a_router_that_grants_everything_still_brings_no_false_order(locked: Fle
                 viewer.order("mav0", LAND, timeout_s=0.2, on_reply=lambda _: None, on_end=lambda: None)
                 return bool(taken)
 
-            assert _until(order)
+            assert until(order)
     finally:
         careless.stop()
     assert {one.code if isinstance(one, UntrustedOrder) else "" for one in taken} == {"role"}
@@ -191,7 +179,7 @@ def test_fleets_on_one_router_hear_nothing_of_each_other(tmp_path: Path) -> None
                 own.publish(Topic.STATE, "mav2", state_message())
                 return len(heard) > 5
 
-            assert _until(tell)
+            assert until(tell)
     assert set(heard) == {"mav2"}
 
 
@@ -236,28 +224,28 @@ time.sleep(60)
 
         def longest_gap_s(seconds: float) -> float:
             begin_s, count = time.monotonic(), len(heard)
-            _until(lambda: tell() or time.monotonic() - begin_s > seconds, seconds + 1.0)
+            until(lambda: tell() or time.monotonic() - begin_s > seconds, seconds + 1.0)
             times = [begin_s, *heard[count:], time.monotonic()]
             return max(later - earlier for earlier, later in itertools.pairwise(times))
 
-        assert _until(lambda: tell() or heard)  # from one router to the other
+        assert until(lambda: tell() or heard)  # from one router to the other
         with subprocess.Popen([sys.executable, "-c", hung], stdout=subprocess.PIPE, text=True) as peer:
             try:
                 assert peer.stdout is not None
                 assert peer.stdout.readline() == "up\n"
                 joined_s = time.monotonic()
-                assert _until(lambda: alive.get("mav2"), 2.0)  # a late joiner
+                assert until(lambda: alive.get("mav2"), 2.0)  # a late joiner
                 assert time.monotonic() - joined_s < 2.0
                 peer.send_signal(signal.SIGSTOP)
                 assert longest_gap_s(1.0) < 0.5
             finally:
                 peer.kill()
-        assert _until(lambda: alive.get("mav2") is False)
+        assert until(lambda: alive.get("mav2") is False)
         first.kill()
         assert first.wait() == -signal.SIGKILL
         count = len(heard)
-        assert _until(lambda: tell() or len(heard) > count + 20)
-        assert _until(lambda: alive.get("mav0"))
+        assert until(lambda: tell() or len(heard) > count + 20)
+        assert until(lambda: alive.get("mav0"))
 
 
 def test_zenoh_takes_the_printed_configuration(locked: FleetConfig, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,7 +4,6 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -15,6 +14,7 @@ from onboard.bus.protocol import BusError
 from onboard.bus.schema import Event, FaultOrder, Order, OrderReply
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
+from tests.onboard.bus.sessions import until
 
 EVENT = Event(vehicle="mav0", stamp_ns=5, severity="info", code="armed", sentence="Armed.")
 
@@ -23,13 +23,6 @@ def free_endpoint() -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-def wait_for(condition: Callable[[], Any], seconds: float = 10.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "condition not reached in time"
-        time.sleep(0.01)
 
 
 @pytest.fixture
@@ -51,7 +44,7 @@ def ground(agent: BusSession, endpoint: str) -> Iterator[BusSession]:
     session.start()
     alive: set[str] = set()
     session.watch_alive(lambda node, is_alive: alive.add(node) if is_alive else alive.discard(node))
-    wait_for(lambda: "mav0" in alive)
+    assert until(lambda: "mav0" in alive)
     session.alive = alive  # type: ignore[attr-defined]
     yield session
     session.stop()
@@ -77,7 +70,7 @@ def test_a_sample_arrives_with_topic_and_name(agent: BusSession, ground: BusSess
         agent.publish(Topic.EVENT, "mav0", EVENT)
         return bool(got)
 
-    wait_for(published)
+    assert until(published)
     assert got[0] == (Topic.EVENT, "mav0", EVENT)
 
 
@@ -88,7 +81,7 @@ def test_an_order_is_answered_and_an_absent_vehicle_is_silence_at_once(agent: Bu
         threading.Thread(target=reply, args=(message,)).start()
 
     agent.serve_orders("mav0", answer)
-    wait_for(lambda: ask(ground, "mav0"))
+    assert until(lambda: ask(ground, "mav0"))
     assert ask(ground, "mav0") == [OrderReply(order_id="1", vehicle="mav0", is_accepted=False, reason="not ready")]
     assert ask(ground, "mav7") == []
 
@@ -114,7 +107,7 @@ def test_a_fault_is_asked_of_the_emulator_and_answered(agent: BusSession, ground
 
     assert not asked()  # nobody emulates yet
     agent.serve_faults(answer)
-    wait_for(asked)
+    assert until(asked)
     assert heard[0] == fault
     assert replies[0].reason == "mav0: motor 2 stops"
 
@@ -122,7 +115,7 @@ def test_a_fault_is_asked_of_the_emulator_and_answered(agent: BusSession, ground
 def test_leaving_shows_in_the_liveliness(agent: BusSession, ground: BusSession) -> None:
     agent.stop()
     agent.stop()
-    wait_for(lambda: "mav0" not in ground.alive)  # type: ignore[attr-defined]
+    assert until(lambda: "mav0" not in ground.alive)  # type: ignore[attr-defined]
 
 
 def test_a_second_node_of_a_name_does_not_take_the_first_along_when_it_leaves(
@@ -136,10 +129,10 @@ def test_a_second_node_of_a_name_does_not_take_the_first_along_when_it_leaves(
     second, third = joins("mav0"), joins("mav9")
     seen: list[tuple[str, bool]] = []
     agent.watch_alive(lambda *change: seen.append(change))  # connected to all of them
-    wait_for(lambda: {("mav0", True), ("mav9", True)} <= set(seen))
+    assert until(lambda: {("mav0", True), ("mav9", True)} <= set(seen))
     second.stop()
     third.stop()
-    wait_for(lambda: ("mav9", False) in seen)
+    assert until(lambda: ("mav9", False) in seen)
     assert ("mav0", False) not in seen
 
 
@@ -156,7 +149,7 @@ def test_another_fleet_on_the_same_endpoint_hears_nothing(agent: BusSession, gro
             agent.publish(Topic.EVENT, "mav0", EVENT)
             return len(here) > 5
 
-        wait_for(published)
+        assert until(published)
         assert heard == []
     finally:
         other.stop()
@@ -189,7 +182,7 @@ def test_a_thread_of_the_bus_keeps_what_python_knows_of_it_from_one_message_to_t
         agent.publish(Topic.EVENT, "mav0", EVENT)
         return len(counts) >= 5
 
-    wait_for(published)
+    assert until(published)
     assert counts[:5] == [1, 2, 3, 4, 5]
 
 
