@@ -11,9 +11,7 @@ class MessageCounts:
     """Messages that were not used, by the reason."""
 
     malformed: int = 0  # no message of its kind, or numbers that are not finite
-    refused: int = (
-        0  # in another's name, of nobody of the fleet file, or not believable; orders have a count of their own
-    )
+    refused: int = 0  # in another's name, of nobody of the fleet file, or not believable; orders are counted apart
     dropped: int = 0  # lost on the way, by the numbers that are missing, or pushed out of a full queue
     late: int = 0  # repeated, overtaken, or older than what is known
 

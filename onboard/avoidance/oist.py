@@ -262,11 +262,9 @@ def turning_strength(violation_m_s2: float, pair: NeighbourPair, params: LawPara
         pair: this vehicle and the neighbour at t + L.
     """
     rotation = params.policies.rotation
-    if rotation == ROTATION_NEVER:
-        return 0.0
     if rotation == ROTATION_ALWAYS:
         return 1.0
-    strength = violation_m_s2 / params.gains.rotation_fade_m_s2 if violation_m_s2 > _VIOLATED_M_S2 else 0.0
+    strength = violation_m_s2 / params.gains.rotation_fade_m_s2 if is_turning(violation_m_s2, rotation) else 0.0
     if rotation == ROTATION_AHEAD:
         strength = max(strength, conflict(pair.e, pair.intent_m_s, pair.d_m))
     return min(strength, 1.0)
@@ -299,7 +297,7 @@ def wall_constraint(own: Own, wall: HalfPlane) -> Constraint:
 
 
 def is_turning(violation_m_s2: float, rotation: int) -> bool:
-    """Whether the policy asks for a static obstacle's rotation row, given the violation of the distance row.
+    """Whether the policy asks for a rotation row because of the violation of the distance row alone.
 
     Args:
         violation_m_s2: of the distance row by the baseline.
