@@ -23,6 +23,7 @@ from onboard.vectors import ZERO_3
 _AVOIDS_ABOVE_M = 0.5  # some second before touching down: friction ends what was promised of going aside
 _CONTACT_LIMIT_S = 8.0
 _RISEN_M = 0.5  # of a landing: more than giving way takes it up
+_PX4_HEIGHT_RISEN_M = 1.5  # the same by PX4's own height, which wanders and comes back up after the touch-down
 _NOT_YET_OFFBOARD = {Step.ARM_OFFBOARD, Step.TAKEOFF_OFFBOARD, Step.TAKEOVER}
 _NO_GOAL = Goal(ZERO_3, 0.0, 0)
 _IN_FREE_FLIGHT = {Step.LIFTOFF, Step.CLIMB, Step.LEG, Step.PATH, Step.ARRIVED, Step.HOLDING, Step.COASTING}
@@ -118,8 +119,9 @@ class FlightContext:
         The sign is empty when only the time shows it.
         """
         risen_m = view.position_enu_m[2] - self.lowest_m
-        is_height_known = view.has_position and not view.is_blind  # PX4's own height comes back up after the touch-down
-        if self.step in (Step.DESCENT, Step.CONTACT) and is_height_known and risen_m > _RISEN_M:
+        is_height_known = view.has_position and not view.is_blind
+        limit_m = _RISEN_M if self.vehicle.mocap_required else _PX4_HEIGHT_RISEN_M
+        if self.step in (Step.DESCENT, Step.CONTACT) and is_height_known and risen_m > limit_m:
             return f"it has risen by {risen_m:.2f} m"
         if self.step is Step.CONTACT and self.seconds(view) > _CONTACT_LIMIT_S:
             return "PX4 does not see that it is down"

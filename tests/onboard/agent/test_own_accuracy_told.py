@@ -8,6 +8,7 @@ import msgspec
 import pytest
 
 from onboard.agent.core import AgentCore
+from onboard.flight.types import Step
 from onboard.px4.message_parsers import PARSERS
 from tests.onboard.agent.rig import Rig, fleet
 
@@ -47,6 +48,26 @@ def test_a_position_that_becomes_inaccurate_in_flight_lands(accuracy_m: float) -
     rig.run(1.0)
     assert rig.core.flight.state == "landing"
     assert "position-inaccurate" in {event.code for event in rig.events}
+    rig.until("landed")
+
+
+@pytest.mark.parametrize("has_mocap", [True, False])
+def test_height_that_comes_back_up_after_touch_down_ends_a_landing_only_where_a_mocap_measures_it(
+    has_mocap: bool,
+) -> None:
+    rig = Rig() if has_mocap else _rig(0.4)
+    rig.fly()
+    rig.order("land")
+    while rig.core.flight.step is not Step.CONTACT:
+        rig.step()
+
+    def rise() -> None:  # as SIH's vehicles do that have sunk into the ground
+        rig.velocity[2] = 1.6
+
+    rig.after_move = rise
+    rig.run(0.5)
+    assert (rig.core.flight.step is Step.PX4_LANDING) == has_mocap
+    rig.after_move = lambda: None
     rig.until("landed")
 
 
