@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from onboard.types import Neighbour
+from onboard.avoidance.half_planes import into_disc
+from onboard.types import GRAVITY_M_S2, Neighbour
 from onboard.vectors import ZERO_3, Vec2, Vec3, is_finite
 
 SLOTS = 40  # past commands that are kept
@@ -106,7 +107,8 @@ def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
     """Return a neighbour's horizontal motion at the own time t + L (line P3).
 
     A neighbour that cooperates says where it will be at the end of its own lag. For any other the plain estimate is
-    carried on at constant velocity.
+    carried on with its acceleration, of which at most 1 g is believed, as long as that says something, then straight
+    on. DEVIATION D3.
 
     Args:
         neighbour: as received.
@@ -121,7 +123,11 @@ def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
     is_usable = is_finite(neighbour.position_enu_m) and is_finite(neighbour.velocity_enu_m_s)
     p, v = clipped(neighbour.position_enu_m), clipped(neighbour.velocity_enu_m_s)
     ahead_s = age_s + own_lead_s
-    return Received(is_usable, Vec2(p.x + ahead_s * v.x, p.y + ahead_s * v.y), v, Vec2(0.0, 0.0))
+    a = into_disc(clipped(neighbour.acceleration_enu_m_s2), GRAVITY_M_S2)
+    held_s = min(ahead_s, MAX_COMMAND_AGE_S)
+    weight = held_s * (ahead_s - 0.5 * held_s)
+    position = Vec2(p.x + ahead_s * v.x + weight * a.x, p.y + ahead_s * v.y + weight * a.y)
+    return Received(is_usable, position, Vec2(v.x + held_s * a.x, v.y + held_s * a.y), Vec2(0.0, 0.0))
 
 
 def _carried(neighbour: Neighbour, lead_s: float, ahead_s: float) -> Received:

@@ -73,8 +73,8 @@ class UnbelievedNeighbours:
 
 def tracked_numbers(tracker: BodyTracker) -> tuple[float, ...]:
     """Return the numbers of a neighbour that is where the motion capture sees it, and promises nothing."""
-    p, v, zero = tracker.position_enu_m, tracker.velocity_enu_m_s, (0.0, 0.0, 0.0)
-    return (*p, *v, *zero, *p, *v, *zero, *v, POSITION_STD_M, 0.0, 0.0, VELOCITY_STD_M_S)
+    p, v, a, zero = tracker.position_enu_m, tracker.velocity_enu_m_s, tracker.acceleration_enu_m_s2, (0.0, 0.0, 0.0)
+    return (*p, *v, *a, *p, *v, *zero, *v, POSITION_STD_M, 0.0, 0.0, VELOCITY_STD_M_S)
 
 
 def _newest(arrays: NeighbourArrays, index: int) -> _Kept | None:

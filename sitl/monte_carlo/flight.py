@@ -119,7 +119,7 @@ def _fly(
         frozen, mute = orders.lost(metrics.time_s)
         neighbours = batch.NEIGHBOUR.rows((*start.shape[:2], 0))
         if radio is not None:
-            neighbours = radio.receive(link_draws, mute, frozen)
+            neighbours = radio.receive(link_draws, mute, frozen, senses.tracked())
         # the autopilot of a frozen one holds by itself, and avoids nobody
         is_present = np.broadcast_to(~frozen[..., None], neighbours.shape)
         ticks = pilots.step(states, orders.goals(frozen, truth), neighbours, is_present, TICK_S)

@@ -14,6 +14,9 @@ from onboard.rollout.rows import Rows
 from sitl.monte_carlo.settings import Perturbation
 from sitl.monte_carlo.vehicles import TICK_S
 
+# poses of a silent vehicle come this long after its last message: SILENT_AFTER_S, and what it takes to ask for them
+_TRACKED_AFTER_S = 0.16
+_TRACKED_AGE_S = 0.04  # of its motion by them, as that of the own poses and of the way to the law
 _MOST_SENDERS = 32  # in larger fleets only so many nearest are gathered; the law itself uses fewer
 
 
@@ -38,12 +41,14 @@ class Radio:
         """Send everybody's message of this tick."""
         self._sent.appendleft(batch.message(states, ticks))
 
-    def receive(self, link_draws: Array, is_mute: BoolArray, is_frozen: BoolArray) -> Rows:
+    def receive(self, link_draws: Array, is_mute: BoolArray, is_frozen: BoolArray, tracked: Rows | None) -> Rows:
         """Return the newest messages (F, N, K) that each vehicle has of the others.
 
         Args:
             link_draws: (F, N, N) uniform in [0, 1). is_mute: (F, N) sends nothing.
             is_frozen: (F, N) does not cooperate.
+            tracked: (F, N) as the poses of the mocap say, which represent strangers and whoever is silent; None without
+                a mocap.
         """
         p = self._p
         silent = is_mute
@@ -56,7 +61,13 @@ class Radio:
         self._age_s = np.where(arrived, self._late * TICK_S, self._age_s + TICK_S)
         is_cooperative = (self._age_s <= SILENT_S) & ~(self._is_stranger | is_frozen)[:, None, :]
         self._heard = self._senders()
-        return batch.received(self._inbox, self._age_s, self._heard, is_cooperative)
+        inbox, age_s = self._inbox, self._age_s
+        if tracked is not None:
+            is_silent = age_s > self._late * TICK_S + _TRACKED_AFTER_S
+            is_tracked = is_silent | self._is_stranger[:, None, :]
+            inbox = np.where(is_tracked, tracked[:, None], inbox)
+            age_s, is_cooperative = np.where(is_tracked, _TRACKED_AGE_S, age_s), is_cooperative & ~is_tracked
+        return batch.received(inbox, age_s, self._heard, is_cooperative)
 
     def vehicle(self, neighbour: IntArray) -> IntArray:
         """Places in the fleet (F, N) of places among the neighbours received last; -1 stays."""

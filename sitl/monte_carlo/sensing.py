@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 
+import numpy as np
+
 from onboard.arrays import Array, IntArray
 from onboard.config.fleet import Vehicle
 from onboard.estimation import kalman
+from onboard.neighbours import mocap_tracker
 from onboard.rollout import batch
 from onboard.rollout.rows import Rows
 from sitl.monte_carlo.noise import Noise
@@ -24,6 +27,8 @@ class MocapSensing:
         self._estimator = batch.FleetEstimator(params, truth.position_enu_m)
         self._std_m = errors.position_std_m
         self._samples: deque[Array] = deque([truth.position_enu_m] * (_MOCAP_AGE_TICKS + 1), _MOCAP_AGE_TICKS + 1)
+        rest = np.zeros_like(truth.position_enu_m)
+        self._tracked = truth.position_enu_m, rest, rest
 
     def update(self, truth: Truth, normals: Array, thrust_frac: Array, hover_frac: Array) -> Rows:
         """Return the estimate of this tick (F, N, ...); attitude and heading are as the autopilot and the mocap say.
@@ -34,12 +39,25 @@ class MocapSensing:
         """
         self._samples.appendleft(truth.position_enu_m + self._std_m * normals[..., 0:3])
         sample, age_s = self._samples[-1], _MOCAP_AGE_TICKS * TICK_S
+        self._tracked = mocap_tracker.corrected(*self._tracked, sample, TICK_S)
         attitude = truth.quaternion_wxyz
         return self._estimator.step(attitude, thrust_frac, hover_frac, sample, truth.yaw_rad, age_s, TICK_S)
+
+    def tracked(self) -> Rows:
+        """Return the vehicles (F, N) as others see them by the poses of the mocap, which promise nothing."""
+        position, velocity, acceleration = self._tracked
+        rows = batch.NEIGHBOUR.rows(position.shape[:2])
+        rows["position_enu_m"] = rows["predicted_position_enu_m"] = position
+        rows["velocity_enu_m_s"] = rows["predicted_velocity_enu_m_s"] = rows["intent_enu_m_s"] = velocity
+        rows["acceleration_enu_m_s2"] = acceleration
+        rows["position_std_m"], rows["velocity_std_m_s"] = mocap_tracker.POSITION_STD_M, mocap_tracker.VELOCITY_STD_M_S
+        return rows
 
     def keep(self, flights: IntArray) -> None:
         """Go on with these flights of the batch only."""
         self._estimator.keep(flights)
+        position, velocity, acceleration = self._tracked
+        self._tracked = position[flights], velocity[flights], acceleration[flights]
         self._samples = deque([sample[flights] for sample in self._samples], _MOCAP_AGE_TICKS + 1)
 
 
@@ -62,6 +80,9 @@ class GivenErrors:
         states["acceleration_enu_m_s2"], states["yaw_rad"] = truth.acceleration_enu_m_s2, truth.yaw_rad
         states["position_std_m"], states["velocity_std_m_s"] = e.position_std_m, e.velocity_std_m_s
         return states
+
+    def tracked(self) -> None:
+        """Return nothing: no mocap sees the vehicles."""
 
     def keep(self, flights: IntArray) -> None:
         """Go on with these flights of the batch only."""

@@ -40,9 +40,12 @@ def carried(n, lead_s):
     mean = (v - n["velocity_enu_m_s"]) / np.maximum(their_lead, 1e-3)[:, None]
     q = p + ahead * v + forth * (ahead - 0.5 * forth) * u + 0.5 * back**2 * mean
     w = v + forth * u + back * mean
-    plain = n["position_enu_m"] + (age + lead_s)[:, None] * n["velocity_enu_m_s"]
+    a, m = n["acceleration_enu_m_s2"], (age + lead_s)[:, None]
+    a = a * np.minimum(1.0, 9.80665 / np.maximum(np.hypot(*a.T), 1e-9))[:, None]
+    s = np.minimum(m, 0.25)
+    plain = n["position_enu_m"] + m * n["velocity_enu_m_s"] + s * (m - 0.5 * s) * a
     pick = cooperative[:, None]
-    return np.where(pick, q, plain), np.where(pick, w, n["velocity_enu_m_s"]), np.where(pick, u, 0.0)
+    return np.where(pick, q, plain), np.where(pick, w, n["velocity_enu_m_s"] + s * a), np.where(pick, u, 0.0)
 
 
 def design_distances(own, n, s):

@@ -167,7 +167,14 @@ def test_lead_that_ends_at_our_time_leaves_the_prediction_as_it_is_from_both_sid
 
 def test_neighbour_that_does_not_cooperate_is_carried_on_from_its_plain_estimate():
     neighbour = neighbour_of([1, 2, 3], [1, 0, 0], [5, 5, 0], is_cooperative=False, age_s=0.05)
+    neighbour = neighbour._replace(acceleration_enu_m_s2=Vec3(0.0, 0.0, 0.0))
     received = prediction.receive(neighbour, 0.15)
     np.testing.assert_allclose(received.position_m, [1.2, 2.0])
     assert received.command_m_s2 == (0.0, 0.0)
+    braking = neighbour._replace(acceleration_enu_m_s2=Vec3(-2.0, 0.0, 0.0))
+    received = prediction.receive(braking, 0.15)
+    np.testing.assert_allclose(received.position_m, [1.16, 2.0])
+    np.testing.assert_allclose(received.velocity_m_s, [0.6, 0.0])
+    absurd = neighbour._replace(acceleration_enu_m_s2=Vec3(0.0, 1e4, math.nan))
+    assert prediction.receive(absurd, 0.15).position_m.y < 2.0 + 0.5 * 0.2**2 * 9.81
     assert not prediction.receive(neighbour._replace(position_enu_m=Vec3(math.nan, 0, 0)), 0.15).is_usable

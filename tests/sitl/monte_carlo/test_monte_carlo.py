@@ -141,8 +141,20 @@ def test_perturbations_and_vehicle_values_have_their_effect():
 
 @pytest.mark.parametrize("changes", [["loss_share=1"], ["burst_s=60", "burst_every_s=0.1"]])
 def test_messages_that_never_arrive_let_the_vehicles_fly_into_each_other(changes):
-    outcome = fly("form3", [4], setup=settings.setup_for(changes=changes))[0].outcome
+    outcome = fly("form3", [4], setup=settings.setup_for(changes=changes, errors="none"))[0].outcome
     assert outcome.is_collision
+
+
+def test_poses_of_the_mocap_keep_vehicles_apart_that_hear_nobody():
+    setup = settings.setup_for(changes=["loss_share=1"])
+    assert all(one.outcome.min_separation_m > 0.8 for one in fly("form3", range(6), setup=setup))
+
+
+def test_vehicle_that_dies_in_a_crossing_is_avoided_by_its_poses():
+    flown = fly("lost8@dead", range(3))
+    assert all(one.outcome.min_separation_m > 0.8 for one in flown)
+    blind = fly("lost8@dead", range(3), setup=settings.setup_for(errors="none"))
+    assert any(one.outcome.min_separation_m < 0.8 for one in blind)
 
 
 @pytest.mark.parametrize(("delay_s", "ticks"), [(0.0, 1), (0.04, 2), (0.05, 3), (0.2, 10)])
@@ -158,10 +170,10 @@ def test_message_is_as_old_as_it_says(delay_s, ticks):
     pilots = rollout_batch.FleetPipeline(
         [pipeline_params(vehicles, name) for name in vehicles.vehicles], np.zeros((1, 2, 3))
     )
-    received = station.receive(np.ones((1, 2, 2)), nobody, nobody)
+    received = station.receive(np.ones((1, 2, 2)), nobody, nobody, None)
     published = pilots.step(moved(0), rollout_batch.GOAL.rows((1, 2)), received, np.ones((1, 2, 1), bool), 0.02)
     for tick in range(30):
-        heard = station.receive(np.full((1, 2, 2), 0.5), nobody, nobody)
+        heard = station.receive(np.full((1, 2, 2), 0.5), nobody, nobody, None)
         if tick > ticks:
             assert heard["position_enu_m"][0, 0, 0, 0] == tick - ticks
             assert heard["age_s"][0, 0, 0] == pytest.approx(0.02 * ticks)
