@@ -55,7 +55,7 @@ class TickResult(Struct, frozen=True):
     view: FlightView
     period_s: float  # since the tick before
     is_airborne: bool
-    distances_m: dict[str, float]  # to the neighbours, horizontally
+    distances_m: dict[str, float]  # separations from the neighbours
     not_ready: tuple[str, ...]  # sentences of the preflight check
 
 

@@ -108,7 +108,6 @@ class OrderIntake:
         self._conflict_check_ns = 0
         if flight.step is not Step.LEG or flight.order is None:
             return
-        distance_m = flight.fleet.fleet.safety_distance_m
-        sentence = order_checks.goal_conflict(flight.goal_position_enu_m, telemetries(), distance_m)
+        sentence = order_checks.goal_conflict(flight.goal_position_enu_m, telemetries(), flight.fleet.fleet)
         if sentence is not None:
             state_machine.begin_failsafe(flight, view, Action.HOLD, sentence, "refused")

@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from onboard.avoidance.half_planes import into_disc
+from onboard.avoidance.heights import INTENT_S, Climb
 from onboard.avoidance.pairs import Own, margin_2
 from onboard.avoidance.params import LawParams
 from onboard.avoidance.prediction import LARGEST, Motion, bounded, clipped
@@ -59,6 +60,13 @@ def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParam
         f.z,
         s,
         radius,
+        Climb(
+            state.position_enu_m.z,
+            predicted.position_enu_m.z,
+            predicted.velocity_enu_m_s.z,
+            INTENT_S * baseline.intent_enu_m_s.z,
+            state.position_std_m,
+        ),
     )
 
 

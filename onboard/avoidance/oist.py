@@ -7,7 +7,7 @@ here it is projected on those of all neighbours, obstacles and walls, and on the
 projection.py. The rows are evaluated where the vehicle will be when its command takes effect: prediction.py.
 
 The vertical thrust is never touched, so that height is not traded for separation. README.md beside this file has the
-symbols, the algorithm's lines (P1 to O) and the deviations from the paper (D1 to D15).
+symbols, the algorithm's lines (P1 to O) and the deviations from the paper (D1 to D16).
 """
 
 from __future__ import annotations

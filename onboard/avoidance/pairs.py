@@ -1,6 +1,7 @@
 """Pairs of this vehicle with a neighbour or with an obstacle: geometry, distance to keep, and how crowded it is.
 
-Everything is horizontal and at the time t + L, when a command of now takes effect.
+Everything is horizontal and at the time t + L, when a command of now takes effect. Heights count only in how much of
+a distance is to be kept (:mod:`onboard.avoidance.heights`).
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from onboard.avoidance.heights import Climb, share_of
 from onboard.avoidance.params import DIRECTION_INTENT, Capsule, LawParams, Spacing
 from onboard.avoidance.prediction import Received, clipped, receive
 from onboard.types import Neighbour
@@ -19,10 +21,11 @@ LARGEST_MARGIN_M = 5.0
 COINCIDENT_M = 1e-6
 SETTLED_M_S = 0.1  # a vehicle that intends to go no faster than this is no part of a crowd
 _LARGEST_STD = 1e3
+_LEAST_DISTANCE_M = 0.01  # rows are divided by the distance to keep
 
 
 class Own(NamedTuple):
-    """This vehicle at t + L, horizontal."""
+    """This vehicle at t + L; all but its climb is horizontal."""
 
     position_m: Vec2
     velocity_m_s: Vec2
@@ -32,6 +35,7 @@ class Own(NamedTuple):
     thrust_z_m_s2: float  # vertical thrust, which passes as it is
     compensation_m_s2: Vec2  # added to the command against drag and disturbance
     radius_m_s2: float  # largest horizontal thrust
+    climb: Climb  # its vertical motion
 
 
 class NeighbourPair(NamedTuple):
@@ -86,9 +90,12 @@ def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) 
         distance_2 = dot_2(e, e)
         if not distance_2 <= range_2:
             continue
+        share = share_of(own.climb, neighbour, params.lead_time_s, params.spacing)
+        if share <= 0.0:
+            continue
         if distance_2 < COINCIDENT_M * COINCIDENT_M:
             is_sound = False
-        pair = _pair(own, neighbour, other, e, params)
+        pair = _pair(own, neighbour, other, e, share, params)
         if pair.is_near:
             crowd_count += 1.0
         pairs.append(pair)
@@ -97,10 +104,10 @@ def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) 
     return Pairs(nearest, crowd_count, is_sound)
 
 
-def _pair(own: Own, neighbour: Neighbour, other: Received, e: Vec2, params: LawParams) -> NeighbourPair:
+def _pair(own: Own, neighbour: Neighbour, other: Received, e: Vec2, share: float, params: LawParams) -> NeighbourPair:
     w = Vec2(own.velocity_m_s.x - other.velocity_m_s.x, own.velocity_m_s.y - other.velocity_m_s.y)
     distance_2 = dot_2(e, e)
-    d = design_distance(own.margin_2_m2, neighbour, params.spacing)
+    d = max(share * design_distance(own.margin_2_m2, neighbour, params.spacing), _LEAST_DISTANCE_M)
     intent, is_settled = w, False
     if (
         params.policies.direction == DIRECTION_INTENT

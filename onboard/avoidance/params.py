@@ -70,6 +70,7 @@ class Spacing(NamedTuple):
     """Distances to keep, and from whom."""
 
     safety_distance_m: float  # d_inf
+    vertical_separation_m: float  # farther apart in height a pair does not count; infinite: it always does
     margin_m: float  # design margin while estimates are good
     uncooperative_margin_m: float  # more for a neighbour that does not cooperate
     margin_floor_m: float  # part of the margin that does not depend on the accuracy; 0 under the fixed policy
@@ -128,6 +129,7 @@ class VehicleLimits(NamedTuple):
     lag_s: float = 0.15
     vertical_lag_s: float = 0.09
     safety_distance_m: float = 0.8
+    vertical_separation_m: float = math.inf
     body_radius_m: float = 0.25  # keeps the hull off obstacles
     max_speed_m_s: float = 1.0
     max_tilt_rad: float = math.radians(25.0)
@@ -157,6 +159,9 @@ def law_params(fleet: FleetConfig, vehicle_name: str, law: str | None = None) ->
     limits = VehicleLimits(
         lag_s=vehicle.lag_s,
         safety_distance_m=fleet.fleet.safety_distance_m,
+        vertical_separation_m=math.inf
+        if fleet.fleet.vertical_separation_m is None
+        else fleet.fleet.vertical_separation_m,
         body_radius_m=0.5 * fleet.fleet.body_diameter_m,
         max_speed_m_s=vehicle.max_speed_m_s,
         max_tilt_rad=math.radians(vehicle.max_tilt_deg),
@@ -231,6 +236,7 @@ def _spacing(config: LawConfig, limits: VehicleLimits) -> Spacing:
     sigma_position, sigma_velocity_s = _sigmas(config)
     return Spacing(
         safety_distance_m=float(limits.safety_distance_m),
+        vertical_separation_m=float(limits.vertical_separation_m),
         margin_m=float(config.margin_m(limits.lag_s)),
         uncooperative_margin_m=float(config.uncooperative_margin_m),
         margin_floor_m=_MARGIN_FLOOR_M if config.margin == "accuracy" else 0.0,

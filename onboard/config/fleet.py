@@ -17,7 +17,9 @@ from onboard.config.fleet_config import Geofence as Geofence
 from onboard.config.fleet_config import Origin as Origin
 from onboard.config.fleet_config import Vec3 as Vec3
 from onboard.config.fleet_config import Vehicle as Vehicle
+from onboard.config.fleet_config import above_words as above_words
 from onboard.config.fleet_config import parking_distance_m as parking_distance_m
+from onboard.config.fleet_config import parking_height_share as parking_height_share
 from onboard.config.law import LawConfig as LawConfig
 from onboard.config.law import LawName as LawName
 from onboard.config.mocap import MocapConfig as MocapConfig

@@ -73,6 +73,7 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # "mocap", or the point of the Earth where the frame begins: the three keys below
     origin: Literal["mocap"] | Origin = "mocap"
     safety_distance_m: float = 0.80  # horizontal distance of two centres that the law promises
+    vertical_separation_m: float | None = None  # or so far apart in height; none: nobody flies above another
     body_diameter_m: float = 0.50  # from propeller tip to propeller tip
     battery_warning_pct: float = 30.0  # the console warns below it
     battery_land_pct: float = 20.0  # a vehicle lands by itself below it
@@ -83,6 +84,11 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # endpoints of routers, quic/HOST:PORT: nodes then connect to the first that answers; docs/network.md
     routers: tuple[str, ...] = ()
     simulator: str | None = None  # where covey sitl listens on the bus; the port below the lowest agent's by default
+
+    @property
+    def height_share(self) -> float:
+        """Metres of separation that a metre of height counts: 0 without a vertical separation."""
+        return 0.0 if self.vertical_separation_m is None else self.safety_distance_m / self.vertical_separation_m
 
     @property
     def global_origin(self) -> Origin | None:
@@ -251,6 +257,29 @@ class FleetConfig(msgspec.Struct, frozen=True):
             else:
                 raise ConfigError(f"'{part}' is not a vehicle of fleet '{self.fleet.name}': it has {', '.join(order)}.")
         return tuple(dict.fromkeys(names))
+
+
+def above_words(config: FleetConfig) -> str:
+    """Return in words which height difference does instead of a horizontal distance; empty where none does.
+
+    Args:
+        config: the fleet.
+    """
+    share = parking_height_share(config)
+    return f", or {parking_distance_m(config) / share:.2f} m above each other" if share > 0.0 else ""
+
+
+def parking_height_share(config: FleetConfig, accuracy_m: float = 0.0) -> float:
+    """Metres of :func:`parking_distance_m` that a metre of height counts where vehicles hover above each other.
+
+    The law begins to act 0.20 m before the vertical separation, and vehicles hold their heights to some 5 cm.
+
+    Args:
+        config: the fleet.
+        accuracy_m: by which the law widens the vertical separation because of the vehicles' positions.
+    """
+    vertical_m = config.fleet.vertical_separation_m
+    return 0.0 if vertical_m is None else parking_distance_m(config) / (vertical_m + 0.25 + accuracy_m)
 
 
 def parking_distance_m(config: FleetConfig) -> float:

@@ -39,7 +39,7 @@ class FormationShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     file: str | None = None  # of an image or csv, relative to this file
     layers: int = 1  # slots take turns in so many heights, and keep their horizontal distance
     layer_height_m: float = 0.5  # from one height to the next
-    # true: the layers stand above each other. The law has no vertical separation yet, so such slots are refused
+    # true: the layers stand above each other, at least fleet.vertical_separation_m + 0.25 m from one to the next
     stacked: bool = False
 
 

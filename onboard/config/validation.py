@@ -12,12 +12,21 @@ from onboard.config import formation_shape, obstacles
 from onboard.config import mocap as mocap_config
 from onboard.config import radio as radio_config
 from onboard.config import sitl as sitl_profile
-from onboard.config.fleet_config import FleetConfig, Vehicle, parking_distance_m
+from onboard.config.fleet_config import (
+    FleetConfig,
+    FleetSection,
+    Vehicle,
+    above_words,
+    parking_distance_m,
+    parking_height_share,
+)
 from onboard.config.law import LawConfig
+from onboard.config.pair_separation import separation_m
 from onboard.config.toml_reading import ConfigError, bound_problems
 
 FLEET_BOUNDS: dict[str, tuple[float | str, float | str]] = {  # a word names another key
     "safety_distance_m": (0.1, 50.0),
+    "vertical_separation_m": (0.04, 50.0),
     "body_diameter_m": (0.02, "safety_distance_m"),
     "battery_warning_pct": ("battery_land_pct", 100.0),
     "battery_land_pct": (8.0, 100.0),
@@ -38,6 +47,8 @@ VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
     "max_acceleration_m_s2": (0.1, 10.0),
     "system_id": (1, 255),
 }
+# bodies between two heights: a vehicle one body above pushes with 8 % of the weight, one two bodies above with 3 %
+_LEAST_HEIGHT_BODIES = 2.0
 _AGENT_ENDPOINT = re.compile(r"(tcp|quic|tls|udp)/[A-Za-z0-9_.:\[\]-]+:\d{1,5}")
 _KEYED = ("quic/", "tls/")
 _NODE_NAMES = ("ground", "viewer", "mocap", "sitl", "router", "ca")  # of keys beside the vehicles' own
@@ -82,11 +93,30 @@ def _fleet_section_problems(config: FleetConfig) -> Iterator[str]:
         yield "'vehicles' is empty. Add at least one [vehicles.NAME]."
     for key, ends in FLEET_BOUNDS.items():
         low, high = (getattr(fleet, end) if isinstance(end, str) else end for end in ends)
-        yield from bound_problems(f"fleet.{key}", getattr(fleet, key), low, high)
+        value = getattr(fleet, key)
+        yield from () if value is None else bound_problems(f"fleet.{key}", value, low, high)
+    yield from _vertical_problems(fleet, config.law)
     for axis in ("x", "y", "z"):
         low, high = getattr(fleet.geofence_m, axis)
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             yield f"'fleet.geofence_m.{axis}' is [{low}, {high}]; give [low, high] with low < high."
+
+
+def _vertical_problems(fleet: FleetSection, law: LawConfig) -> Iterator[str]:
+    if fleet.vertical_separation_m is None:
+        return
+    least_m = _LEAST_HEIGHT_BODIES * fleet.body_diameter_m
+    if fleet.vertical_separation_m < least_m:
+        yield (
+            f"'fleet.vertical_separation_m' is {fleet.vertical_separation_m:g} m; a vehicle of fleet.body_diameter_m = "
+            f"{fleet.body_diameter_m:g} m blows down on whoever flies less than {least_m:g} m below it: a body's "
+            "height, and the reach of its downwash. Write that or more, or remove the key."
+        )
+    if law.name == "paper":
+        yield (
+            "'fleet.vertical_separation_m' is given, and 'law.name' is 'paper', which knows no heights. Remove "
+            "vertical_separation_m, or fly law.name = 'covey'."
+        )
 
 
 def _bus_problems(config: FleetConfig) -> Iterator[str]:
@@ -195,7 +225,7 @@ def _start_problems(config: FleetConfig) -> Iterator[str]:
 
 def _formation_problems(config: FleetConfig) -> Iterator[str]:
     yield from formation_shape.problems(config.shapes)
-    parking = parking_distance_m(config)
+    parking, above = parking_distance_m(config), above_words(config)
     for formation, slots in config.formations.items():
         for name in slots:
             if name not in config.vehicles:
@@ -204,9 +234,9 @@ def _formation_problems(config: FleetConfig) -> Iterator[str]:
                     f"({', '.join(config.vehicles)}). Correct the name."
                 )
         for first, second in itertools.combinations(slots, 2):
-            spacing = math.dist(slots[first][:2], slots[second][:2])
+            spacing = separation_m(slots[first], slots[second], parking_height_share(config))
             if spacing < parking:
                 yield (
                     f"slots 'formations.{formation}.{first}' and '.{second}' are {spacing:.2f} m apart; the "
-                    f"law '{config.law.name}' can park vehicles at {parking:.2f} m or more. Spread the slots."
+                    f"law '{config.law.name}' can park vehicles at {parking:.2f} m or more{above}. Spread the slots."
                 )

@@ -16,6 +16,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from onboard.avoidance import interface, oist
+from onboard.avoidance.heights import INTENT_S
 from onboard.avoidance.params import PAPER, Capsule, LawParams, law_params
 from onboard.avoidance.prediction import Motion
 from onboard.config.fleet import FleetConfig
@@ -295,7 +296,10 @@ def clock_rate(memory: PipelineMemory, position_enu_m: Vec3, goal: Goal, params:
 
 
 def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float) -> Vec3:
-    """Return the velocity that would lead straight to the goal or along the path, horizontal, at most the top speed.
+    """Return the velocity that would lead straight to the goal or along the path, at most the top speed.
+
+    Its vertical part is slower, and as far as it goes in ``INTENT_S`` is the way that is left: by it the others know
+    where a climb ends.
 
     Args:
         position_enu_m: predicted [m], ENU.
@@ -305,7 +309,8 @@ def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float) -> Vec3:
     x = _INTENT_1_S * (goal.position_enu_m.x - position_enu_m.x) + goal.clock_rate_frac * goal.velocity_enu_m_s.x
     y = _INTENT_1_S * (goal.position_enu_m.y - position_enu_m.y) + goal.clock_rate_frac * goal.velocity_enu_m_s.y
     share = max_speed_m_s / max(math.sqrt(x * x + y * y), max_speed_m_s)
-    return Vec3(share * x, share * y, 0.0)
+    z = (goal.position_enu_m.z - position_enu_m.z) / INTENT_S + goal.clock_rate_frac * goal.velocity_enu_m_s.z
+    return Vec3(share * x, share * y, min(max(z, -max_speed_m_s), max_speed_m_s))
 
 
 def _activity(activity: float, intervention_m_s2: float, params: PipelineParams, dt_s: float) -> float:

@@ -7,17 +7,24 @@ of a mission's step, or the positions of vehicles. ``covey check`` prints the fi
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterable, Mapping
 from typing import Literal
 
 import msgspec
 
-from onboard.config.fleet import FleetConfig, Vec3, Vehicle, parking_distance_m
+from onboard.config.fleet import FleetConfig, Vec3, Vehicle, above_words, parking_distance_m, parking_height_share
+from onboard.config.pair_separation import separation_m
 from onboard.feasibility import bounds
 from onboard.feasibility.bounds import ACCURACIES, Accuracy
 from onboard.feasibility.finding import Finding, at_least, worst, worst_first
-from onboard.feasibility.pair_checks import crowding, effective_margin_m, least_margin_m, pair_findings, parking_m
+from onboard.feasibility.pair_checks import (
+    crowding,
+    effective_margin_m,
+    height_accuracy_m,
+    least_margin_m,
+    pair_findings,
+    parking_m,
+)
 from onboard.feasibility.vehicle_checks import (
     available_m_s2,
     battery,
@@ -131,7 +138,7 @@ def start_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], accuracy: Accur
     Returns:
         the finding.
     """
-    spacing_m, pair = _closest(spots)
+    spacing_m, pair = _closest(spots, 0.0)  # all of them take off from below
     if fleet.law.name == "paper":
         bound_m, reason = parking_distance_m(fleet), "(8) of the paper at rest"
     elif fleet.law.name == "covey":
@@ -164,14 +171,14 @@ def spacing_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str, a
     Returns:
         the finding.
     """
-    spacing_m, pair = _closest(spots)
+    spacing_m, pair = _closest(spots, parking_height_share(fleet, height_accuracy_m(accuracy)))
     return at_least(
         f"spacing, {label}",
         spacing_m,
         parking_m(fleet, accuracy),
         "m",
         f"{label[0].upper()}{label[1:]}: {pair} are {{value}} apart; the law '{fleet.law.name}' can park "
-        f"vehicles, with estimates as accurate as '{accuracy.name}', {{relation}} {{bound}} apart",
+        f"vehicles, with estimates as accurate as '{accuracy.name}', {{relation}} {{bound}} apart{above_words(fleet)}",
         "Move the spots {difference} farther apart, or fly with a more accurate position.",
     )
 
@@ -230,7 +237,7 @@ def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) 
     )
 
 
-def _closest(spots: Mapping[str, Vec3]) -> tuple[float, str]:
-    """Return the smallest horizontal distance of any two, and their names."""
+def _closest(spots: Mapping[str, Vec3], height_share: float) -> tuple[float, str]:
+    """Return the smallest separation of any two, and their names."""
     pairs = itertools.combinations(spots, 2)
-    return min((math.dist(spots[a][:2], spots[b][:2]), f"{a} and {b}") for a, b in pairs)
+    return min((separation_m(spots[a], spots[b], height_share), f"{a} and {b}") for a, b in pairs)

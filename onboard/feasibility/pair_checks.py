@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from onboard.avoidance.heights import HEIGHT_SIGMAS
 from onboard.config.fleet import FleetConfig, Vehicle, parking_distance_m
 from onboard.feasibility import bounds
 from onboard.feasibility.bounds import LAG_ERROR_S, Accuracy, Response
@@ -279,6 +280,17 @@ def least_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
         margin [m].
     """
     return _MARGIN_SHARE * bounds.required_margin_m(accuracy, *_kappa_values(fleet))
+
+
+def height_accuracy_m(accuracy: Accuracy) -> float:
+    """Return by how much the law widens the vertical separation.
+
+    Args:
+        accuracy: of the vehicles' estimates.
+    Returns:
+        height [m].
+    """
+    return HEIGHT_SIGMAS * math.sqrt(2.0) * accuracy.position_std_m
 
 
 def parking_m(fleet: FleetConfig, accuracy: Accuracy) -> float:

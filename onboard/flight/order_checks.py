@@ -9,7 +9,8 @@ from typing import NamedTuple
 from onboard.autopilot import Vec3
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import LOCATE, Order, Telemetry
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import FleetConfig, FleetSection
+from onboard.config.pair_separation import separation_m
 from onboard.control.pipeline import Phase
 from onboard.flight import path_flight, takeover
 from onboard.flight.context import FlightContext
@@ -28,7 +29,7 @@ class OrderFacts(NamedTuple):
     view: FlightView
     fleet: FleetConfig
     others: Mapping[str, Telemetry]
-    distances_m: Mapping[str, float]  # to the others, horizontally
+    distances_m: Mapping[str, float]  # separations from the others
     not_ready: tuple[str, ...]  # of the preflight check for a take-off
     not_ready_in_air: Callable[[], tuple[str, ...]]  # of the one for a takeover; it is expensive
 
@@ -102,12 +103,20 @@ def _start(order: Order, facts: OrderFacts) -> str | None:
     if not limits.geofence_m.contains((x, y, height_m)):
         return f"Height {height_m:g} m at ({x:.2f}, {y:.2f}) m lies outside the geofence."
     for name, other in facts.others.items():
-        distance_m = math.hypot(other.position_enu_m[0] - x, other.position_enu_m[1] - y)
-        if other.is_position_valid and distance_m < limits.safety_distance_m:
+        # of all heights on the way up, the one that is nearest to the other vehicle
+        nearest = (x, y, min(max(other.position_enu_m[2], z), height_m))
+        distance_m = separation_m(other.position_enu_m, nearest, limits.height_share)
+        if not other.is_position_valid or distance_m >= limits.safety_distance_m:
+            continue
+        if limits.height_share > 0.0 and other.is_airborne:
             return (
-                f"{name} stands {distance_m:.2f} m away, nearer than the safety distance "
-                f"{limits.safety_distance_m:.2f} m: carry them apart."
+                f"{name} flies {math.dist(other.position_enu_m[:2], (x, y)):.2f} m beside the way up, at a height of "
+                f"{other.position_enu_m[2]:.2f} m: move {name} away, or order a lower take-off."
             )
+        return (
+            f"{name} stands {distance_m:.2f} m away, nearer than the safety distance "
+            f"{limits.safety_distance_m:.2f} m: carry them apart."
+        )
     return None
 
 
@@ -134,19 +143,22 @@ def _move(order: Order, facts: OrderFacts) -> str | None:
         # A flying neighbour may just have been ordered elsewhere; one on the ground, or landing, stays where it is.
         if other.is_airborne and other.state != "landing":
             continue
-        distance = math.hypot(other.position_enu_m[0] - goal[0], other.position_enu_m[1] - goal[1])
+        x, y, z = other.position_enu_m
+        if other.is_airborne:  # it lands, and claims all below itself
+            z = min(z, goal[2])
+        distance = separation_m((x, y, z), goal, limits.height_share)
         if other.is_position_valid and distance < limits.safety_distance_m:
             return f"Goal {text} is {distance:.2f} m from {name}, which is {other.state}: choose another goal."
     return None
 
 
-def goal_conflict(goal: Vec3, others: Mapping[str, Telemetry], distance_m: float) -> str | None:
+def goal_conflict(goal: Vec3, others: Mapping[str, Telemetry], limits: FleetSection) -> str | None:
     """Return the conflict with another flying vehicle's announced goal in a sentence, or None."""
     for name, other in others.items():
         if not other.is_airborne:
             continue
-        distance = math.hypot(other.goal_position_enu_m[0] - goal[0], other.goal_position_enu_m[1] - goal[1])
-        if distance < distance_m:
+        distance = separation_m(other.goal_position_enu_m, goal, limits.height_share)
+        if distance < limits.safety_distance_m:
             return (
                 f"The goal is {distance:.2f} m from the goal of {name}: the two vehicles cannot both be there. "
                 "Choose another goal."

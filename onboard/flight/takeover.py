@@ -38,7 +38,7 @@ def refusal(
 
     Args:
         not_ready: reasons of the preflight rules above.
-        distances_m: to the others, horizontally.
+        distances_m: separations from the others.
     """
     snapshot, speed_m_s = view.snapshot, math.hypot(*view.velocity_enu_m_s)
     if not snapshot.is_armed or snapshot.landed is Landed.ON_GROUND:

@@ -13,6 +13,7 @@ import numpy as np
 from onboard.arrays import Array, BoolArray, IntArray
 from onboard.bus.schema import MocapPose, StateMessage, Telemetry
 from onboard.config.fleet import FleetConfig, Vec3
+from onboard.config.pair_separation import separation_m
 from onboard.message_counts import MessageCounts
 from onboard.neighbours import subscription
 from onboard.neighbours.mocap_tracker import BodyTracker
@@ -342,16 +343,17 @@ class NeighbourTable:
         return {name: self._telemetry[name] for name in self.names if name in self._telemetry}
 
     def distances_m(self, position_enu_m: Vec3, now_ns: int) -> dict[str, float]:
-        """Return the horizontal distance to each vehicle that is followed, extrapolated up to the silence limit."""
-        x, y, _ = position_enu_m
+        """Return the separation from each vehicle that is followed, extrapolated up to the silence limit."""
+        share = self.fleet.fleet.height_share
         self.ages_s(now_ns)
-        motions = self.arrays.numbers[:, :5].tolist()
+        motions = self.arrays.numbers[:, :6].tolist()
         distances_m = {}
         for name, index, age_s in zip(self._followed, self._followed_indices, self._ages.followed_s, strict=True):
             if age_s < math.inf:
-                px, py, _, vx, vy = motions[index]
+                x, y, z, vx, vy, vz = motions[index]
                 ahead_s = min(age_s, SILENT_S)
-                distances_m[name] = math.hypot(px + ahead_s * vx - x, py + ahead_s * vy - y)
+                there = x + ahead_s * vx, y + ahead_s * vy, z + ahead_s * vz
+                distances_m[name] = separation_m(there, position_enu_m, share)
         return distances_m
 
     def snapshot(self, now_ns: int) -> list[Neighbour]:

@@ -22,6 +22,7 @@ from onboard.arrays import Array, BoolArray, IntArray
 from onboard.avoidance import (
     constraints,
     half_planes,
+    heights,
     interface,
     oist,
     oist_paper,
@@ -42,7 +43,19 @@ Compiled = Callable[..., Any]
 _MODULES: tuple[ModuleType, ...] = (
     *(vectors, frames, kalman, disturbance_observer, hover_thrust),
     *(trajectory, backstepping, allocation, pipeline),
-    *(law_params, prediction, pairs, half_planes, constraints, relaxation, projection, interface, oist, oist_paper),
+    *(
+        law_params,
+        prediction,
+        heights,
+        pairs,
+        half_planes,
+        constraints,
+        relaxation,
+        projection,
+        interface,
+        oist,
+        oist_paper,
+    ),
 )
 
 _ZERO_PARAMS = zero(pipeline.PipelineParams)

@@ -16,6 +16,7 @@ import numpy as np
 from onboard.arrays import Array, BoolArray
 from onboard.avoidance.params import Capsule, obstacles
 from onboard.config.fleet import FleetConfig
+from onboard.config.pair_separation import separations_m
 from onboard.control import pipeline
 from onboard.estimation import kalman
 from onboard.rollout import batch
@@ -44,6 +45,7 @@ class FleetModel:
     params: Sequence[pipeline.PipelineParams]  # N
     plants: Sequence[Plant]  # N
     obstacles: tuple[Capsule, ...] = ()
+    height_share: float = 0.0  # what a metre of height counts in a separation
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +54,7 @@ class RolloutResult:
 
     arrival_s: Array  # (F, L) when the last vehicle arrived, after the leg's start; inf: not in time
     trace_enu_m: Array  # (T, F, N, 3) true positions after each tick, until the last flight has ended
+    height_share: float = 0.0
 
     @property
     def is_success(self) -> BoolArray:
@@ -60,10 +63,11 @@ class RolloutResult:
 
     @property
     def min_separation_m(self) -> Array:
-        """Smallest true horizontal distance of any two vehicles (F,); infinite for one alone."""
+        """Smallest true separation of any two vehicles (F,); infinite for one alone."""
         first, second = np.triu_indices(self.trace_enu_m.shape[2], 1)
-        gaps = (position[:, first, :2] - position[:, second, :2] for position in self.trace_enu_m)
-        return np.asarray(np.min([np.linalg.norm(gap, axis=-1).min(-1, initial=np.inf) for gap in gaps], axis=0))
+        gaps = (position[:, first] - position[:, second] for position in self.trace_enu_m)
+        least = [separations_m(gap, self.height_share).min(-1, initial=np.inf) for gap in gaps]
+        return np.asarray(np.min(least, axis=0))
 
 
 def fleet_model(fleet: FleetConfig, names: Sequence[str], law: str | None = None) -> FleetModel:
@@ -80,6 +84,7 @@ def fleet_model(fleet: FleetConfig, names: Sequence[str], law: str | None = None
         [pipeline.pipeline_params(fleet, name, law) for name in names],
         [plant_of(fleet.vehicles[name]) for name in names],
         obstacles(fleet),
+        fleet.fleet.height_share,
     )
 
 
@@ -121,7 +126,7 @@ def fly(
         trace.append(vehicles.position.copy())
         if not legs.advance(vehicles.position):
             break
-    return RolloutResult(legs.arrival_s, np.array(trace))
+    return RolloutResult(legs.arrival_s, np.array(trace), model.height_share)
 
 
 class _Sensing:

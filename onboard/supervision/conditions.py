@@ -63,7 +63,7 @@ class TickContext:
     has_duplicate: bool = False  # another agent publishes for this vehicle
     is_disk_full: bool = False
     bus_age_s: float = 0.0  # since the last message of any neighbour
-    nearest_m: float = math.inf  # horizontal distance to the nearest vehicle
+    nearest_m: float = math.inf  # separation from the nearest vehicle
     law_status: int = 0  # of the last tick
     active_neighbour: int = -1  # index of the neighbour that the law keeps it from; -1 for none
     commanded_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)  # attitude setpoint sent last, in the fleet frame

@@ -20,6 +20,7 @@ from onboard.types import GRAVITY_M_S2
 _CONFIRM_TICKS = 2
 _BACK_NS = 2_000_000_000
 _NEAR_M = 5.0
+_CLIMB_S = 0.5  # for so long a climb or descent towards another is counted on
 _BRAKE_SHARE = 0.8
 _PREDICTED_SLACK_M = 0.03
 _PREDICTED_CHECKS = 2
@@ -49,6 +50,7 @@ class NeighbourMonitor:
     _leg_ticks: int = 0
     _leg: int = -1
     _braking_m_s2: float = field(init=False)
+    _vertical_m: float = field(init=False)  # vertical separation; infinite without one
     _own_hash: str = field(init=False)
 
     def __post_init__(self) -> None:
@@ -60,6 +62,8 @@ class NeighbourMonitor:
         tilt_rad = math.radians(self.vehicle.max_tilt_deg)
         self._braking_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(tilt_rad)
         self._own_hash = self.fleet.config_hash
+        vertical_m = self.fleet.fleet.vertical_separation_m
+        self._vertical_m = math.inf if vertical_m is None else vertical_m
 
     def check(
         self, active: set[Condition], view: FlightView, nearest_m: float, is_airborne: bool, active_neighbour: int
@@ -187,11 +191,16 @@ class NeighbourMonitor:
             self._add(active, Condition.SEPARATION_PREDICTED, endangered)
 
     def _is_endangered(self, row: NeighbourRow, view: FlightView) -> bool:
-        (x, y, _), (vx, vy, _) = view.position_enu_m, view.velocity_enu_m_s
-        other_x, other_y, _ = row.vector("position_enu_m")
-        other_vx, other_vy, _ = row.vector("velocity_enu_m_s")
+        (x, y, z), (vx, vy, vz) = view.position_enu_m, view.velocity_enu_m_s
+        other_x, other_y, other_z = row.vector("position_enu_m")
+        other_vx, other_vy, other_vz = row.vector("velocity_enu_m_s")
         apart_m = other_x - x, other_y - y
         if max(map(abs, apart_m)) >= _NEAR_M:
+            return False
+        apart_z_m = z - other_z
+        closing_m_s = (other_vz - vz) * math.copysign(1.0, apart_z_m)
+        claims_column = not row.is_cooperative and apart_z_m < 0.0  # it lands, falls or is silent above
+        if not claims_column and abs(apart_z_m) - _CLIMB_S * max(closing_m_s, 0.0) >= self._vertical_m:
             return False
         left_m = smallest_distance_m(
             apart_m,
