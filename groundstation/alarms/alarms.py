@@ -18,6 +18,7 @@ from groundstation.alarms.table import BY_TEXT, COVERED, RANKS, TABLE, Ground, K
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
+from onboard.config.pair_separation import separations_m
 from onboard.plain_text import plain_line
 from onboard.safety.failsafe_table import Condition
 
@@ -326,10 +327,9 @@ def _close_pairs(state: FleetState, limit_m: float, now_ns: int) -> Iterator[Ala
     names = [name for name, position in positions.items() if position is not None]
     if len(names) < 2:
         return
-    plan = np.array([position[:2] for position in positions.values() if position is not None])
+    spots = np.array([position for position in positions.values() if position is not None])
     is_flying = np.array([state.vehicles[name].is_airborne for name in names])
-    offset = plan[:, None] - plan[None]
-    distance_m = np.hypot(offset[..., 0], offset[..., 1])
+    distance_m = separations_m(spots[:, None] - spots[None], state.height_share)
     is_close = (distance_m < limit_m) & (is_flying[:, None] | is_flying[None])
     for one, two in np.argwhere(np.triu(is_close, 1)):
         what = f"{distance_m[one, two]:.2f} m apart, limit {limit_m:.2f} m"

@@ -60,7 +60,7 @@ def draw(folder: Path, out: Path | None = None) -> tuple[list[Path], bool]:
     from groundstation.figures.style import save, styled
 
     title = home.resolve().name
-    flight = from_samples(read(path, TOPICS), title=title, safety_distance_m=_safety_distance_m(home))
+    flight = from_samples(read(path, TOPICS), title=title, **_limits(home))
     if flight is None:
         raise ConfigError(
             f"{path}: no vehicle's ticks are in this record, so there is nothing to draw. It was cut off at its "
@@ -83,14 +83,15 @@ def is_complete(path: Path) -> bool:
         return size > 2 * len(_MAGIC) and file.read() == _MAGIC
 
 
-def _safety_distance_m(home: Path) -> float:
+def _limits(home: Path) -> dict[str, float]:
     """From the fleet file in the flight folder; the paper's without one."""
     for path in sorted(home.glob("*.toml")):
         try:
             with path.open("rb") as file:
                 is_fleet = "vehicles" in tomllib.load(file)
             if is_fleet:
-                return load_fleet(path).fleet.safety_distance_m
+                fleet = load_fleet(path).fleet
+                return {"safety_distance_m": fleet.safety_distance_m, "height_share": fleet.height_share}
         except (ConfigError, tomllib.TOMLDecodeError, UnicodeDecodeError):
             continue
-    return _DEFAULT_SAFETY_DISTANCE_M
+    return {"safety_distance_m": _DEFAULT_SAFETY_DISTANCE_M}

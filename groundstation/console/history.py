@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.fleet.state import FleetState, VehicleView
+from onboard.config.pair_separation import separations_m
 
 TRAIL_LENGTH, _LEAST_TRAIL, _ALL_TRAILS = 600, 80, 12_000  # points of one, and of all together
 CHART_LENGTH = 3000
@@ -26,7 +27,7 @@ _REFILLED_FRAC = 0.03
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two vehicles and their horizontal distance."""
+    """Two vehicles and their separation."""
 
     first: str
     second: str
@@ -91,7 +92,9 @@ class History:
         if abs(now_ns - self._compared_ns) < _PACE_NS:
             return
         self._compared_ns = now_ns
-        self.pairs = closest_pairs([(state.vehicles[name], position) for name, position in known.items()])
+        self.pairs = closest_pairs(
+            [(state.vehicles[name], position) for name, position in known.items()], height_share=state.height_share
+        )
         if state.airborne_names:
             self.first_flight_s = now_s if self.first_flight_s is None else self.first_flight_s
             if self.pairs and self.pairs[0].is_flying:
@@ -140,37 +143,41 @@ class History:
         self.drains[name] = Drain(per_min, left_min)
 
 
-def closest_pairs(known: list[tuple[VehicleView, tuple[float, float, float]]], most: int = PAIRS) -> list[Pair]:
+def closest_pairs(
+    known: list[tuple[VehicleView, tuple[float, float, float]]], most: int = PAIRS, *, height_share: float = 0.0
+) -> list[Pair]:
     """Return the closest pairs of vehicles, pairs with one in the air before all others.
 
     Args:
         known: views and positions [m], ENU.
         most: number of pairs.
+        height_share: what a metre of height counts in a separation.
     """
     if len(known) < 2:
         return []
-    points = np.array([position[:2] for _, position in known])
-    speeds = np.array([view.telemetry.velocity_enu_m_s[:2] if view.telemetry else (0.0, 0.0) for view, _ in known])
+    points = np.array([position for _, position in known])
+    speeds = np.array([view.telemetry.velocity_enu_m_s if view.telemetry else (0.0, 0.0, 0.0) for view, _ in known])
     flies = np.array([view.is_airborne for view, _ in known])
     one, two = _pairs_of(len(known))
     gap = points[two] - points[one]
-    distance = np.hypot(gap[:, 0], gap[:, 1])
+    distance = separations_m(gap, height_share)
     any_flies = flies[one] | flies[two]
     rank = np.where(any_flies, distance, distance + FAR_M * 4)
     least = np.argpartition(rank, most)[:most] if len(rank) > most else np.arange(len(rank))
     pairs = []
     for index in least[np.argsort(rank[least], kind="stable")].tolist():
         drift = speeds[two[index]] - speeds[one[index]]
-        speed_2 = float(drift @ drift)
-        approach_s = -float(gap[index] @ drift) / speed_2 if 1e-4 < speed_2 < FAR_M else -1.0
+        speed_2 = float(drift[:2] @ drift[:2])
+        approach_s = -float(gap[index, :2] @ drift[:2]) / speed_2 if 1e-4 < speed_2 < FAR_M else -1.0
         is_closing = approach_s > 0.0
+        ahead = gap[index] + (approach_s * drift if is_closing else 0.0)
         pairs.append(
             Pair(
                 known[one[index]][0].name,
                 known[two[index]][0].name,
                 float(distance[index]),
                 approach_s if is_closing else math.inf,
-                float(np.hypot(*(gap[index] + approach_s * drift))) if is_closing else float(distance[index]),
+                float(separations_m(ahead, height_share)),
                 bool(any_flies[index]),
             )
         )

@@ -18,6 +18,7 @@ from groundstation.console.theme import BAD, CALM, FAINT, GOOD, RULE, TEXT, WARN
 from groundstation.console.vehicle_subject import Text, VehicleSubject
 from groundstation.fleet.state import FleetState
 from onboard.bus.schema import Telemetry
+from onboard.config.pair_separation import separation_m
 from onboard.message_counts import in_words
 from onboard.safety.failsafe_table import WORDS, Action
 
@@ -169,7 +170,9 @@ def _neighbours(subject: VehicleSubject, width: int) -> list[Text | Strip]:
             continue
         spot = view.position_enu_m(subject.now_ns)
         own_view_m = tick.neighbour_distances_m.get(name, math.nan) if tick is not None else math.nan
-        reported_m = math.dist(own[:2], spot[:2]) if own is not None and spot is not None else math.nan
+        reported_m = math.nan
+        if own is not None and spot is not None:
+            reported_m = separation_m(own, spot, subject.state.height_share)
         age_s = tick.neighbour_ages_s.get(name, math.nan) if tick is not None else math.nan
         distance_m = reported_m if math.isfinite(reported_m) else own_view_m
         rows.append((distance_m if math.isfinite(distance_m) else math.inf, name, own_view_m, age_s))

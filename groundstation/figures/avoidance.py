@@ -88,7 +88,10 @@ def _draw_distances(ax: Any, flight: FlightData) -> None:
             fontsize=9.5,
         )
     ax.set_ylim(0.0, 1.08 * ax.get_ylim()[1])
-    ax.set_title(f"horizontal distance between centres, while one of the two flies (by {flight.source})", loc="left")
+    what = "horizontal distance between centres"
+    if flight.height_share > 0.0:
+        what = f"separation (a metre of height counts {flight.height_share:.2f} m)"
+    ax.set_title(f"{what}, while one of the two flies (by {flight.source})", loc="left")
     ax.set_ylabel("distance [m]")
     ax.set_xlabel("time since take-off [s]")
 

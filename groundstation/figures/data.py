@@ -10,6 +10,7 @@ import numpy as np
 
 from groundstation.recording.reader import MAX_FLIGHT_NS, Sample, is_number, is_vector, of_one_flight
 from onboard.arrays import Array
+from onboard.config.pair_separation import separations_m
 
 TOPICS = ("truth", "tick", "telemetry")
 GRID_S = 0.02
@@ -49,7 +50,7 @@ class Pair:
 
     first: str
     second: str
-    distance_m: Array  # horizontal, on the flight's grid; NaN while neither flies
+    distance_m: Array  # separation, on the flight's grid; NaN while neither flies
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +63,7 @@ class FlightData:
     grid_s: Array  # (n,): common time axis
     pairs: tuple[Pair, ...]
     take_off_s: float  # zero of all times here, in the record's own seconds, as replay and verdict count
+    height_share: float = 0.0  # what a metre of height counts in a separation
 
     @property
     def source(self) -> str:
@@ -77,13 +79,16 @@ class FlightData:
         return pair, int(np.nanargmin(pair.distance_m))
 
 
-def from_samples(samples: Iterable[Sample], *, title: str, safety_distance_m: float) -> FlightData | None:
+def from_samples(
+    samples: Iterable[Sample], *, title: str, safety_distance_m: float, height_share: float = 0.0
+) -> FlightData | None:
     """Convert the samples of a record.
 
     Args:
         samples: of the topics in TOPICS.
         title: of the flight.
         safety_distance_m: limit between two vehicles [m].
+        height_share: what a metre of height counts in a separation.
 
     Returns:
         The flight; None when no vehicle has two ticks.
@@ -110,7 +115,8 @@ def from_samples(samples: Iterable[Sample], *, title: str, safety_distance_m: fl
     record_ns = min(own[0].stamp_ns for kinds in rows.values() for own in kinds.values() if own)
     take_off_s = (start_ns - record_ns) * 1e-9
     title = f"{title} (take-off at {take_off_s:.1f} s of the record)"
-    return FlightData(title, tracks, safety_distance_m, grid_s, _pairs(tracks, grid_s), take_off_s)
+    pairs = _pairs(tracks, grid_s, height_share)
+    return FlightData(title, tracks, safety_distance_m, grid_s, pairs, take_off_s, height_share)
 
 
 def _start_ns(truth: dict[str, list[Sample]], ticks: dict[str, list[Sample]]) -> int:
@@ -180,12 +186,12 @@ def _slots(telemetry: list[Sample]) -> Array:
     return np.array(slots, np.float64).reshape(-1, 3)
 
 
-def _pairs(tracks: tuple[Track, ...], grid_s: Array) -> tuple[Pair, ...]:
+def _pairs(tracks: tuple[Track, ...], grid_s: Array, height_share: float) -> tuple[Pair, ...]:
     paths = {track.name: track.path_at(grid_s) for track in tracks}
     pairs = []
     for first, second in itertools.combinations(paths, 2):
         one, two = paths[first], paths[second]
-        distance_m = np.hypot(one[:, 0] - two[:, 0], one[:, 1] - two[:, 1])
+        distance_m = separations_m(one - two, height_share)
         in_air = (one[:, 2] > _AIRBORNE_Z_M) | (two[:, 2] > _AIRBORNE_Z_M)
         pairs.append(Pair(first, second, np.where(in_air, distance_m, np.nan)))
     return tuple(pairs)

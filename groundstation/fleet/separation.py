@@ -1,32 +1,39 @@
-"""Horizontal separation of a whole fleet at once. Pure."""
+"""Separation of a whole fleet at once. Pure."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from onboard.config.pair_separation import separations_m
+
 
 def closest_pair(
-    position_enu_m: NDArray[np.float64], is_up: NDArray[np.bool_], is_updated: NDArray[np.bool_], below_m: float
+    position_enu_m: NDArray[np.float64],
+    is_up: NDArray[np.bool_],
+    is_updated: NDArray[np.bool_],
+    below_m: float,
+    height_share: float,
 ) -> tuple[int, int, float] | None:
     """Find the closest two vehicles, one of which flies and one of which was just updated.
 
     Only the rows of updated vehicles are compared: the pairs of a large fleet are many.
 
     Args:
-        position_enu_m: horizontal positions (n, 2) [m].
+        position_enu_m: positions (n, 3) [m].
         is_up: whether each flies (n,).
         is_updated: whether each position is new (n,).
-        below_m: only distances below this one [m].
+        below_m: only separations below this one [m].
+        height_share: what a metre of height counts.
 
     Returns:
-        Both indices and the distance [m]; None when no two are that close.
+        Both indices and the separation [m]; None when no two are that close.
     """
     rows = np.flatnonzero(is_updated)
     if not len(rows) or not is_up.any():
         return None
     offset = position_enu_m[rows, None] - position_enu_m[None]
-    distance_m = np.hypot(offset[..., 0], offset[..., 1])
+    distance_m = separations_m(offset, height_share)
     distance_m[~(is_up[rows, None] | is_up[None])] = np.inf
     distance_m[np.arange(len(rows)), rows] = np.inf
     row, other = divmod(int(distance_m.argmin()), len(position_enu_m))

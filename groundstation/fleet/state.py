@@ -23,6 +23,7 @@ from onboard.bus.codec import Malformed
 from onboard.bus.schema import Event, Light, Message, PreflightReport, Telemetry, Truth, Vec3
 from onboard.bus.topics import TOPICS, Topic
 from onboard.config.fleet import FleetConfig
+from onboard.config.pair_separation import separation_m
 
 MAX_EVENTS = 500
 GROUND_STALLED = "ground_stalled"  # code of the ground's event: it stood still itself
@@ -53,7 +54,7 @@ Received = tuple[Message | Malformed | NodeSeen | NotUsed, int]  # and when it w
 
 
 class Separation(Struct, frozen=True):
-    """Horizontal distance between the centres of two vehicles."""
+    """Separation of two vehicles, as ``onboard.config.pair_separation`` defines it."""
 
     first: str
     second: str
@@ -136,6 +137,7 @@ class FleetState(Struct, frozen=True):
     dropped: int = 0
     late: int = 0
     disabled: frozenset[str] = frozenset()  # vehicles that the fleet file disables
+    height_share: float = 0.0  # what a metre of height counts in a separation
     stalled_ns: int = _NEVER  # this ground itself stood still until then
 
     def is_after_stall(self, now_ns: int) -> bool:
@@ -152,7 +154,7 @@ class FleetState(Struct, frozen=True):
         positions = [(name, view.position_enu_m(now_ns)) for name, view in self.vehicles.items()]
         known = [(name, position) for name, position in positions if position is not None]
         pairs = (
-            Separation(one, two, math.dist(p[:2], q[:2]), now_ns)
+            Separation(one, two, separation_m(p, q, self.height_share), now_ns)
             for (one, p), (two, q) in itertools.combinations(known, 2)
         )
         return min(pairs, key=lambda pair: pair.distance_m, default=None)
@@ -172,7 +174,7 @@ def initial(fleet: FleetConfig) -> FleetState:
     """Return the state before the first message."""
     enabled = fleet.enabled_names
     vehicles = MappingProxyType({name: VehicleView(name) for name in enabled})
-    return FleetState(vehicles, disabled=frozenset(fleet.vehicles).difference(enabled))
+    return FleetState(vehicles, disabled=frozenset(fleet.vehicles) - {*enabled}, height_share=fleet.fleet.height_share)
 
 
 def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
@@ -298,10 +300,11 @@ def _compared(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
         return state
     known = [(view, at) for view in state.vehicles.values() if (at := view.position_enu_m(now_ns)) is not None]
     pair = closest_pair(
-        np.array([position[:2] for _, position in known]),
+        np.array([position for _, position in known]),
         np.array([view.is_airborne for view, _ in known]),
         np.array([view.name in updated for view, _ in known]),
         math.inf if state.smallest is None else state.smallest.distance_m,
+        state.height_share,
     )
     if pair is None:
         return state
@@ -344,17 +347,17 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
         return state
     state = replace(state, vehicles=MappingProxyType(vehicles))
     known = [view.truth for view in vehicles.values() if view.truth is not None and view.has_truth(now_ns)]
-    # older samples are carried to the newest one's stamp
-    newest_ns = max([truth.stamp_ns for truth in known])
-    position_enu_m = np.array([t.position_enu_m for t in known])[:, :2]
+    newest_ns = max([truth.stamp_ns for truth in known])  # older samples are carried to it
+    position_enu_m = np.array([t.position_enu_m for t in known])
     if any(truth.stamp_ns != newest_ns for truth in known):
         ahead_s = np.array([(newest_ns - truth.stamp_ns) * 1e-9 for truth in known])
-        position_enu_m = position_enu_m + ahead_s[:, None] * np.array([t.velocity_enu_m_s for t in known])[:, :2]
+        position_enu_m = position_enu_m + ahead_s[:, None] * np.array([t.velocity_enu_m_s for t in known])
     pair = closest_pair(
         position_enu_m,
         np.array([not truth.is_on_ground for truth in known]),
         np.array([truth.vehicle in updated for truth in known]),
         math.inf if state.smallest_truth is None else state.smallest_truth.distance_m,
+        state.height_share,
     )
     if pair is None:
         return state

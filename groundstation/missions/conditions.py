@@ -9,6 +9,7 @@ from typing import NamedTuple
 from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.missions.verdict import is_landed
 from onboard.config.fleet import Vec3
+from onboard.config.pair_separation import separation_m
 
 ARRIVED_M = 0.15
 
@@ -53,7 +54,7 @@ def reached(goals: Mapping[str, Vec3], within_m: float = ARRIVED_M) -> Condition
 
 
 def separation_above(distance_m: float) -> Condition:
-    """No two vehicles of which one flies are nearer to each other than this, horizontally, by telemetry.
+    """No two vehicles of which one flies are nearer to each other than this, by telemetry: their separation.
 
     Args:
         distance_m: between centres [m].
@@ -66,7 +67,7 @@ def separation_above(distance_m: float) -> Condition:
 
 
 def separation_below(distance_m: float) -> Condition:
-    """Two vehicles of which one flies are nearer to each other than this, horizontally, by telemetry.
+    """Two vehicles of which one flies are nearer to each other than this, by telemetry: their separation.
 
     Args:
         distance_m: between centres [m].
@@ -179,7 +180,7 @@ def _closest_m(moment: Moment) -> float:
     spots = [(view.is_airborne, at) for view, at in known if at is not None]
     return min(
         (
-            math.dist(one[:2], other[:2])
+            separation_m(one, other, moment.state.height_share)
             for k, (flies, one) in enumerate(spots)
             for other_flies, other in spots[:k]
             if flies or other_flies

@@ -29,7 +29,7 @@ def final_verdict(
     """
     record: FlightReport | None = None
     with contextlib.suppress(ConfigError):
-        record = report(folder)
+        record = report(folder, flown.fleet.fleet.height_share)
     name = str(folder) if record is not None else ""
     verdict = judge(flown, expect, record, name, begin_ns=begin_ns, record_failure=record_failure)
     failure = write_json(folder / "verdict.json", verdict)

@@ -93,6 +93,7 @@ class Verdict(msgspec.Struct, frozen=True):
     is_interrupted: bool = False
     record: str = ""
     schema: int = 1
+    vertical_separation_m: float | None = None  # counts as much as the safety distance, where it is set
 
     @property
     def sentences(self) -> list[str]:
@@ -247,7 +248,9 @@ def judge(
     collided = sorted(touched.union(report.collided if report is not None else ()))
     landed = {name: is_landed(state, name) for name in fleet.enabled_names}
     checks = check(expect, fleet, closest, flown.arrivals, landed, collided)
-    is_collision = bool(collided) or (closest is not None and closest.distance_m < fleet.fleet.body_diameter_m)
+    is_collision = bool(collided)
+    if closest is not None and fleet.fleet.vertical_separation_m is None:  # with heights only the emulator knows
+        is_collision = is_collision or closest.distance_m < fleet.fleet.body_diameter_m
     broken = " ".join(filter(None, (flown.failure, _still_up(state, expect), record_failure)))
     lost = [{name: step.vehicles[name] for name in step.vehicles if name not in flown.left_out} for step in flown.steps]
     failed = [step for step in lost if any(phase != "done" for phase in step.values())]
@@ -289,6 +292,7 @@ def judge(
         duration_s=round((flown.end_ns - flown.begin_ns) * 1e-9, 2),
         is_interrupted=flown.is_interrupted,
         record=record,
+        vertical_separation_m=fleet.fleet.vertical_separation_m,
     )
 
 
@@ -298,9 +302,11 @@ def describe(verdict: Verdict) -> list[str]:
     if verdict.closest is not None:
         near = verdict.closest
         by = "" if near.source == "truth" else ", by telemetry"
+        height_m = verdict.vertical_separation_m
+        measure = f"apart ({height_m:g} m of height count as the safety distance)" if height_m else "between centres"
         touch = ": THEY COLLIDED" if verdict.is_collision else ""
         lines.append(
-            f"Closest: {near.first} and {near.second}, {near.distance_m:.2f} m between centres, "
+            f"Closest: {near.first} and {near.second}, {near.distance_m:.2f} m {measure}, "
             f"at {near.time_s:.1f} s{by}{touch}."
         )
     if verdict.arrivals:

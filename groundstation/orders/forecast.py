@@ -16,6 +16,7 @@ from groundstation.orders.grammar import Intent
 from onboard.arrays import Array
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import FleetConfig
+from onboard.config.pair_separation import separations_m
 from onboard.rollout.closed_loop import Scenario, fleet_model, fly
 from onboard.rollout.vehicle_model import Perturbation
 from onboard.types import TICK_S
@@ -44,10 +45,10 @@ class Forecast:
     """The worst of several perturbed flights."""
 
     paths_enu_m: Mapping[str, Sequence[Vec3]] = field(default_factory=dict)  # per vehicle, evenly in time
-    closest_m: float = math.inf  # smallest horizontal distance; infinite with fewer than two vehicles
+    closest_m: float = math.inf  # smallest separation; infinite with fewer than two vehicles
     pair: tuple[str, str] = ("", "")  # that comes so close
     closest_s: float = 0.0  # time of it
-    now_m: float = math.inf  # smallest horizontal distance now
+    now_m: float = math.inf  # smallest separation now
     duration_s: float = 0.0  # until all have arrived; infinite when one does not
     outside: tuple[str, ...] = ()  # vehicles that leave the fence on the way
 
@@ -88,8 +89,8 @@ def forecast(fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = 
     )
     worst = int(flight.min_separation_m.argmin()) if len(names) > 1 else int(flight.arrival_s[:, 0].argmax())
     trace = flight.trace_enu_m[:, worst]
-    closest_m, pair, closest_s = _closest(trace, names)
-    now_m, _, _ = _closest(start[None], names)
+    closest_m, pair, closest_s = _closest(trace, names, fleet.fleet.height_share)
+    now_m, _, _ = _closest(start[None], names, fleet.fleet.height_share)
     arrival_s = float(flight.arrival_s.max())
     fence = fleet.fleet.geofence_m
     low, high = np.array([[axis[side] for axis in (fence.x, fence.y, fence.z)] for side in (0, 1)])
@@ -138,12 +139,12 @@ def objections(predicted: Forecast, intent: Intent, fleet: FleetConfig) -> tuple
     return tuple(reasons)
 
 
-def _closest(trace: Array, names: Sequence[str]) -> tuple[float, tuple[str, str], float]:
-    """Smallest horizontal distance over a trace (T, N, 3), its pair, and its time [s]."""
+def _closest(trace: Array, names: Sequence[str], height_share: float) -> tuple[float, tuple[str, str], float]:
+    """Smallest separation over a trace (T, N, 3), its pair, and its time [s]."""
     first, second = np.triu_indices(len(names), 1)
     if not len(first) or not len(trace):
         return math.inf, ("", ""), 0.0
-    gap_m = np.linalg.norm(trace[:, first, :2] - trace[:, second, :2], axis=-1)
+    gap_m = separations_m(trace[:, first] - trace[:, second], height_share)
     step, index = divmod(int(gap_m.argmin()), len(first))
     return float(gap_m[step, index]), (names[first[index]], names[second[index]]), step * TICK_S
 

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from groundstation.fleet.state import FleetState
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import Results
-from onboard.config.fleet import FleetConfig, Vec3, parking_distance_m
+from onboard.config.fleet import FleetConfig, Vec3, parking_distance_m, parking_height_share
+from onboard.config.pair_separation import separation_m
 
 _BLOCKED = ("unfinished", "timed out")
 _NEAR_WALL_M = 0.5
@@ -63,10 +64,10 @@ def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Vec3, now
 def _neighbours(
     fleet: FleetConfig, state: FleetState, name: str, position: Vec3, goal: Vec3, now_ns: int
 ) -> Iterator[tuple[float, str]]:
-    room_m = parking_distance_m(fleet)
+    room_m, share = parking_distance_m(fleet), parking_height_share(fleet)
     for other, view in state.vehicles.items():
         at = view.position_enu_m(now_ns) if other != name else None
-        if at is None or not view.is_airborne or _distance_m(at, position, goal) >= room_m:
+        if at is None or not view.is_airborne or _distance_m(at, position, goal, share) >= room_m:
             continue
         away_m, from_goal_m = math.dist(at[:2], position[:2]), math.dist(at[:2], goal[:2])
         yield away_m, f"{other}, {away_m:.2f} m from it and {from_goal_m:.2f} m from the goal"
@@ -87,10 +88,12 @@ def _walls(fleet: FleetConfig, position: Vec3, goal: Vec3) -> Iterator[tuple[flo
             yield away_m, f"the fence at {axis} = {end:g} m, {away_m:.2f} m from it"
 
 
-def _distance_m(point: Vec3, begin: Vec3, end: Vec3) -> float:
-    """Return the horizontal distance of a point from the straight way between two others."""
+def _distance_m(point: Vec3, begin: Vec3, end: Vec3, height_share: float) -> float:
+    """Return the separation of a point from the straight way between two others."""
     way = (end[0] - begin[0], end[1] - begin[1])
     length_2 = way[0] ** 2 + way[1] ** 2
     along = (point[0] - begin[0]) * way[0] + (point[1] - begin[1]) * way[1]
     share = min(max(along / length_2, 0.0), 1.0) if length_2 > 0.0 else 0.0
-    return math.dist(point[:2], (begin[0] + share * way[0], begin[1] + share * way[1]))
+    low, high = sorted((begin[2], end[2]))  # at some time on the way it has each height between
+    nearest = begin[0] + share * way[0], begin[1] + share * way[1], min(max(point[2], low), high)
+    return separation_m(point, nearest, height_share)

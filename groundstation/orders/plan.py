@@ -18,7 +18,8 @@ from groundstation.formations.assignment import nearest_slots
 from groundstation.formations.slots import formation_slots, stretched
 from groundstation.orders.grammar import DEFAULT_HEIGHT_M, USAGE, Intent
 from onboard.bus.schema import Order, OrderKind, Vec3
-from onboard.config.fleet import ConfigError, FleetConfig, parking_distance_m
+from onboard.config.fleet import ConfigError, FleetConfig, above_words, parking_distance_m, parking_height_share
+from onboard.config.pair_separation import separation_m
 
 ORDER_LIFE_S = 2.0
 _MIN_HEIGHT_M = 0.2
@@ -347,11 +348,14 @@ def _goal_refusals(
             )
     for name, goal in goals.items():
         for other, position, noun in _others(name, goals, state, now_ns):
-            distance_m = math.dist(goal[:2], position[:2])
+            distance_m = separation_m(goal, position, parking_height_share(fleet))
             if distance_m < parking_m:
+                distance_m = math.dist(goal[:2], position[:2])
                 above_m = abs(goal[2] - position[2])
                 high = f" and {above_m:.1f} m above or below it" if above_m > _OTHER_HEIGHT_M else ""
-                anyhow = ", horizontally at any height: it has no vertical separation" if high else ""
+                anyhow = above_words(fleet)
+                if high and not anyhow:
+                    anyhow = ", horizontally at any height: it has no vertical separation"
                 refusals.setdefault(
                     name,
                     f"{name}: its goal is {distance_m:.2f} m from {other}'s {noun}{high}; the law '{fleet.law.name}' "

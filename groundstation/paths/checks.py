@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.config.fleet import FleetConfig, parking_distance_m
+from onboard.config.fleet import FleetConfig, above_words, parking_distance_m, parking_height_share
 from onboard.control.path import Path, sampled
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
 from onboard.types import GRAVITY_M_S2
@@ -75,23 +75,32 @@ def bound_m(fleet: FleetConfig) -> float:
     return parking_distance_m(fleet) - _PARKING_MORE_M
 
 
-def closest_pairs(flown: SampledPaths, below_m: float) -> list[Closest]:
-    """Return each pair that comes nearer than a distance, once, the nearest first; the nearest of all in any case."""
+def closest_pairs(flown: SampledPaths, below_m: float, height_share: float = 0.0) -> list[Closest]:
+    """Return each pair that comes nearer than a separation, once, the nearest first; the nearest of all in any case.
+
+    Args:
+        flown: the paths.
+        below_m: the separation [m].
+        height_share: what a metre of height counts.
+    """
     first, second = np.triu_indices(len(flown.names), 1)
     best = np.full(len(first), np.inf)
     when = np.zeros(len(first), np.int64)
-    xy = flown.values[0, :, :, :2]
+    xy, z = flown.values[0, :, :, :2], flown.values[0, :, :, 2]
     for begin in range(0, len(xy) - 1, _BLOCK):
         gap = xy[begin : begin + _BLOCK + 1][:, first] - xy[begin : begin + _BLOCK + 1][:, second]
         step = np.diff(gap, axis=0)
         along = -(gap[:-1] * step).sum(-1) / np.maximum((step**2).sum(-1), 1e-12)
         near = gap[:-1] + np.clip(along, 0.0, 1.0)[..., None] * step
         distance = np.sqrt((near**2).sum(-1))
+        if height_share > 0.0:  # at the smallest height difference of each step: never too much
+            height = z[begin : begin + _BLOCK + 1][:, first] - z[begin : begin + _BLOCK + 1][:, second]
+            least = np.where(height[:-1] * height[1:] > 0.0, np.minimum(abs(height[:-1]), abs(height[1:])), 0.0)
+            distance = np.maximum(distance, height_share * least)
         index = distance.argmin(0)
         smallest = distance[index, np.arange(len(first))]
         is_new = smallest < best
         best[is_new], when[is_new] = smallest[is_new], begin + index[is_new]
-    z = flown.values[0, :, :, 2]
     return [
         Closest(
             float(best[k]),
@@ -217,7 +226,8 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
 
 def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str) -> Finding:
     least_m = bound_m(fleet)
-    pairs = closest_pairs(flown, least_m)
+    above = above_words(fleet)
+    pairs = closest_pairs(flown, least_m, parking_height_share(fleet))
     listed = listed_words([pair_words(one) for one in pairs])
     return at_least(
         f"path spacing, {where}",
@@ -225,8 +235,10 @@ def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str) -> Finding:
         least_m,
         "m",
         f"{where[0].upper()}{where[1:]}: the paths come to {{value}} ({listed}); the law '{fleet.law.name}' needs "
-        "{relation} {bound}, horizontally at any height",
-        "Move these paths apart: there is no vertical separation, vehicles do not fly above each other.",
+        f"{{relation}} {{bound}}{above or ', horizontally at any height'}",
+        "Move these paths apart, in height or beside each other."
+        if above
+        else "Move these paths apart: there is no vertical separation, vehicles do not fly above each other.",
     )
 
 

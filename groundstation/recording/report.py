@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from groundstation.fleet.state import Separation
 from groundstation.recording.reader import Sample, is_vector, of_one_flight, read
+from onboard.config.pair_separation import separations_m
 
 MAX_GAP_S = 0.25
 PERIOD_NOMINAL_MS = 20.0
@@ -50,11 +51,12 @@ class FlightReport:
     duration_s: float
 
 
-def report(folder: Path) -> FlightReport:
+def report(folder: Path, height_share: float = 0.0) -> FlightReport:
     """Evaluate a record.
 
     Args:
         folder: flight folder.
+        height_share: what a metre of height counts in a separation, ``FleetSection.height_share``.
 
     Returns:
         Its figures.
@@ -73,7 +75,7 @@ def report(folder: Path) -> FlightReport:
         elif is_vector(values.get("position_enu_m"), 3):
             truths[sample.name].append(sample)
     tracks = {name: track([_row(one) for one in of_one_flight(samples)]) for name, samples in truths.items()}
-    pairs = separations(tracks)
+    pairs = separations(tracks, height_share)
     stamps = [value.stamp_ns for value in tracks.values()]
     begin_ns = min((int(value[0]) for value in stamps), default=0)
     end_ns = max((int(value[-1]) for value in stamps), default=0)
@@ -104,14 +106,15 @@ def track(rows: list[tuple[int, list[float], bool, bool]]) -> TrueMotion:
     )
 
 
-def separations(tracks: dict[str, TrueMotion]) -> dict[str, Separation]:
-    """Find the smallest horizontal distance of each pair while at least one of the two flies.
+def separations(tracks: dict[str, TrueMotion], height_share: float = 0.0) -> dict[str, Separation]:
+    """Find the smallest separation of each pair while at least one of the two flies.
 
     The distance is evaluated at both vehicles' stamps. Between samples positions are interpolated; gaps longer than
     MAX_GAP_S are left out.
 
     Args:
         tracks: true motion of each vehicle.
+        height_share: what a metre of height counts.
 
     Returns:
         Smallest separations by "FIRST-SECOND".
@@ -128,7 +131,7 @@ def separations(tracks: dict[str, TrueMotion]) -> dict[str, Separation]:
         is_flying = ~(_on_ground(first, stamps) & _on_ground(second, stamps))
         stamps = stamps[is_valid & is_flying]
         if stamps.size:
-            distance_m = np.linalg.norm(_at(first, stamps) - _at(second, stamps), axis=-1)
+            distance_m = separations_m(_at(first, stamps) - _at(second, stamps), height_share)
             index = int(np.argmin(distance_m))
             smallest_m, stamp_ns = float(distance_m[index]), int(stamps[index])
             closest[f"{one}-{two}"] = Separation(one, two, smallest_m, stamp_ns, is_truth=True)
@@ -147,7 +150,7 @@ def loop_timing(periods_ms: list[float]) -> LoopTiming:
 def _at(value: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
     origin = value.stamp_ns[0]  # int64 nanoseconds do not fit into a double; differences do
     times, known = (stamps - origin).astype(np.float64), (value.stamp_ns - origin).astype(np.float64)
-    return np.stack([np.interp(times, known, value.position_enu_m[:, axis]) for axis in (0, 1)], axis=-1)
+    return np.stack([np.interp(times, known, value.position_enu_m[:, axis]) for axis in (0, 1, 2)], axis=-1)
 
 
 def _on_ground(value: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:

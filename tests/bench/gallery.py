@@ -77,7 +77,10 @@ def main(words: Sequence[str]) -> int:
             failed += not verdict.passed
             print(f"{name}: {verdict.summary}")
             samples = read(record_path(Path(made)), TOPICS)
-            flown = from_samples(samples, title=name, safety_distance_m=mission.fleet.fleet.safety_distance_m)
+            limits = mission.fleet.fleet
+            flown = from_samples(
+                samples, title=name, safety_distance_m=limits.safety_distance_m, height_share=limits.height_share
+            )
             if flown is not None:
                 draw(flown, name, ROOT / f"docs/figures/gallery-{name}.png")
     return failed

@@ -26,7 +26,7 @@ _PERIOD_TOP_MS, _AGE_TOP_MS = 40.0, 200.0  # values that fill a spark: two perio
 
 
 class SeparationView(Lines, can_focus=True):
-    """Horizontal distances between centres, in metres, as the vehicles report them, and the truth where it is known."""
+    """Separations of pairs, in metres, as the vehicles report them, and the truth where it is known."""
 
     def __init__(self, fleet: FleetConfig, history: History) -> None:
         super().__init__(id="separation")
@@ -35,7 +35,9 @@ class SeparationView(Lines, can_focus=True):
         self._state: FleetState | None = None
         self._now_s = 0.0
         self._chart: tuple[tuple[int, int, int], list[Strip]] | None = None
-        self.border_title = "separation"
+        vertical_m = fleet.fleet.vertical_separation_m
+        height = f" ({vertical_m:g} m of height count {fleet.fleet.safety_distance_m:g})" if vertical_m else ""
+        self.border_title = f"separation{height}"
 
     def show(self, state: FleetState, now_ns: int) -> None:
         """Draw this state."""
