@@ -38,7 +38,12 @@ def run(
         ConfigError: nothing was flown, for a reason in words.
     """
     for name in names:
-        setup.fleet(scenarios.vehicle_count(name))
+        fleet = setup.fleet(scenarios.vehicle_count(name)).fleet
+        if scenarios.is_stacked(name) and fleet.vertical_separation_m is None:
+            raise ConfigError(
+                f"'{name}' begins with vehicles above each other, and nothing says how far apart in height they have "
+                "to be. Add --set fleet.vertical_separation_m=1.2, or name a fleet file that has it."
+            )
     if picture is not None and picture.suffix and len(names) * len(seeds) > 1:
         raise ConfigError(f"--plot {picture}: one file takes one flight; name a folder for {len(names) * len(seeds)}.")
     if picture is not None and picture.suffix not in ("", *_PICTURES):

@@ -102,7 +102,8 @@ def _fly(
     for f, plan in enumerate(plans):
         if plan.intruder_m_s is not None:
             scripted[f, -1] = plan.intruder_m_s
-    world = Physics(vehicles, start, scripted, noise, setup.perturbation)
+    wash_m = 0.0 if fleet.fleet.vertical_separation_m is None else fleet.fleet.body_diameter_m
+    world = Physics(vehicles, start, scripted, noise, setup.perturbation, wash_m)
     truth = world.truth()
     senses = sensing(setup.errors, vehicles, truth, noise)
     pilots = controller([pipeline.pipeline_params(fleet, vehicle.name) for vehicle in vehicles], start)

@@ -20,6 +20,7 @@ from sitl.monte_carlo.vehicles import TICK_S, Truth
 HOLD_S = 0.5  # everybody has arrived when all have been near their goals and slow for this long
 _RECENT_S = 3.0
 _STUCK_M_S = 0.10
+_TOUCH_HEIGHT = 0.5  # bodies touch that are nearer in height than this part of a diameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +35,8 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Result of one flight. Separations are horizontal, between centres, over all pairs.
+    """Result of one flight. Separations are between centres, over all pairs: horizontal ones, and with a
+    vertical separation the larger of that and of the height difference in the same measure (docs/law.md).
 
     makespan_s: when all had arrived; inf if that did not happen in time, and then ``reason`` says why: "deadlock"
     (those missing stand still), "livelock" (they move and get no nearer) or "time" (they were still getting nearer).
@@ -77,6 +79,8 @@ class FlightMetrics:
     ) -> None:
         flights, count = start_enu_m.shape[:2]
         self._limit_m, self._body_m = fleet.fleet.safety_distance_m, fleet.fleet.body_diameter_m
+        vertical_m = fleet.fleet.vertical_separation_m
+        self._height_share = 0.0 if vertical_m is None else self._limit_m / vertical_m
         self._errors = errors
         self.ticks = 0
         self._flights = np.arange(flights)
@@ -101,7 +105,7 @@ class FlightMetrics:
         self._sums = {
             name: np.zeros(flights) for name in ("violation", "relaxed", "slew", "speed", "intervention", "path")
         }
-        self._nearest = np.full(flights, np.inf)
+        self._nearest, self._has_touched = np.full(flights, np.inf), np.zeros(flights, bool)
         self._see(start_enu_m)
         self._trace = _TraceBuffer(start_enu_m) if has_trace else None
 
@@ -116,8 +120,16 @@ class FlightMetrics:
         return [self._done[f] for f in sorted(self._done)]
 
     def _see(self, position_enu_m: Array) -> None:
-        gap = position_enu_m[:, self._pairs[0], :2] - position_enu_m[:, self._pairs[1], :2]
-        nearest = np.sqrt(np.einsum("fpc,fpc->fp", gap, gap)).min(-1, initial=np.inf)
+        offset = position_enu_m[:, self._pairs[0]] - position_enu_m[:, self._pairs[1]]
+        gap = offset[..., :2]
+        distance = np.sqrt(np.einsum("fpc,fpc->fp", gap, gap))
+        touches = distance < self._body_m
+        if self._height_share > 0.0:
+            height = np.abs(offset[..., 2])
+            distance = np.maximum(distance, self._height_share * height)
+            touches &= height < _TOUCH_HEIGHT * self._body_m
+        self._has_touched |= np.asarray(touches.any(-1))
+        nearest = distance.min(-1, initial=np.inf)
         self._nearest = np.minimum(self._nearest, nearest)
         self._sums["violation"] += TICK_S * (nearest < self._limit_m)
 
@@ -176,7 +188,7 @@ class FlightMetrics:
             min_separation_m=nearest,
             violation_s=sums["violation"],
             violation_depth_m=max(0.0, self._limit_m - nearest),
-            is_collision=nearest < self._body_m,
+            is_collision=bool(self._has_touched[row]),
             makespan_s=self.time_s - (self._stay[row] - 1.0) * TICK_S if has_arrived else math.inf,
             duration_s=self.time_s,
             reason=reason,
@@ -192,7 +204,7 @@ class FlightMetrics:
         """Go on with these flights of the batch only."""
         for name in (
             *("_flights", "_goal", "_earliest", "_longest", "_counts", "_position", "_command", "_away", "_straight"),
-            *("_stay", "_recent_speed", "_recent_gain", "_nearest"),
+            *("_stay", "_recent_speed", "_recent_gain", "_nearest", "_has_touched"),
         ):
             setattr(self, name, getattr(self, name)[flights])
         self._sums = {name: values[flights] for name, values in self._sums.items()}

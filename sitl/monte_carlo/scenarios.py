@@ -1,7 +1,8 @@
 """Starts and goals: public scenarios, each drawn from its seed alone.
 
 A name says everything: ``swap8`` (jittered) or ``swap8x`` (exact), ``rand16`` or ``rand16d4`` (4 m^2 per vehicle),
-``cross8@180``, ``intruder6@2``, ``lost8@silent``. Positions are fleet ENU, everybody at one height.
+``cross8@180``, ``intruder6@2``, ``lost8@silent``. Positions are fleet ENU, everybody at one
+height but for ``layers8``, ``heights8`` and ``climb8``.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from onboard.arrays import Array
 from onboard.config.fleet import ConfigError
 
 HEIGHT_M = 1.0
+_UP = np.array([0.0, 0.0, 2.0])  # from one layer to the next
 MIX = (
     *("form3", "swap4", "swap8", "swap16", "swap32", "swap4x", "swap8x", "swap16x", "swap32x"),
     *("rand8", "rand16", "rand32"),
@@ -25,7 +27,8 @@ MIX = (
 _MAX_VEHICLES = 250
 KNOWN = (
     "form3, swapN (jittered) and swapNx (exact), randN and randNdA (A m^2 per vehicle), crossN@90, crossN@180, "
-    "squeeze, intruderN@1, intruderN@2, lostN@frozen, lostN@silent, lostN@dead, and mix (the benchmark); "
+    "layersN (two swaps above each other), heightsN (pairs swap heights), climbN (half climbs through the way of the "
+    "other), squeeze, intruderN@1, intruderN@2, lostN@frozen, lostN@silent, lostN@dead, and mix (the benchmark); "
     f"N is a number up to {_MAX_VEHICLES}"
 )
 _TRIANGLE_SIDE_M = 1.6
@@ -167,6 +170,48 @@ def _cross(name: str, seed: int, number: str | None, angle: str | None) -> Plan:
     return Plan(name, seed, _raised(start + jitter), _raised(goal))
 
 
+def _layers(name: str, seed: int, number: str) -> Plan:
+    """Two jittered swaps, one above the other, whose places lie above each other."""
+    half = _even(name, number)
+    low = _swap(name, seed, str(half), "")
+    start, goal = (np.concatenate([at, at + _UP]) for at in (low.start_enu_m, low.goal_enu_m))
+    return Plan(name, seed, start, goal)
+
+
+def _heights(name: str, seed: int, number: str) -> Plan:
+    """Pairs of vehicles above each other, 3 m from pair to pair, change their heights."""
+    half = _even(name, number)
+    row = np.stack([3.0 * np.arange(half), np.zeros(half)], axis=1)
+    low, high = _raised(row), _raised(row) + _UP
+    jitter = np.concatenate([np.random.default_rng(seed).normal(0.0, 0.05, (2 * half, 2)), np.zeros((2 * half, 1))], 1)
+    return Plan(name, seed, np.concatenate([low, high]) + jitter, np.concatenate([high, low]))
+
+
+def _climb(name: str, seed: int, number: str) -> Plan:
+    """Half of them climb, 1.5 m apart in a row; the others fly along the row above them, in the middle of the climb."""
+    half = _even(name, number)
+    place = 1.5 * (np.arange(half) - 0.5 * (half - 1))
+    row = _raised(np.stack([place, np.zeros(half)], axis=1))
+    reach = np.array([1.5 * half + 1.0, 0.0, 0.0])
+    jitter = np.concatenate([np.random.default_rng(seed).normal(0.0, 0.05, (2 * half, 2)), np.zeros((2 * half, 1))], 1)
+    start = np.concatenate([row, row - reach + 0.5 * _UP]) + jitter
+    return Plan(name, seed, start, np.concatenate([row + _UP, row + reach + 0.5 * _UP]))
+
+
+def _even(name: str, number: str) -> int:
+    """Half of the number of vehicles."""
+    count = _number(name, number, 4)
+    if count % 2:
+        raise ConfigError(f"'{name}' asks for {count} vehicles; this scenario takes an even number of them.")
+    return count // 2
+
+
+def is_stacked(name: str) -> bool:
+    """Whether vehicles of a scenario begin above each other."""
+    start = plan(name, 0).start_enu_m
+    return bool((np.abs(np.diff(np.sort(start[:, 2]))) > 0.0).any())
+
+
 def _squeeze(name: str, seed: int) -> Plan:
     """Three in a line; the outer two move in to 1.1 m beside the middle one."""
     start = np.array([[-2.5, 0.0], [0.0, 0.0], [2.5, 0.0]])
@@ -212,6 +257,9 @@ _SCENARIOS: dict[str, Callable[..., Plan]] = {
     r"swap(\d{1,4})(x?)": _swap,
     r"rand(\d{1,4})(?:d(\d+(?:\.\d+)?))?": _rand,
     r"cross(\d{1,4})?(?:@(90|180))?": _cross,
+    r"layers(\d{1,4})": _layers,
+    r"heights(\d{1,4})": _heights,
+    r"climb(\d{1,4})": _climb,
     r"squeeze": _squeeze,
     r"intruder(\d{1,4})?(?:@(1|2))?": _intruder,
     r"lost(\d{1,4})?(?:@(frozen|silent|dead))?": _lost,

@@ -21,7 +21,7 @@ from onboard.config.fleet import (
 
 LAWS = ("covey", "paper", "off")
 _EXAMPLES = ("sih", "paper")  # whose types can be named without --fleet
-_FLEET_KEYS = ("safety_distance_m", "body_diameter_m")  # what a fleet file gives to a campaign besides types and law
+_FLEET_KEYS = ("safety_distance_m", "vertical_separation_m", "body_diameter_m")  # of a fleet file, for a campaign
 # short names for what is otherwise a value of the law or of the vehicle
 _ALIASES = {"tilt_deg": "vehicle.max_tilt_deg", "range_m": "law.range_m", "neighbours": "law.max_neighbours"}
 _NOT_A_VEHICLE_VALUE = (
@@ -175,6 +175,7 @@ def setup_for(
     if not (math.isfinite(scale) and 0.1 <= scale <= 100.0):
         raise ConfigError(f"--scale is {scale}; it must lie between 0.1 and 100.")
     law_table: dict[str, Any] = {**ERRORS[errors].law, **given_law}
+    fleet_table: dict[str, Any] = dict(data.get("fleet", {}))
     perturbation = Perturbation()
     for change in changes:
         key, equals, text = change.partition("=")
@@ -186,7 +187,9 @@ def setup_for(
                 f"Keys: {', '.join(keys(with_aliases=True))}."
             )
         value = _value(change, text)
-        if group == "law":
+        if group == "fleet":
+            fleet_table[rest] = value
+        elif group == "law":
             law_table[rest] = value
         elif group == "sitl":
             for name in names:
@@ -199,7 +202,7 @@ def setup_for(
             if isinstance(value, (bool, str)) or not low <= value <= high:
                 raise ConfigError(f"--set {change}: the value must be a number from {low:g} to {high:g}.")
             perturbation = replace(perturbation, **{key: float(value)})
-    return Setup(law, names, tables, law_table, data.get("fleet", {}), ERRORS[errors], perturbation, scale)
+    return Setup(law, names, tables, law_table, fleet_table, ERRORS[errors], perturbation, scale)
 
 
 def keys(*, with_aliases: bool = False) -> list[str]:
@@ -207,8 +210,9 @@ def keys(*, with_aliases: bool = False) -> list[str]:
     law = [f"law.{name}" for name in LawConfig.__struct_fields__ if name != "name"]
     vehicle = [f"vehicle.{name}" for name in Vehicle.__struct_fields__ if name not in _NOT_A_VEHICLE_VALUE]
     sitl = [f"sitl.{name}" for name in SitlProfile.__struct_fields__]
+    fleet = [f"fleet.{name}" for name in _FLEET_KEYS]
     short = [*_ALIASES] if with_aliases else []
-    return [entry.name for entry in fields(Perturbation)] + short + law + vehicle + sitl
+    return [entry.name for entry in fields(Perturbation)] + short + fleet + law + vehicle + sitl
 
 
 def _value(change: str, text: str) -> float | int | bool | str:

@@ -12,6 +12,7 @@ from onboard.config.fleet import Vehicle
 from sitl.monte_carlo.noise import Noise
 from sitl.monte_carlo.settings import Perturbation
 from sitl.physics import frames
+from sitl.physics.contacts import Downwash
 from sitl.physics.vehicle import STEP_S, Commands, VehicleProfile, Vehicles
 
 TICK_S = 0.02
@@ -36,14 +37,21 @@ class Physics:
     """``sitl.physics.vehicle`` for a batch of flights; vehicles begin hovering at their starts.
 
     Gusts and thrust noise are drawn here, per flight, and act on the emulator's vehicles from outside. A vehicle with a
-    ``scripted`` velocity (F, N, 3), not NaN, is no multirotor: it moves straight on.
+    ``scripted`` velocity (F, N, 3), not NaN, is no multirotor: it moves straight on. Bodies of a ``wash_diameter_m``
+    push down on whoever flies below them; 0: nobody does.
     """
 
     def __init__(
-        self, vehicles: list[Vehicle], start_enu_m: Array, scripted: Array, noise: Noise, perturbation: Perturbation
+        self,
+        vehicles: list[Vehicle],
+        start_enu_m: Array,
+        scripted: Array,
+        noise: Noise,
+        perturbation: Perturbation,
+        wash_diameter_m: float = 0.0,
     ) -> None:
         flights, count = start_enu_m.shape[:2]
-        self._p = perturbation
+        self._p, self._wash_diameter_m = perturbation, wash_diameter_m
         self._flights, self._count = np.arange(flights), count
         profiles = [
             _profile(vehicle, perturbation, noise.uniform[f, i])
@@ -88,12 +96,28 @@ class Physics:
         self._commands.attitude.reshape(*shape, 4)[self._flights] = quaternion
         self._commands.thrust_frac.reshape(shape)[self._flights] = thrust_frac * (1.0 + self._thrust_error)
         kick = STEP_S * self._gust[..., ::-1]  # north, east
+        push = STEP_S * self._pushed_down()
         for _ in range(_STEPS):
             velocity = s.velocity_ned_m_s.reshape(*shape, 3)
             velocity[self._flights, :, :2] += kick
+            velocity[self._flights, :, 2] += push
             all_.step(self._commands)
         if self._is_scripted.any():
             self._move_scripted()
+
+    def _pushed_down(self) -> Array | float:
+        """Return the acceleration (F, N) by the air of those above, as the emulator's downwash has it."""
+        diameter_m, wash = self._wash_diameter_m, Downwash()
+        if diameter_m <= 0.0:
+            return 0.0
+        place = self._of(self._vehicles.states.position_ned_m)
+        offset = place[:, :, None] - place[:, None]
+        gap = np.maximum(offset[..., 2], 0.0)  # of each below each
+        radius = 0.5 * diameter_m + wash.spread * gap
+        onset = np.minimum(1.0, gap / (0.5 * diameter_m))
+        fade = diameter_m / (diameter_m + gap)
+        square = (offset[..., :2] ** 2).sum(-1)
+        return np.asarray((wash.push_m_s2 * onset * fade**2 * np.exp(-square / radius**2)).sum(-1))
 
     def _move_scripted(self) -> None:
         s = self._vehicles.states
