@@ -17,6 +17,7 @@ GALLERY = (
     "dense-swap",
     "square-dance",
     "layers",
+    "above",
     "leader",
     "circle",
     "search",

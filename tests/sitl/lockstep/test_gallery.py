@@ -11,10 +11,11 @@ from groundstation.commands.gallery.catalogue import GALLERY, gallery_mission, s
 from sitl.lockstep.flight import Lockstep
 
 ROOT = Path(__file__).parents[3]
+FLOWN_ELSEWHERE = ("paper", "above")  # in test_flight, and in test_above_each_other
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("name", [name for name in GALLERY if name != "paper"])  # the paper's is flown in test_flight
+@pytest.mark.parametrize("name", [name for name in GALLERY if name not in FLOWN_ELSEWHERE])
 def test_a_mission_of_the_gallery_passes(name: str, lockstep: Callable[..., Lockstep], tmp_path: Path) -> None:
     mission = gallery_mission(name, tmp_path)
     assert mission.expect.min_separation_m is not None
