@@ -4,13 +4,18 @@ Examples:
   covey simulate form3 --seeds 0:100
   covey simulate swap8x --seeds 0:1 --plot swap8.png
   covey simulate mix --seeds 200:242 --set law.rotation=never --json
+  covey simulate --map --jobs 2
 
-Exit status: 0 all flights succeed without violation; 1 otherwise; 2 wrong input.
+With --map: cells over delay, loss, top speed and number of vehicles, a screening of each first. It can be interrupted,
+and goes on where it was. --cells AXIS=VALUES flies a part of it (vehicles, speed_m_s, delay_ms, loss_pct, errors).
+
+Exit status: 0 all flights succeed without violation, no cell of a map fails; 1 otherwise; 2 wrong input.
 """
 
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -20,6 +25,7 @@ from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
 from sitl.monte_carlo import results, scenarios, settings
 from sitl.monte_carlo.command import run
+from sitl.monte_carlo.law_map.map_command import fly_map
 
 MORE_HELP = f"""\
 Scenarios: {scenarios.KNOWN}
@@ -28,7 +34,7 @@ Keys of --set: {", ".join(settings.keys(with_aliases=True))}."""
 
 
 def simulate(
-    *scenario: Annotated[str, Parameter(name="SCENARIO", required=True)],
+    *scenario: Annotated[str, Parameter(name="SCENARIO")],
     seeds: Annotated[str, Parameter(metavar="A:B")] = "0:10",
     law: Annotated[str | None, Parameter(metavar="NAME")] = None,
     errors: Annotated[str, Parameter(metavar="CLASS")] = "mocap",
@@ -40,6 +46,12 @@ def simulate(
     json: bool = False,
     trace: Folder | None = None,
     plot: Annotated[Folder | None, Parameter(metavar="FILE_OR_DIR")] = None,
+    map: bool = False,
+    map_file: Annotated[Path, Parameter(metavar="FILE")] = Path("law-map.jsonl"),
+    cells: Annotated[tuple[str, ...], Parameter(metavar="AXIS=VALUES")] = (),
+    flights: Annotated[int, Parameter(metavar="N")] = 500,
+    scheduler: Annotated[str | None, Parameter(metavar="ADDRESS")] = None,
+    anew: bool = False,
 ) -> int:
     """Fly a scenario once per seed, and say how often it succeeds and how near vehicles come.
 
@@ -59,11 +71,26 @@ def simulate(
         json: one JSON object per flight on standard output
         trace: write one .npz per flight
         plot: a picture (PNG, SVG, PDF) of a flight, or of each
+        map: fly the map of the law in place of scenarios, or go on with it
+        map_file: file that keeps the map
+        cells: only these cells of the map; repeatable
+        flights: in a cell of the map that does not fail
+        scheduler: fly the map on a Dask cluster (extra 'cluster')
+        anew: begin the map anew; the old file is kept as .old
     """
-    names = scenarios.expand(scenario)
-    wanted = _seeds(seeds)
     if jobs < 1:
         raise ConfigError(f"--jobs is {jobs}; it must be 1 or more.")
+    if map:
+        if scenario or set or law or type or fleet or trace or plot or json:
+            raise ConfigError("--map flies its own scenarios and values; of the other options it takes --jobs.")
+        is_whole = fly_map(
+            map_file, selection=cells, least_flights=flights, jobs=jobs, scheduler=scheduler, is_anew=anew
+        )
+        return EXIT_OK if is_whole else EXIT_FAILED
+    if not scenario:
+        raise ConfigError(f"name a scenario, or --map. Known: {scenarios.KNOWN}.")
+    names = scenarios.expand(scenario)
+    wanted = _seeds(seeds)
     setup = settings.setup_for(law=law, types=type, fleet_path=fleet, errors=errors, scale=scale, changes=set)
     records = run(names, wanted, setup, jobs=jobs, is_json=json, trace_folder=trace, picture=plot)
     return EXIT_OK if all(results.is_flawless(values) for values in records) else EXIT_FAILED

@@ -16,6 +16,8 @@ from onboard.vectors import ZERO_3, Vec2, Vec3, is_finite
 
 SLOTS = 40  # past commands that are kept
 MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour further than this gains nothing
+# one that cooperates says where it will be; the table counts it as silent when that is older than the radio explains
+MAX_PREDICTION_AGE_S = 0.80
 MAX_COMMAND_AGE_S = 0.25  # a neighbour's last command says little about what it does later
 LONGEST_LEAD_S = 1.0
 LARGEST = 1e5  # positions, velocities and accelerations beyond this are clipped: squares must stay finite
@@ -114,15 +116,15 @@ def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
         neighbour: as received.
         own_lead_s: how far ahead of now the own rows are evaluated.
     """
-    age_s = message_age(neighbour.age_s)
     is_predicted = neighbour.is_cooperative and is_finite(neighbour.predicted_position_enu_m)
     is_predicted = is_predicted and is_finite(neighbour.predicted_velocity_enu_m_s)
     if is_predicted and is_finite(neighbour.commanded_acceleration_enu_m_s2):
         lead_s = lead_time(neighbour.lead_time_s, own_lead_s)
+        age_s = message_age(neighbour.age_s, MAX_PREDICTION_AGE_S)
         return _carried(neighbour, lead_s, age_s + (own_lead_s - lead_s))
     is_usable = is_finite(neighbour.position_enu_m) and is_finite(neighbour.velocity_enu_m_s)
     p, v = clipped(neighbour.position_enu_m), clipped(neighbour.velocity_enu_m_s)
-    ahead_s = age_s + own_lead_s
+    ahead_s = message_age(neighbour.age_s, MAX_MESSAGE_AGE_S) + own_lead_s
     a = into_disc(clipped(neighbour.acceleration_enu_m_s2), GRAVITY_M_S2)
     held_s = min(ahead_s, MAX_COMMAND_AGE_S)
     weight = held_s * (ahead_s - 0.5 * held_s)
@@ -147,15 +149,16 @@ def _carried(neighbour: Neighbour, lead_s: float, ahead_s: float) -> Received:
     return Received(True, position, Vec2(v.x + held_s * a.x, v.y + held_s * a.y), u)
 
 
-def message_age(age_s: float) -> float:
-    """Return the age that counts: between 0 and MAX_MESSAGE_AGE_S, which also stands for an unknown one.
+def message_age(age_s: float, most_s: float) -> float:
+    """Return the age that counts: between 0 and a largest one, which also stands for an unknown one.
 
     Args:
         age_s: as received.
+        most_s: the largest one.
     """
-    if 0.0 <= age_s <= MAX_MESSAGE_AGE_S:
+    if 0.0 <= age_s <= most_s:
         return age_s
-    return 0.0 if age_s < 0.0 and math.isfinite(age_s) else MAX_MESSAGE_AGE_S
+    return 0.0 if age_s < 0.0 and math.isfinite(age_s) else most_s
 
 
 def lead_time(lead_s: float, own_lead_s: float) -> float:

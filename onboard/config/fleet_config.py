@@ -159,7 +159,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
     obstacles: tuple[obstacles.Obstacle, ...] = ()
     mocap: MocapConfig = MocapConfig()
     shapes: dict[str, FormationShape] = {}  # further formations; slots are the ground's matter, so not in the hash
-    radio: RadioConfig | None = None  # the channel that all share; not in the hash: no vehicle flies differently for it
+    radio: RadioConfig | None = None  # the channel that all share; only its expected lateness is in the hash
 
     @property
     def namespace(self) -> str:
@@ -177,9 +177,15 @@ class FleetConfig(msgspec.Struct, frozen=True):
         """Hash of all values: equal on all vehicles that read the same ones; differing hashes refuse take-off."""
         # where keys lie, and which router is nearest, may differ from computer to computer
         fleet = msgspec.structs.replace(self.fleet, keys="keys", routers=())
-        parts = [fleet, self.law, self.formations, self.vehicles, self.obstacles, self.mocap]
+        late_s = self.expected_radio.lateness_s  # by which a vehicle counts as silent later
+        parts = [fleet, self.law, self.formations, self.vehicles, self.obstacles, self.mocap, late_s]
         values = msgspec.json.encode(parts, order="deterministic")
         return hashlib.sha256(values).hexdigest()[:12]
+
+    @property
+    def expected_radio(self) -> RadioConfig:
+        """``[radio]``, or its defaults where the file has none."""
+        return self.radio or RadioConfig()
 
     @property
     def state_ticks(self) -> int:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Literal
 
 import msgspec
 
 from onboard.config.toml_reading import bound_problems
+
+_STATES_S = 0.02  # period of the states; fewer of them do not make a fleet wait longer
+_RARE_LOSS = 0.01  # a run of lost messages that is rarer than this is not planned for
+_USUAL_AGE_S, _MOST_LATENESS_S = 0.08, 0.45  # the age by the defaults; neighbours are silent after 0.25 s more or less
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "rate_mbit_s": (6.0, 1000.0),
@@ -17,6 +22,8 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "jitter_s": (0.0, 1.0),
     "duplicate_frac": (0.0, 0.5),
     "reorder_frac": (0.0, 0.5),
+    "expected_delay_s": (0.0, 2.0),
+    "expected_loss_frac": (0.0, 0.9),
 }
 
 
@@ -33,6 +40,26 @@ class RadioConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     jitter_s: float = 0.0  # mean of a further delay, exponentially distributed
     duplicate_frac: float = 0.0  # of the packets that arrive twice
     reorder_frac: float = 0.0  # of the packets that others overtake
+    # from one agent to another: covey check looks it up in the map of the law, preflight measures it on the ground
+    expected_delay_s: float = 0.04
+    expected_loss_frac: float = 0.10  # of the states between two agents that are lost, as expected_delay_s
+
+    def state_age_s(self, period_s: float) -> float:
+        """Return the age that a neighbour's newest state reaches: the delay, a period, the messages lost in a row.
+
+        Args:
+            period_s: between two states.
+        Returns:
+            age [s] that is exceeded in one of a hundred cases.
+        """
+        loss = self.expected_loss_frac
+        periods = math.log(_RARE_LOSS) / math.log(loss) if loss > 0.0 else 1.0
+        return self.expected_delay_s + period_s * max(1, math.ceil(periods - 1e-9))
+
+    @property
+    def lateness_s(self) -> float:
+        """Time by which a neighbour is silent for longer before it counts as silent: 0 with the defaults."""
+        return min(max(self.state_age_s(_STATES_S) - _USUAL_AGE_S, 0.0), _MOST_LATENESS_S)
 
 
 def problems(radio: RadioConfig | None) -> Iterator[str]:

@@ -14,7 +14,7 @@ import msgspec
 
 from onboard.config.fleet import FleetConfig, Vec3, Vehicle, above_words, parking_distance_m, parking_height_share
 from onboard.config.pair_separation import separation_m
-from onboard.feasibility import bounds
+from onboard.feasibility import bounds, law_map
 from onboard.feasibility.bounds import ACCURACIES, Accuracy
 from onboard.feasibility.finding import Finding, at_least, worst, worst_first
 from onboard.feasibility.pair_checks import (
@@ -66,6 +66,8 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
             if len(flown) > 1:
                 findings.append(spacing_finding(fleet, flown, f"formation '{name}'", accuracy))
         findings.append(crowding(fleet, vehicles))
+        if fleet.law.name == "covey":
+            findings.append(law_map.map_finding(fleet, accuracy, law_map.shipped()))
     findings.append(fence_finding(fleet, {vehicle.name: vehicle.start_enu_m for vehicle in vehicles}, "take-off spots"))
     for judge in (height_at_tilt, thrust_reserve, gust_reserve, battery, silence):
         findings.append(worst(judge(fleet, vehicle) for vehicle in kinds))

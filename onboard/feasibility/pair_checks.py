@@ -11,8 +11,8 @@ from onboard.feasibility import bounds
 from onboard.feasibility.bounds import LAG_ERROR_S, Accuracy, Response
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
 from onboard.feasibility.vehicle_checks import GUST_M_S2, available_m_s2
+from onboard.types import TICK_S
 
-_MESSAGE_AGE_S = 0.08  # 20 ms period, 40 ms of delay, one message lost
 _BODY_GAP_M = 0.10
 _LONG_LAG_S, _LONGEST_LAG_S = 0.35, 0.40  # form3 and swap8: 0 of 24 flights violate at 0.36 s, 2 of 24 at 0.41 s
 _SLOW_GROWTH_1_S, _FAST_GROWTH_1_S = 0.0, 1.5
@@ -51,7 +51,8 @@ def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accurac
     if fleet.law.name == "covey":
         findings.append(_shortfall(fleet))
     margin_m = effective_margin_m(fleet, accuracy)
-    for judge in (_range, _message_age, _braking):
+    findings.append(_message_age(fleet, accuracy))
+    for judge in (_range, braking):
         findings.append(worst(judge(fleet, vehicle, margin_m) for vehicle in vehicles))
     if fleet.law.name == "covey":
         findings.append(worst(_lag(vehicle) for vehicle in vehicles))
@@ -112,7 +113,7 @@ def _range(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
     kappa_1, kappa_2 = _kappa_values(fleet)
     closing = 2.0 * fleet.law.avoid_speed_frac * vehicle.max_speed_m_s
     range_m = bounds.row_range_m(closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2)
-    range_m += closing * (_MESSAGE_AGE_S + (vehicle.lag_s if fleet.law.name == "covey" else 0.0))
+    range_m += closing * (message_age_s(fleet) + (vehicle.lag_s if fleet.law.name == "covey" else 0.0))
     return at_least(
         "sensing range",
         fleet.law.range_m,
@@ -124,20 +125,47 @@ def _range(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
     )
 
 
-def _message_age(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
-    margin_m = max(margin_m, 0.01)
-    tolerated_s = math.sqrt(2.0 * margin_m / available_m_s2(vehicle))
+def _message_age(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
+    radio, age_s, margin_m = fleet.expected_radio, message_age_s(fleet), effective_margin_m(fleet, accuracy)
+    spare_m = max(0.0, margin_m - bounds.required_margin_m(accuracy, *_kappa_values(fleet)))
+    tolerated_s = bounds.USUAL_AGE_S + spare_m / bounds.AGE_MARGIN_M_S
     return at_most(
         "bus delay",
-        _MESSAGE_AGE_S,
+        age_s,
         tolerated_s,
         "s",
-        "A neighbour's state is up to {value} old (50 Hz, 40 ms of delay, one message lost); a manoeuvre at "
-        f"{vehicle.name}'s full tilt uses up the margin of {margin_m:.2f} m in {{bound}}",
-        "Lower max_tilt_deg, or raise law.design_margin_m.",
+        f"A neighbour's state is up to {{value}} old ({1e3 * radio.expected_delay_s:g} ms of delay, "
+        f"{100.0 * radio.expected_loss_frac:g} % lost); a margin of {margin_m:.2f} m with estimates as accurate as "
+        f"'{accuracy.name}' tolerates {{relation}} {{bound}}",
+        f"Set law.design_margin_m = {margin_for_age_m(fleet, accuracy):.2f}, or correct radio.expected_delay_s and "
+        "expected_loss_frac.",
         # the paper's law has no margin at all; the finding "margin" says so
         refuse_above=math.inf if fleet.law.name == "paper" else tolerated_s,
     )
+
+
+def margin_for_age_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
+    """Return the margin that the errors of the estimates and the age of the states require.
+
+    Args:
+        fleet: the fleet file.
+        accuracy: of the vehicles' estimates.
+    Returns:
+        margin [m], rounded up to a centimetre.
+    """
+    margin_m = bounds.required_margin_m(accuracy, *_kappa_values(fleet)) + bounds.delay_margin_m(message_age_s(fleet))
+    return math.ceil(100.0 * margin_m - 1e-9) / 100.0
+
+
+def message_age_s(fleet: FleetConfig) -> float:
+    """Return the age that a neighbour's state reaches, by the delay and the loss that the fleet file expects.
+
+    Args:
+        fleet: the fleet file.
+    Returns:
+        age [s].
+    """
+    return fleet.expected_radio.state_age_s(fleet.state_ticks * TICK_S)
 
 
 def _lag(vehicle: Vehicle) -> Finding:
@@ -200,7 +228,16 @@ def _paper_kappas(vehicle: Vehicle, response: Response, kappa: float) -> Finding
     )
 
 
-def _braking(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
+def braking(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
+    """Check that two vehicles that meet head-on can brake as the rows ask.
+
+    Args:
+        fleet: the fleet file.
+        vehicle: of both.
+        margin_m: in flight.
+    Returns:
+        the finding.
+    """
     kappa_1, kappa_2 = _kappa_values(fleet)
     closing = 2.0 * vehicle.max_speed_m_s
     required = bounds.braking_m_s2(closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2)

@@ -35,6 +35,7 @@ from onboard.neighbours.unbelieved import UnbelievedNeighbours, tracked_numbers
 from onboard.neighbours.watched_bodies import SILENT_AFTER_S, WatchedBodies
 from onboard.types import Neighbour
 
+# more of both where [radio] expects states to come later
 SILENT_S = 0.25  # with two ticks of confirmation a silence is acted on within 0.3 s
 STALE_S = 0.15
 _BELIEVED_S = 1.0
@@ -73,7 +74,8 @@ class NeighbourTable:
         own = order.index(own_name) if own_name in order else 0
         successor = order[(own + 1) % len(order)] if order else ""
         self.is_successor: BoolArray = np.array([name == successor for name in self.names], dtype=bool)
-        self.arrays: NeighbourArrays = empty(len(self.names), SILENT_S)
+        self.watched = WatchedBodies(fleet.expected_radio.lateness_s)
+        self.arrays: NeighbourArrays = empty(len(self.names), self.silent_s)
         self.counts = MessageCounts()
         self.last_heard_ns = 0  # of any message
         self.distrusted: set[int] = set()  # indices of vehicles whose announcement to cooperate does not count
@@ -81,7 +83,6 @@ class NeighbourTable:
         self.unbelieved = UnbelievedNeighbours()
         self._bodies = {body: index for index, body in bodies.items() if body is not None}
         self._trackers: dict[int, BodyTracker] = {}
-        self.watched = WatchedBodies()
         self._telemetry: dict[str, Telemetry] = {}
         most = max(subscription.ALWAYS_FOLLOWED, int(fleet.law.max_neighbours))
         self._follow_limits = subscription.reach_m(fleet, own_name), most
@@ -89,6 +90,11 @@ class NeighbourTable:
         self._follow(frozenset(self.names))
 
     # -- selection -----------------------------------------------------------------------------------------------------
+
+    @property
+    def silent_s(self) -> float:
+        """Age of its newest state from which on a neighbour that is followed counts as silent."""
+        return SILENT_S + self.watched.late_s
 
     @property
     def followed(self) -> frozenset[str]:
@@ -118,7 +124,9 @@ class NeighbourTable:
         arrays = self.arrays
         arrays.is_followed[:] = False
         arrays.is_followed[self._followed_indices] = True
-        arrays.silent_after_s[:] = np.where(arrays.is_followed, SILENT_S, subscription.FAR_SILENT_S)
+        arrays.silent_after_s[:] = np.where(
+            arrays.is_followed, self.silent_s, subscription.FAR_SILENT_S + self.watched.late_s
+        )
         self._silent_after_s = arrays.silent_after_s.tolist()
         self.set_ages(self._ages.all_s, -1, True)
 
@@ -178,7 +186,7 @@ class NeighbourTable:
             tracker.velocity_enu_m_s = (x, y, z)
         if not tracker.hear(pose, received_ns):
             return False
-        if silence_s < SILENT_AFTER_S:
+        if silence_s < SILENT_AFTER_S + self.watched.late_s:
             return True
         floor_m = self.fleet.vehicles[self.names[index]].start_enu_m[2]
         is_airborne = tracker.position_enu_m[2] > floor_m + _ON_FLOOR_M
@@ -209,7 +217,7 @@ class NeighbourTable:
         """
         has_started, doubtful = self.watched.begin(now_ns), self.unbelieved.doubtful
         self.ages_s(now_ns)
-        if self._ages.oldest_s < SILENT_AFTER_S and not doubtful and not self.watched.reason_ns:
+        if self._ages.oldest_s < SILENT_AFTER_S + self.watched.late_s and not doubtful and not self.watched.reason_ns:
             return None
         ages_s, is_followed = self.heard_ages_s(now_ns).tolist(), self.arrays.is_followed.tolist()
         vehicles = [self.fleet.vehicles[name] for name in self.names]
@@ -320,10 +328,10 @@ class NeighbourTable:
     def stale(self, now_ns: int) -> tuple[str, ...]:
         """Return vehicles in the air that are followed and whose messages are old, though not yet silent."""
         self.ages_s(now_ns)
-        if self._ages.oldest_s <= STALE_S and not self._trackers:
+        if self._ages.oldest_s <= STALE_S + self.watched.late_s and not self._trackers:
             return ()
         ages_s = self.heard_ages_s(now_ns)
-        is_stale = (ages_s > STALE_S) & (ages_s <= SILENT_S)
+        is_stale = (ages_s > STALE_S + self.watched.late_s) & (ages_s <= self.silent_s)
         return self._named(self.arrays.flags[AIRBORNE] & self.arrays.is_followed & is_stale)
 
     def invalid(self) -> tuple[str, ...]:
@@ -351,7 +359,7 @@ class NeighbourTable:
         for name, index, age_s in zip(self._followed, self._followed_indices, self._ages.followed_s, strict=True):
             if age_s < math.inf:
                 x, y, z, vx, vy, vz = motions[index]
-                ahead_s = min(age_s, SILENT_S)
+                ahead_s = min(age_s, self.silent_s)
                 there = x + ahead_s * vx, y + ahead_s * vy, z + ahead_s * vz
                 distances_m[name] = separation_m(there, position_enu_m, share)
         return distances_m

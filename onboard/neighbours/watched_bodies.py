@@ -18,6 +18,7 @@ _KEPT_NS = 5_000_000_000  # a body is watched for so long after there was a reas
 class WatchedBodies:
     """Memory of the vehicles whose bodies are watched, by index."""
 
+    late_s: float = 0.0  # by which the radio makes states later than usual
     reason_ns: dict[int, int] = field(default_factory=dict)  # index -> when there was a reason last
     _first_ns: int = 0
 
@@ -58,5 +59,5 @@ class WatchedBodies:
             is_expected: whether it must be there.
         """
         if index in self.reason_ns:
-            return age_s > (SILENT_AFTER_S if is_followed else FAR_SILENT_S)
-        return is_followed and age_s > SILENT_AFTER_S and (is_expected or age_s < math.inf)
+            return age_s > self.late_s + (SILENT_AFTER_S if is_followed else FAR_SILENT_S)
+        return is_followed and age_s > self.late_s + SILENT_AFTER_S and (is_expected or age_s < math.inf)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from onboard.autopilot import NOTHING_REFUSED, Refused, Version
 from onboard.config.fleet import Vec3
@@ -14,6 +15,15 @@ from onboard.safety.limits import AUTOPILOT_SILENT_S, POSITION_STALE_S
 HEARTBEAT_SILENT_S = 3.0
 REFUSED_LATELY_S = 5.0
 OLDEST_SAMPLE_S, FUTURE_S = 0.5, 0.005
+
+
+class RadioMeasured(NamedTuple):
+    """Delay and loss of the neighbours' states, of the worst one each."""
+
+    delay_s: float
+    delayed: str
+    loss_frac: float
+    lossy: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +52,7 @@ class PreflightFacts:
     refused_age_s: float = math.inf  # since the newest of them
     is_signed: bool = False  # PX4 signs what it sends
     has_signing_clock_behind: bool = False  # this computer's clock is behind that of another one that signs
+    radio: RadioMeasured | None = None  # None until enough states have come
     is_armed: bool = False
     is_landed_told: bool = True  # PX4 has reported lately whether it is on the ground
     is_failsafe: bool = False

@@ -11,15 +11,36 @@ from onboard.safety.preflight_rule import FINE, NO_PX4, OK, Judgement, rules
 HOVER_SHARE, HOVER_ADVICE_SHARE = 0.25, 0.10
 LOWEST_VOLTAGE_V = 2.5
 LATE_LOOP_MS = 30.0
+# states are sampled at ticks and sent at ticks, and a hundred samples tell a loss by a tenth
+DELAY_ALLOWANCE_S, LOSS_ALLOWANCE = 0.04, 0.10
 
 
 def _neighbours(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     missing = facts.missing_neighbours
     if not missing:
-        return OK, {"count": len(fleet.enabled_names) - 1}
+        return _radio(facts, fleet)
     several = len(missing) > 1
     words = {"names": ", ".join(missing), "are": "are" if several else "is", "agents": "agents" if several else "agent"}
     return "missing", words
+
+
+def _radio(facts: PreflightFacts, fleet: FleetConfig) -> Judgement:
+    """Compare the delay and the loss with what the fleet file expects."""
+    expected, measured, count = fleet.expected_radio, facts.radio, len(fleet.enabled_names) - 1
+    if measured is None:
+        return OK, {"count": count}
+    words = {
+        "delayed": measured.delayed,
+        "delay": 1e3 * measured.delay_s,
+        "lossy": measured.lossy,
+        "loss": 100.0 * measured.loss_frac,
+        "expected_delay": 1e3 * expected.expected_delay_s,
+        "expected_loss": 100.0 * expected.expected_loss_frac,
+        "count": count,
+    }
+    is_late = measured.delay_s > expected.expected_delay_s + DELAY_ALLOWANCE_S
+    is_lossy = measured.loss_frac > expected.expected_loss_frac + LOSS_ALLOWANCE
+    return ("late" if is_late else "lossy" if is_lossy else OK), words
 
 
 def _configuration(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:

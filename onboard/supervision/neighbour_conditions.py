@@ -12,7 +12,7 @@ from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
 from onboard.neighbours.plausibility import PlausibilityMonitor
 from onboard.neighbours.state_arrays import NeighbourRow
-from onboard.neighbours.table import SILENT_S, NeighbourTable
+from onboard.neighbours.table import NeighbourTable
 from onboard.safety.failsafe_table import Condition
 from onboard.safety.separation_monitor import PredictionMonitor, smallest_distance_m
 from onboard.types import GRAVITY_M_S2
@@ -101,7 +101,7 @@ class NeighbourMonitor:
             before, self._silent = self._silent, ()
         if before:
             ages_s = dict(zip(table.names, table.heard_ages_s(now_ns).tolist(), strict=True))
-            back = [name for name in before if name not in self._silent and ages_s[name] <= SILENT_S]
+            back = [name for name in before if name not in self._silent and ages_s[name] <= table.silent_s]
             if back:
                 self._back_ns = now_ns
                 self.details[c.NEIGHBOUR_BACK] = ", ".join(back)
@@ -132,7 +132,7 @@ class NeighbourMonitor:
         """Return the neighbour nearest to a point, as far as known and within a distance; empty for none."""
         nearest_m, name = within_m, ""
         for row in self.table.rows(now_ns):
-            if row.age_s < SILENT_S:
+            if row.age_s < self.table.silent_s:
                 motion = zip(row.vector("position_enu_m"), row.vector("velocity_enu_m_s"), strict=True)
                 apart_m = math.dist(position_enu_m, [p + row.age_s * v for p, v in motion])
                 if apart_m < nearest_m:
@@ -169,7 +169,7 @@ class NeighbourMonitor:
         wrong = []
         for row in rows:
             monitor = self._predictions[row.name]
-            if row.is_cooperative and row.age_s < SILENT_S:
+            if row.is_cooperative and row.age_s < self.table.silent_s:
                 vx, vy, _ = row.vector("velocity_enu_m_s")
                 px, py, _ = row.vector("predicted_velocity_enu_m_s")
                 monitor.update(row.stamp_ns, (vx, vy), (px, py), row.value("lead_time_s"))
@@ -185,7 +185,8 @@ class NeighbourMonitor:
         """Find neighbours from which even hard braking will not keep the safety distance."""
         endangered = []
         if self.flight.is_under_law and view.has_position:
-            endangered = [row.name for row in rows if row.age_s < SILENT_S and self._is_endangered(row, view)]
+            known = [row for row in rows if row.age_s < self.table.silent_s]
+            endangered = [row.name for row in known if self._is_endangered(row, view)]
         self._predicted_checks = self._predicted_checks + 1 if endangered else 0
         if self._predicted_checks >= _PREDICTED_CHECKS:
             self._add(active, Condition.SEPARATION_PREDICTED, endangered)

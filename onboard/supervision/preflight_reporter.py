@@ -25,6 +25,8 @@ from onboard.safety.snapshot_check import nonsense
 from onboard.supervision.attitude_comparison import AttitudeRate, TiltComparison
 from onboard.supervision.law_refusals import LawRefusals
 from onboard.supervision.preflight_inputs import PreflightInputs
+from onboard.supervision.state_ages import StateAges
+from onboard.types import TICK_S
 
 _REPORT_EVERY_NS = 1_000_000_000
 _JUDGE_EVERY_NS = 90_000_000  # every fifth tick: one judgement takes 0.1 ms
@@ -56,6 +58,7 @@ class PreflightReporter:
         self._facts: PreflightFacts | None = None  # of this tick, not yet reported
         self._has_flown = False
         self._fastest = (0.0, 0)  # highest speed [m/s] of the last second, and when that was
+        self._state_ages = StateAges(fleet.state_ticks * TICK_S)
         self._sequence = self._reported_ns = self._judged_ns = 0
 
     @property
@@ -95,6 +98,7 @@ class PreflightReporter:
         if 0 <= view.now_ns - self._judged_ns < _JUDGE_EVERY_NS:
             return self.not_ready
         self._judged_ns = view.now_ns
+        self._state_ages.update(self._neighbours.followed_ages_s(view.now_ns))
         self._facts = replace(self._gather(view, is_airborne, hover_frac), conditions=frozenset(conditions))
         self.not_ready = preflight_rules.reasons(self._facts, self._fleet, self._vehicle)
         return self.not_ready
@@ -160,6 +164,7 @@ class PreflightReporter:
             battery_frac=snapshot.battery(now_ns)[0],
             battery_voltage_v=snapshot.battery(now_ns)[1],
             missing_neighbours=self._neighbours.missing(now_ns),
+            radio=self._state_ages.measured,
             clock_bounds_s=inputs.clock_bounds_s,
             other_hashes=self._neighbours.other_hashes(self._config_hash),
             config_hash=self._config_hash,

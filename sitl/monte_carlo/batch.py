@@ -12,7 +12,7 @@ from sitl.monte_carlo import results, scenarios
 from sitl.monte_carlo.flight import MakeController, fly
 from sitl.monte_carlo.settings import Setup
 
-_CHUNK_VEHICLES = 768  # wide enough to outweigh the interpreter, small enough for the caches
+CHUNK_VEHICLES = 768  # wide enough to outweigh the interpreter, small enough for the caches
 _CHUNK_LINKS = 60_000
 
 
@@ -50,7 +50,7 @@ def campaign(
 
 
 def _parts(seeds: Sequence[int], count: int, jobs: int) -> list[Sequence[int]]:
-    size = max(1, min(_CHUNK_VEHICLES // count, _CHUNK_LINKS // (count * count), -(-len(seeds) // jobs)))
+    size = max(1, min(CHUNK_VEHICLES // count, _CHUNK_LINKS // (count * count), -(-len(seeds) // jobs)))
     return [seeds[k : k + size] for k in range(0, len(seeds), size)]
 
 

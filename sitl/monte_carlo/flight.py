@@ -58,9 +58,10 @@ def fly(
 def straight_line_s(plans: Sequence[Plan], setup: Setup) -> list[float]:
     """Makespans of the same flights, noise and vehicles with the law off, where nobody knows of anybody.
 
-    They do not depend on the law or its values, so they are flown once per process.
+    They do not depend on the law, its values or the messages, so they are flown once per process.
     """
-    alone = replace(setup, law="off", law_table={})
+    unheard = replace(setup.perturbation, delay_s=0.0, loss_share=0.0)
+    alone = replace(setup, law="off", law_table={}, perturbation=unheard)
     keys = [(repr(alone), plan.scenario, plan.seed) for plan in plans]
     missing = [plan for plan, key in zip(plans, keys, strict=True) if key not in _STRAIGHT_S]
     if missing:
@@ -116,7 +117,8 @@ def _fly(
         normals, link_draws = noise.next()
         states = senses.update(truth, normals, throttle, hover)
         if radio is None and not is_alone:
-            radio = Radio(states, np.isfinite(scripted).all(-1), setup.perturbation)
+            is_stranger = np.isfinite(scripted).all(-1)
+            radio = Radio(states, is_stranger, setup.perturbation, fleet.expected_radio.lateness_s)
         frozen, mute = orders.lost(metrics.time_s)
         neighbours = batch.NEIGHBOUR.rows((*start.shape[:2], 0))
         if radio is not None:

@@ -23,11 +23,18 @@ _MOST_SENDERS = 32  # in larger fleets only so many nearest are gathered; the la
 class Radio:
     """The newest message of every sender at every receiver; (F, receiver, sender, ...)."""
 
-    def __init__(self, states: Rows, is_stranger: BoolArray, perturbation: Perturbation) -> None:
-        """``is_stranger`` (F, N): tracked, but of no fleet; never cooperative, and nobody knows its intentions."""
+    def __init__(
+        self, states: Rows, is_stranger: BoolArray, perturbation: Perturbation, lateness_s: float = 0.0
+    ) -> None:
+        """Begin with a message of everybody.
+
+        Args:
+            is_stranger: (F, N) tracked, but of no fleet; never cooperative, and nobody knows its intentions.
+            lateness_s: by which states are expected to be late, so that nobody counts as silent for it.
+        """
         first = batch.message(states, None)
         flights, count = first.shape[:2]
-        self._p = perturbation
+        self._p, self._silent_s = perturbation, SILENT_S + lateness_s
         # what is published in a tick can be heard in the next one at the earliest
         self._late = max(1, math.ceil(round(perturbation.delay_s / TICK_S, 6)))
         self._sent: deque[Rows] = deque([first] * self._late, self._late)
@@ -59,7 +66,7 @@ class Radio:
         arrived = (link_draws >= p.loss_share) & ~silent[:, None, :]
         np.copyto(self._inbox, self._sent[-1][:, None], where=arrived)
         self._age_s = np.where(arrived, self._late * TICK_S, self._age_s + TICK_S)
-        is_cooperative = (self._age_s <= SILENT_S) & ~(self._is_stranger | is_frozen)[:, None, :]
+        is_cooperative = (self._age_s <= self._silent_s) & ~(self._is_stranger | is_frozen)[:, None, :]
         self._heard = self._senders()
         inbox, age_s = self._inbox, self._age_s
         if tracked is not None:

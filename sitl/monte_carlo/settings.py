@@ -134,6 +134,10 @@ class Setup:
                 "schema": 1,
                 "fleet": fleet,
                 "law": {**self.law_table, "name": self.law},
+                "radio": {
+                    "expected_delay_s": self.perturbation.delay_s,
+                    "expected_loss_frac": min(self.perturbation.loss_share, 0.9),
+                },
                 "types": {name: dict(table) for name, table in self.type_tables.items()},
                 "vehicles": vehicles,
             },

@@ -102,7 +102,7 @@ def test_what_is_imported_is_installed_by_the_readme_s_one_command() -> None:
     extras = project["optional-dependencies"]
     wanted = [
         *project["dependencies"],
-        *(line for name in ("ground", "sim", "plots") for line in extras[name]),
+        *(line for name in ("ground", "sim", "plots", "cluster") for line in extras[name]),
     ]
     declared = {re.split(r"[<>=\[; ]", line)[0].replace("-", "_") for line in wanted}
     imported = {

@@ -143,9 +143,17 @@ def test_neighbour_is_carried_along_its_command_for_the_age_of_its_message():
 
 
 def test_silent_neighbour_is_not_extrapolated_for_ever():
-    late, *others = (carried([0, 0, 0], [1.0, 0, 0], [1.0, 0, 0], age) for age in (0.3, 30.0, math.nan, math.inf))
+    late, *others = (carried([0, 0, 0], [1.0, 0, 0], [1.0, 0, 0], age) for age in (0.8, 30.0, math.nan, math.inf))
     for later in others:
         np.testing.assert_array_equal(late, later)
+    moving = neighbour_of([0, 0, 0], [1.0, 0, 0], [0, 0, 0], age_s=30.0)._replace(is_cooperative=False)
+    np.testing.assert_allclose(prediction.receive(moving, 0.15).position_m, [0.45, 0.0])
+
+
+def test_neighbour_whose_states_are_late_for_the_radio_is_carried_on_as_it_said():
+    q, w = carried([0, 0, 0], [1.0, 0, 0], [0, 0, 0], 0.4)
+    np.testing.assert_allclose(q, [0.4, 0.0])
+    np.testing.assert_allclose(w, [1.0, 0.0])
 
 
 def test_neighbour_with_another_lag_is_carried_to_our_own_time():

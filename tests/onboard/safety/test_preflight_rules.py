@@ -13,7 +13,7 @@ from onboard.autopilot import Refused
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.safety import preflight_rules
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
-from onboard.safety.preflight_facts import PreflightFacts
+from onboard.safety.preflight_facts import PreflightFacts, RadioMeasured
 from onboard.safety.preflight_rule import PreflightCheck
 from onboard.safety.preflight_rules import RULES
 from tests.architecture import tables
@@ -135,6 +135,14 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "(0.00, -4.20, 0.00) m lies outside",
     ),
     ("neighbours", "missing"): ({"missing_neighbours": ("mav0", "mav2")}, "mav0, mav2 are not heard"),
+    ("neighbours", "late"): (
+        {"radio": RadioMeasured(0.12, "mav0", 0.0, "mav2")},
+        "mav0 are 120 ms late or more; the fleet file expects 40",
+    ),
+    ("neighbours", "lossy"): (
+        {"radio": RadioMeasured(0.05, "mav0", 0.31, "mav2")},
+        "mav2 31 % are lost or late; the fleet file expects 10",
+    ),
     ("configuration", "disabled"): (
         {"vehicle": msgspec.structs.replace(VEHICLE, enabled=False)},
         "disables this vehicle",

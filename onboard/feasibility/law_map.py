@@ -1,0 +1,203 @@
+"""The map of the law: where a fleet stands in it, by the flights that have been flown of harder and easier cells. Pure.
+
+The map is flown by ``covey simulate --map`` and shown in docs/law-map.md; ``law_map.toml`` beside this file is its
+summary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.config.toml_reading import package_table
+from onboard.feasibility.bounds import LAG_ERROR_S, Accuracy
+from onboard.feasibility.finding import Finding
+from onboard.feasibility.pair_checks import effective_margin_m
+
+SCHEMA = 1
+PROMISED_FLIGHTS = 500  # a cell with so many flights and none too near is promised
+_CLASSES = ("mocap", "vision", "gps")  # the harder ones last
+_DOCS = "docs/law-map.md shows the map."
+# values of the law that may differ from the map's: what they change is compared as margin, or has findings of its own
+_FREE = ("name", "design_margin_m", "range_m", "obstacle_margin_m", "fence_margin_m", "uncooperative_margin_m")
+
+
+class MapCell(NamedTuple):
+    """One place of the map, and what came of its flights."""
+
+    errors: str  # accuracy class of the vehicles' positions
+    vehicles: int
+    speed_m_s: float  # top speed
+    delay_s: float
+    loss_frac: float
+    margin_m: float  # in flight
+    flights: int
+    below: int  # of the flights, those in which two vehicles came too near
+    arrived: int  # of the flights, those in which all arrived
+    worst_m: float
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether vehicles came too near."""
+        return self.below > 0
+
+    @property
+    def is_promised(self) -> bool:
+        """Whether enough was flown, and nobody came too near."""
+        return self.flights >= PROMISED_FLIGHTS and not self.below
+
+    def is_within(self, other: MapCell) -> bool:
+        """Whether this cell is no harder than another one, in each axis.
+
+        Args:
+            other: to compare with.
+        """
+        return (
+            _CLASSES.index(self.errors) <= _CLASSES.index(other.errors)
+            and self.vehicles <= other.vehicles
+            and self.speed_m_s <= other.speed_m_s + 1e-9
+            and self.delay_s <= other.delay_s + 1e-9
+            and self.loss_frac <= other.loss_frac + 1e-9
+        )
+
+    def __str__(self) -> str:
+        """Return the cell in words."""
+        return (
+            f"{self.vehicles} vehicles at up to {self.speed_m_s:g} m/s, states {1e3 * self.delay_s:g} ms late and "
+            f"{100.0 * self.loss_frac:g} % lost, '{self.errors}'"
+        )
+
+
+class LawMap(NamedTuple):
+    """The cells that have been flown, and with what."""
+
+    version: str  # of the law that flew
+    safety_distance_m: float
+    lag_s: float  # of its vehicles
+    law: Mapping[str, Mapping[str, object]]  # accuracy class -> values of ``[law]``
+    cells: tuple[MapCell, ...]
+
+
+def law_map_of(table: Mapping[str, Any]) -> LawMap:
+    """Return the map of a table.
+
+    Args:
+        table: as ``law_map.toml`` has it.
+    Raises:
+        ConfigError: of another schema.
+    """
+    if table.get("schema") != SCHEMA:
+        raise ConfigError(
+            f"The map of the law has schema {table.get('schema')}, but this version of Covey reads {SCHEMA}. Install "
+            "Covey anew."
+        )
+    flown = table["flown"]
+    return LawMap(
+        version=table["version"],
+        safety_distance_m=flown["safety_distance_m"],
+        lag_s=flown["lag_s"],
+        law=table["law"],
+        cells=tuple(MapCell(*row) for row in table["cells"]),
+    )
+
+
+def shipped() -> LawMap:
+    """Return the map that is part of this software."""
+    return law_map_of(package_table("onboard.feasibility", "law_map.toml"))
+
+
+def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Finding:
+    """Look a fleet up in the map.
+
+    Args:
+        fleet: the fleet file, with two vehicles or more and the law 'covey'.
+        accuracy: of the vehicles' estimates.
+        law_map: the map.
+    Returns:
+        the finding: refused where a cell that is no harder has failed, a warning where no cell that is at least as hard
+        is promised.
+    """
+    vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
+    here = MapCell(
+        accuracy.name,
+        len(vehicles),
+        max(vehicle.max_speed_m_s for vehicle in vehicles),
+        fleet.expected_radio.expected_delay_s,
+        fleet.expected_radio.expected_loss_frac,
+        effective_margin_m(fleet, accuracy),
+        0,
+        0,
+        0,
+        0.0,
+    )
+    promised = [cell for cell in law_map.cells if cell.is_promised]
+    nearest = min(promised, key=lambda cell: _distance(here, cell), default=None)
+    remedy = f"Nearest cell that holds: {nearest}. {_DOCS}" if nearest else f"No cell of the map holds. {_DOCS}"
+    failed = [cell for cell in law_map.cells if cell.has_failed and cell.is_within(here)]
+    if failed:
+        worst = max(failed, key=lambda cell: cell.below / cell.flights)
+        sentence = (
+            f"The fleet is {here}. In simulation {worst.below} of {worst.flights} flights of an easier or equal cell "
+            f"came below {law_map.safety_distance_m:.2f} m ({worst}, worst {worst.worst_m:.2f} m). {remedy}"
+        )
+        return Finding("map of the law", "refused", worst.below, 0.0, "flights", "at most", sentence, remedy)
+    harder = [cell for cell in promised if here.is_within(cell)]
+    covering = [cell for cell in harder if cell.margin_m <= here.margin_m + 1e-3]
+    differences = _differences(fleet, accuracy, law_map)
+    if covering and not differences:
+        cell = min(covering, key=lambda cell: _distance(here, cell))
+        sentence = (
+            f"The fleet is {here}. In simulation 0 of {cell.flights} flights came below "
+            f"{law_map.safety_distance_m:.2f} m with {cell} (worst {cell.worst_m:.2f} m)."
+        )
+        return Finding("map of the law", "ok", 0.0, 0.0, "flights", "at most", sentence, "Nothing to do.")
+    if covering:
+        reason = f"the map was flown with {differences}"
+    elif harder:
+        cell = min(harder, key=lambda cell: cell.margin_m)
+        reason = f"the map was flown with a margin of {cell.margin_m:.2f} m there, here it is {here.margin_m:.2f} m"
+    else:
+        reason = "nothing that hard was flown often enough"
+    sentence = f"The fleet is {here}: no cell of the map of the law promises that; {reason}. {remedy}"
+    return Finding("map of the law", "warning", 0.0, PROMISED_FLIGHTS, "flights", "at least", sentence, remedy)
+
+
+def _distance(here: MapCell, cell: MapCell) -> float:
+    """Return how far two cells are from each other, where a step of the map is about 1 in each axis."""
+    classes = _CLASSES.index(here.errors) - _CLASSES.index(cell.errors)
+    return (
+        10.0 * abs(classes)
+        + abs(here.vehicles - cell.vehicles) / 5.0
+        + abs(here.speed_m_s - cell.speed_m_s)
+        + abs(here.delay_s - cell.delay_s) / 0.05
+        + abs(here.loss_frac - cell.loss_frac) / 0.1
+    )
+
+
+def _differences(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> str:
+    """Return in words what the map was flown with and the fleet is not; empty if it is alike."""
+    flown = law_map.law.get(accuracy.name, {})
+    different = [
+        f"law.{key} = {value} (here {getattr(fleet.law, key)})"
+        for key, value in flown.items()
+        if getattr(fleet.law, key, value) != value
+    ]
+    lag_s = max(fleet.vehicles[name].lag_s for name in fleet.enabled_names)
+    if lag_s > law_map.lag_s + LAG_ERROR_S:
+        different.append(f"vehicles that follow a command {law_map.lag_s:.2f} s later (here {lag_s:.2f} s)")
+    return ", ".join(different)
+
+
+def values_of(fleet: FleetConfig) -> dict[str, object]:
+    """Return the values of a fleet's ``[law]`` that are compared with the map's.
+
+    Args:
+        fleet: a fleet of the map.
+    """
+    law = fleet.law
+    return {key: getattr(law, key) for key in _compared(law.__struct_fields__)}
+
+
+def _compared(keys: Iterable[str]) -> list[str]:
+    return [key for key in keys if key not in _FREE and not key.startswith("paper_")]

@@ -1,0 +1,45 @@
+"""Delay and loss of the neighbours' states on the ground, from the ages of the newest ones."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+
+from onboard.safety.preflight_facts import RadioMeasured
+
+_SAMPLES, _LEAST_SAMPLES = 120, 60  # for each neighbour; eleven a second
+_LEFT_S = 1.0  # a neighbour that is silent for so long is missing, and no matter of the radio
+
+
+class StateAges:
+    """Ages of the newest state of each neighbour, sampled while the vehicle stands."""
+
+    def __init__(self, period_s: float) -> None:
+        """Begin without samples; ``period_s`` is the time from one state to the next."""
+        self._period_s = period_s
+        self._ages_s: dict[str, deque[float]] = {}
+
+    def update(self, ages_s: Mapping[str, float]) -> None:
+        """Take a sample of the neighbours that are followed."""
+        self._ages_s = {name: self._ages_s.get(name, deque(maxlen=_SAMPLES)) for name in ages_s}
+        for name, age_s in ages_s.items():
+            if age_s < _LEFT_S:
+                self._ages_s[name].append(age_s)
+
+    @property
+    def measured(self) -> RadioMeasured | None:
+        """The worst of all neighbours; None until there are enough samples.
+
+        The youngest age of a neighbour is its delay; where the newest state is older than that by a period or more,
+        one has been lost or is late.
+        """
+        full = {name: ages_s for name, ages_s in self._ages_s.items() if len(ages_s) >= _LEAST_SAMPLES}
+        if not full:
+            return None
+        delays_s = {name: min(ages_s) for name, ages_s in full.items()}
+        losses = {
+            name: sum(age_s > delays_s[name] + 0.99 * self._period_s for age_s in ages_s) / len(ages_s)
+            for name, ages_s in full.items()
+        }
+        delayed, lossy = max(delays_s, key=delays_s.__getitem__), max(losses, key=losses.__getitem__)
+        return RadioMeasured(delays_s[delayed], delayed, losses[lossy], lossy)

@@ -1,0 +1,74 @@
+"""``covey simulate --map``: flies the map of the law, or goes on with it, and prints the cells."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from onboard.config.fleet import ConfigError
+from onboard.plain_text import drawing
+from sitl.monte_carlo.law_map import flights, run, summary
+from sitl.monte_carlo.law_map.cells import STAGES, Cell, Unit, cells
+from sitl.monte_carlo.law_map.results_file import ResultsFile, digest
+
+
+def fly_map(
+    path: Path,
+    *,
+    selection: Sequence[str] = (),
+    least_flights: int = 500,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    is_anew: bool = False,
+) -> bool:
+    """Fly what is missing of the map, and print it; whether no cell has failed.
+
+    Args:
+        path: file of results.
+        selection: cells, as for :func:`cells`.
+        least_flights: in a cell that does not fail.
+        jobs: processes.
+        scheduler: address of a Dask scheduler in their place.
+        is_anew: put a file that is there aside, and begin.
+    Raises:
+        ConfigError: nothing can be flown, for a reason in words.
+    """
+    wanted = cells(selection)
+    count = _stages(least_flights, wanted[0])
+    with ResultsFile(path, flights.version(), is_anew=is_anew) as file:
+        try:
+            run.run(wanted, file, stages=count, jobs=jobs, scheduler=scheduler)
+        except KeyboardInterrupt:
+            run.say(f"interrupted; {path} keeps what was flown, and the same command goes on from there")
+            raise
+        _print(wanted, file)
+        return not any(run.has_failed(cell, file) for cell in wanted)
+
+
+def _stages(least_flights: int, cell: Cell) -> int:
+    """Return how many stages have so many flights together."""
+    flown = 0
+    for stage in range(len(STAGES)):
+        flown += Unit(cell, stage).flights
+        if flown >= least_flights:
+            return stage + 1
+    raise ConfigError(f"--flights is {least_flights}; in a cell of the map up to {flown} are flown.")
+
+
+def _print(wanted: list[Cell], file: ResultsFile) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"map of the law, version {file.version}")
+    for index, column in enumerate(summary.COLUMNS):
+        table.add_column(column, justify="left" if index < 2 else "right")
+    for cell in wanted:
+        table.add_row(*summary.table_row(cell, file.rows))
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 140
+    console = Console(file=drawing(sys.stdout), width=width)
+    console.print(table)
+    selected = {cell.key for cell in wanted}
+    rows = {key: row for key, row in file.rows.items() if key[0] in selected}
+    console.print(f"digest {digest(rows)}")

@@ -1,0 +1,110 @@
+"""File of the map's results: one JSON line for each unit, appended when it has been flown; a map can be continued."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+from pathlib import Path
+from types import TracebackType
+
+from onboard.config.fleet import ConfigError
+from sitl.monte_carlo.law_map.flights import SCHEMA, Row
+
+
+class ResultsFile:
+    """Rows of a map, held for writing by one run at a time; a context manager."""
+
+    def __init__(self, path: Path, version: str, *, is_anew: bool = False) -> None:
+        """Open or begin the file.
+
+        Args:
+            path: of the file.
+            version: of the law that flies now.
+            is_anew: put a file that is there aside, as PATH.old, and begin.
+        Raises:
+            ConfigError: another run writes it, it is no map, or a map of another version.
+        """
+        self.path, self.version = path, version
+        try:
+            if is_anew and path.exists():
+                path.replace(path.with_name(f"{path.name}.old"))
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+        except OSError as error:
+            raise ConfigError(
+                f"{path}: the results cannot be kept there ({error.strerror}). Name another file."
+            ) from None
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self.rows = self._read()
+        except OSError:
+            os.close(self._descriptor)
+            raise ConfigError(f"{path}: another run is writing this map. Let it end, or name another file.") from None
+        except ConfigError:
+            os.close(self._descriptor)
+            raise
+
+    def __enter__(self) -> ResultsFile:
+        """Return the file."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        """Let others write."""
+        os.close(self._descriptor)
+
+    def _read(self) -> dict[tuple[str, int], Row]:
+        """Return the rows that are complete, and cut off what a killed run left unfinished."""
+        data = self.path.read_bytes()
+        complete = data[: data.rfind(b"\n") + 1]
+        if len(complete) < len(data):
+            os.ftruncate(self._descriptor, len(complete))
+        if not complete:
+            self._append({"law_map": SCHEMA, "version": self.version})
+            return {}
+        head, rows = parsed(complete.decode("utf-8", "replace"), self.path)
+        if head["version"] != self.version:
+            raise ConfigError(
+                f"{self.path} was flown by another version of the law, its vehicles, or on another kind of processor "
+                f"({head['version']}, here {self.version}): its flights and these are not added up. Continue with that "
+                "version, name another file with --map-file, or begin anew with --anew, which keeps it as .old."
+            )
+        return rows
+
+    def add(self, row: Row) -> None:
+        """Keep a row; one that is there already is not counted twice."""
+        key = row["cell"], int(row["stage"])
+        if key not in self.rows:
+            self.rows[key] = row
+            self._append(row)
+
+    def _append(self, row: Row) -> None:
+        os.write(self._descriptor, (json.dumps(row) + "\n").encode())
+        os.fsync(self._descriptor)
+
+
+def parsed(text: str, path: Path) -> tuple[Row, dict[tuple[str, int], Row]]:
+    """Return the first line and the rows of a file of results.
+
+    Raises:
+        ConfigError: it is none, or of a schema that is not known here.
+    """
+    try:
+        head, *lines = (json.loads(line) for line in text.splitlines())
+        if head["law_map"] != SCHEMA:
+            raise ConfigError(
+                f"{path}: a map of schema {head['law_map']}; this version of Covey reads {SCHEMA}. Begin anew."
+            )
+        rows: dict[tuple[str, int], Row] = {}
+        for row in lines:
+            rows.setdefault((str(row["cell"]), int(row["stage"])), row)
+    except (ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"{path}: this is no file of `covey simulate --map` ({error}). Name another one.") from None
+    return {"version": str(head["version"])}, rows
+
+
+def digest(rows: dict[tuple[str, int], Row]) -> str:
+    """Return the digest of all rows, in whatever order they were flown."""
+    lines = [json.dumps(rows[key], sort_keys=True) for key in sorted(rows)]
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]

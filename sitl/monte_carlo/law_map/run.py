@@ -1,0 +1,190 @@
+"""Flies the map, in several processes or on a cluster; it can be interrupted at any time."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from typing import Any
+
+from onboard.config.fleet import ConfigError
+from onboard.rollout import batch as rollout_batch
+from sitl.monte_carlo.law_map import flights
+from sitl.monte_carlo.law_map.cells import STAGES, Cell, Unit
+from sitl.monte_carlo.law_map.results_file import ResultsFile
+
+Say = Callable[[str], None]
+_SAY_EVERY_S = 5.0
+
+
+def say(sentence: str) -> None:
+    """Print a sentence of progress on standard error."""
+    print(f"covey: {sentence}", file=sys.stderr, flush=True)
+
+
+def has_failed(cell: Cell, file: ResultsFile) -> bool:
+    """Whether vehicles have come too near in a stage of a cell."""
+    return any(file.rows.get((cell.key, stage), {"below": 0})["below"] for stage in range(len(STAGES)))
+
+
+def missing(cells: Iterable[Cell], stages: int, file: ResultsFile) -> list[Unit]:
+    """Return the units that are still to be flown, in their order: the screening of all cells, then cell by cell.
+
+    A cell that has failed is flown no further.
+    """
+    units = [Unit(cell, stage) for cell in cells for stage in range(stages) if not has_failed(cell, file)]
+    return sorted((u for u in units if (u.cell.key, u.stage) not in file.rows), key=lambda unit: unit.stage > 0)
+
+
+def run(
+    cells: list[Cell], file: ResultsFile, *, stages: int, jobs: int = 1, scheduler: str | None = None, tell: Say = say
+) -> None:
+    """Fly what is missing of the map, and keep each unit when it is done.
+
+    Args:
+        stages: only so many of them.
+        jobs: processes on this machine.
+        scheduler: address of a Dask scheduler, whose workers fly in their place.
+    Raises:
+        ConfigError: the scheduler does not answer, or the package for it is missing.
+    """
+    progress = _Progress(cells, stages, file, tell)
+    executors = _executors(jobs, scheduler, tell)
+    executor, width = next(executors)
+    while missing(cells, stages, file):
+        try:
+            for row in _flown(executor, width, cells, stages, file):
+                file.add(row)
+                progress.tell()
+        except (BrokenExecutor, CancelledError, OSError) as error:
+            tell(f"{_reason(error, scheduler)} what was in the air is flown again; nothing counts twice")
+            executor, width = next(executors)
+        except BaseException:
+            executor.shutdown(wait=False, cancel_futures=True)
+            raise
+    executor.shutdown()
+    progress.tell(is_last=True)
+
+
+def _flown(executor: Executor, width: int, cells: list[Cell], stages: int, file: ResultsFile) -> Iterator[flights.Row]:
+    """Yield rows as they are ready, each to be kept before the next; a stage is flown after the one before it."""
+    pending: dict[Future[flights.Row], Unit] = {}
+    while True:
+        under_way = {unit.cell for unit in pending.values()}
+        for unit in missing(cells, stages, file):
+            if len(pending) >= width:
+                break
+            if unit.cell not in under_way:
+                pending[executor.submit(flights.fly, unit)] = unit
+                under_way.add(unit.cell)
+        if not pending:
+            return
+        for future in wait(pending, return_when=FIRST_COMPLETED).done:
+            del pending[future]
+            yield future.result()
+
+
+def _reason(error: BaseException, scheduler: str | None) -> str:
+    if scheduler is None:
+        return "a process of the map has ended before its time (out of memory?);"
+    return f"the scheduler at {scheduler} is gone ({type(error).__name__}); the map goes on with processes here, and"
+
+
+def _executors(jobs: int, scheduler: str | None, tell: Say) -> Iterator[tuple[Executor, int]]:
+    """Yield what flies the units and how many at a time; another one each time that it has broken."""
+    if scheduler is not None:
+        yield _cluster(scheduler)
+    tell("compiling the law for this machine, if that was not done before")
+    rollout_batch.warm_up()
+    if jobs == 1:
+        yield _Here(), 1
+    for _ in range(3):
+        spawn = multiprocessing.get_context("spawn")
+        yield ProcessPoolExecutor(jobs, mp_context=spawn, initializer=_end_with_parent), jobs
+    raise ConfigError("three times a process of the map has ended before its time. Fly with fewer --jobs.")
+
+
+class _Here(Executor):
+    """Flies in this process, at once."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Return what a function gives, or its error."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:  # noqa: BLE001 as every executor: the error is raised where the result is read
+            future.set_exception(error)
+        return future
+
+
+def _end_with_parent() -> None:
+    """Let this process of the pool end when the map's own one is killed; by itself it would wait for ever."""
+
+    def _watch() -> None:
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=_watch, daemon=True).start()
+
+
+def _cluster(address: str) -> tuple[Executor, int]:
+    try:
+        import distributed
+    except ModuleNotFoundError:
+        raise ConfigError(
+            f"--scheduler {address}: this needs the package 'distributed', which is not installed. Install it here and "
+            "on the workers: pip install distributed"
+        ) from None
+    try:
+        client: Any = distributed.Client(address, timeout=10)
+    except (OSError, ValueError) as error:
+        raise ConfigError(
+            f"--scheduler {address}: no Dask scheduler answers there ({error}). Start one with 'dask scheduler', "
+            "or leave the option out to fly on this machine."
+        ) from None
+    executor: Executor = client.get_executor(pure=False)
+    return executor, 2 * max(1, sum(client.ncores().values()))
+
+
+class _Progress:
+    """Says now and then how far the map is, and how long it will take."""
+
+    def __init__(self, cells: list[Cell], stages: int, file: ResultsFile, tell: Say) -> None:
+        self._cells, self._stages, self._file, self._tell = cells, stages, file, tell
+        self._began_s = self._told_s = time.monotonic()
+        self._at_first = self._left()
+
+    def _left(self) -> float:
+        """Work that is left, if no further cell fails."""
+        return sum(unit.flights * unit.cell.weight for unit in missing(self._cells, self._stages, self._file))
+
+    def tell(self, *, is_last: bool = False) -> None:
+        """Say it, unless that was done a moment ago."""
+        now_s = time.monotonic()
+        if not is_last and now_s - self._told_s < _SAY_EVERY_S:
+            return
+        self._told_s = now_s
+        failed = sum(has_failed(cell, self._file) for cell in self._cells)
+        full = sum((cell.key, self._stages - 1) in self._file.rows for cell in self._cells)
+        flown = sum(row["flights"] for row in self._file.rows.values())
+        left = self._left()
+        done = self._at_first - left
+        left_s = (now_s - self._began_s) * left / done if done > 0.0 else 0.0
+        self._tell(
+            f"law map: {full + failed} of {len(self._cells)} cells done ({failed} failed), {flown} flights"
+            + (f", at most {left_s / 60.0:.0f} min left" if left else "")
+        )

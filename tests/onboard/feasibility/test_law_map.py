@@ -1,0 +1,94 @@
+"""Where a fleet stands in the map of the law: refused, promised, or not known, in words."""
+
+import pytest
+
+from onboard.config.fleet import ConfigError, load_fleet
+from onboard.config.radio import RadioConfig
+from onboard.feasibility.bounds import ACCURACIES
+from onboard.feasibility.law_map import LawMap, MapCell, law_map_of, map_finding, shipped
+from tests.onboard.feasibility.test_fleet_checks import fleet_with
+
+MOCAP = ACCURACIES["mocap"]
+
+
+def cell(vehicles=8, speed=1.0, delay=0.05, loss=0.1, *, errors="mocap", flights=504, below=0, margin=0.12):
+    return MapCell(errors, vehicles, speed, delay, loss, margin, flights, below, flights, 0.86)
+
+
+def found(*cells, changes=None, accuracy=MOCAP, law=None):
+    fleet = fleet_with(changes)
+    return map_finding(fleet, accuracy, LawMap("a", 0.8, 0.15, law or {}, cells))
+
+
+def test_a_fleet_within_a_cell_that_holds_is_promised_that():
+    finding = found(cell())
+    assert finding.status == "ok"
+    assert "0 of 504 flights came below 0.80 m with 8 vehicles" in finding.sentence
+
+
+@pytest.mark.parametrize(
+    "harder", [{"vehicles": 2}, {"speed": 0.5}, {"delay": 0.02}, {"loss": 0.0}, {"flights": 21}, {"margin": 0.3}]
+)
+def test_nothing_is_promised_by_an_easier_cell_by_a_screening_or_by_a_larger_margin(harder):
+    finding = found(cell(**harder), cell(3, 1.0, 0.02, 0.0))
+    assert finding.status == "warning"
+    assert "no cell of the map of the law promises that" in finding.sentence
+    assert "Nearest cell that holds: " in finding.remedy
+
+
+@pytest.mark.parametrize("easier", [{"vehicles": 3}, {"vehicles": 2, "speed": 0.5, "delay": 0.02, "loss": 0.0}])
+def test_a_fleet_is_refused_where_a_cell_that_is_no_harder_has_failed_even_if_a_harder_one_holds(easier):
+    finding = found(cell(16, 4.0, 0.3, 0.3), cell(**{"delay": 0.02, **easier}, flights=21, below=2))
+    assert finding.status == "refused"
+    assert "2 of 21 flights" in finding.sentence
+    assert "Nearest cell that holds: 16 vehicles" in finding.remedy
+
+
+def test_a_harder_cell_that_failed_refuses_nothing():
+    failed = [cell(16, below=1), cell(3, speed=2.0, below=1), cell(3, loss=0.3, below=1), cell(3, delay=0.1, below=1)]
+    assert found(cell(), *failed).status == "ok"
+
+
+def test_what_the_fleet_expects_of_its_radio_moves_it_in_the_map():
+    expects = {"radio.expected_delay_s": 0.2, "radio.expected_loss_frac": 0.3}
+    assert found(cell(), changes=expects).status == "warning"
+    assert found(cell(), cell(delay=0.2, loss=0.3), changes=expects).status == "ok"
+
+
+def test_satellites_and_vision_are_not_promised_by_mocap_but_mocap_by_vision():
+    assert found(cell(), accuracy=ACCURACIES["vision"]).status == "warning"
+    assert found(cell(errors="vision")).status == "ok"
+    assert found(cell(3, delay=0.02, below=1), accuracy=ACCURACIES["gps"]).status == "refused"
+
+
+def test_another_law_or_a_slower_vehicle_is_named_as_the_reason():
+    other = found(cell(), law={"mocap": {"kappa_1_1_s": 3.0}})
+    assert other.status == "warning"
+    assert "law.kappa_1_1_s = 3.0 (here 4.0)" in other.sentence
+    slow = map_finding(load_fleet("paper").with_law("covey"), MOCAP, LawMap("a", 0.8, 0.15, {}, (cell(margin=0.1),)))
+    assert "a command 0.15 s later" in slow.sentence
+
+
+def test_without_any_cell_that_holds_the_sentence_says_so():
+    assert "No cell of the map holds." in found(cell(flights=21)).sentence
+
+
+def test_map_of_another_schema_is_refused_in_words():
+    with pytest.raises(ConfigError, match="schema 7"):
+        law_map_of({"schema": 7})
+
+
+def test_shipped_map_promises_the_usual_radio_to_the_example_fleet_and_refuses_nothing_there():
+    law_map, usual = shipped(), RadioConfig()
+    assert len(law_map.cells) > 100
+    finding = map_finding(load_fleet("sih"), MOCAP, law_map)
+    assert (finding.status, usual.expected_delay_s, usual.expected_loss_frac) == ("ok", 0.04, 0.1)
+
+
+def test_a_radio_that_is_late_makes_a_neighbour_silent_later_and_the_usual_one_does_not():
+    assert RadioConfig().lateness_s == 0.0
+    late = RadioConfig(expected_delay_s=0.3, expected_loss_frac=0.3)
+    assert late.state_age_s(0.02) == pytest.approx(0.38)
+    assert late.lateness_s == pytest.approx(0.30)
+    assert RadioConfig(expected_delay_s=2.0).lateness_s == 0.45
+    assert RadioConfig(expected_loss_frac=0.0).state_age_s(0.02) == pytest.approx(0.06)

@@ -1,0 +1,231 @@
+"""The map of the law: interrupted and continued it is the same; a cell that fails stops; bad input in words."""
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import BrokenExecutor, Executor, Future
+from pathlib import Path
+
+import pytest
+
+from groundstation.cli import main
+from onboard.config.fleet import ConfigError
+from onboard.feasibility.fleet_checks import fleet_findings
+from onboard.feasibility.law_map import law_map_of
+from sitl.monte_carlo import settings
+from sitl.monte_carlo.law_map import cells, flights, run, summary
+from sitl.monte_carlo.law_map.results_file import ResultsFile, digest
+
+SMALL = ["vehicles=3", "speed_m_s=1", "delay_ms=20,50,100"]
+BAD = "mocap 3 vehicles 1 m/s 100 ms 10 %"  # comes too near in its second stage
+
+
+def flown(unit):
+    """A row without flying, decided by the unit alone."""
+    text = hashlib.sha256(repr(unit).encode()).hexdigest()[:12]
+    is_bad = unit.cell.key == BAD and unit.stage == 1
+    numbers = {"flights": unit.flights, "below": int(is_bad), "collisions": 0, "arrived": unit.flights}
+    return {
+        "cell": unit.cell.key,
+        "stage": unit.stage,
+        **numbers,
+        "worst_m": 0.7 if is_bad else 0.9,
+        "worst_flight": "swap3 1000",
+        "speed_m_s": 1.1,
+        "ratio": 1.0,
+        "digest": text,
+    }
+
+
+def fly_all(path, *, stages=4, jobs=1, tell=lambda _: None, selection=SMALL):
+    with ResultsFile(path, "a") as file:
+        run.run(cells.cells(selection), file, stages=stages, jobs=jobs, tell=tell)
+        return dict(file.rows)
+
+
+def test_the_map_has_the_cells_of_all_axes_the_screening_first_and_the_easy_ones_first(tmp_path):
+    all_cells = cells.cells()
+    assert len(all_cells) == 5 * 3 * 3 * 3 + 5 * 3 * 3
+    assert all_cells[0] == cells.Cell("mocap", 3, 1.0, 20.0, 0.0)
+    with ResultsFile(tmp_path / "map.jsonl", "a") as file:
+        units = run.missing(all_cells, 4, file)
+    assert [unit.stage for unit in units[:180]] == [0] * 180
+    assert [(unit.cell, unit.stage) for unit in units[180:183]] == [(all_cells[0], stage) for stage in (1, 2, 3)]
+    assert sum(unit.flights for unit in units if unit.cell == all_cells[0]) == 504
+
+
+def test_interrupted_at_every_unit_and_continued_it_has_the_digest_of_one_that_was_not(tmp_path, monkeypatch):
+    monkeypatch.setattr(flights, "fly", flown)
+    whole = fly_all(tmp_path / "whole.jsonl")
+    assert sum(row["flights"] for row in whole.values()) == 8 * 504 + 102  # the bad cell ended after its second stage
+
+    def _once(unit, left=[0]):  # noqa: B006 a counter of the calls since the last interruption
+        left[0] += 1
+        if left[0] % 3 == 0:
+            raise KeyboardInterrupt
+        return flown(unit)
+
+    monkeypatch.setattr(flights, "fly", _once)
+    path, interruptions = tmp_path / "often.jsonl", 0
+    while True:
+        try:
+            rows = fly_all(path)
+            break
+        except KeyboardInterrupt:
+            interruptions += 1
+    assert interruptions > 5
+    assert digest(rows) == digest(whole)
+    lines = path.read_text().splitlines()[1:]
+    assert len(lines) == len({(row["cell"], row["stage"]) for row in map(json.loads, lines)}) == len(whole)
+
+
+def test_half_a_line_of_a_killed_run_is_cut_off_and_flown_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(flights, "fly", flown)
+    path = tmp_path / "map.jsonl"
+    rows = fly_all(path, stages=1)
+    path.write_bytes(path.read_bytes()[:-30])
+    assert digest(fly_all(path, stages=1)) == digest(rows)
+
+
+class Dying(Executor):
+    """A cluster whose scheduler dies after some units."""
+
+    def __init__(self, left):
+        self.left = left
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        self.left -= 1
+        if self.left < 0:
+            future.set_exception(BrokenExecutor("gone"))
+        else:
+            future.set_result(fn(*args, **kwargs))
+        return future
+
+
+def test_a_scheduler_that_dies_is_said_in_words_and_its_flights_are_flown_again_here(tmp_path, monkeypatch):
+    monkeypatch.setattr(flights, "fly", flown)
+    whole = fly_all(tmp_path / "whole.jsonl")
+    monkeypatch.setattr(run, "_cluster", lambda _: (Dying(5), 4))
+    sentences = []
+    with ResultsFile(tmp_path / "map.jsonl", "a") as file:
+        run.run(cells.cells(SMALL), file, stages=4, scheduler="tcp://there:8786", tell=sentences.append)
+        assert digest(file.rows) == digest(whole)
+    assert any("scheduler at tcp://there:8786 is gone" in sentence for sentence in sentences)
+
+
+def test_a_file_of_another_version_another_kind_or_in_use_is_refused_in_words(tmp_path):
+    path = tmp_path / "map.jsonl"
+    with ResultsFile(path, "a"), pytest.raises(ConfigError, match="another run is writing"):
+        ResultsFile(path, "a")
+    with pytest.raises(ConfigError, match=r"another version of the law.*--anew"):
+        ResultsFile(path, "b")
+    with ResultsFile(path, "b", is_anew=True) as file:
+        assert file.rows == {}
+    assert path.with_name("map.jsonl.old").exists()
+    for text in ("[1, 2]\n", "not json\n", '{"law_map": 99, "version": "b"}\n', '{"a": 1}\n'):
+        path.write_text(text)
+        with pytest.raises(ConfigError, match=r"map\.jsonl"):
+            ResultsFile(path, "b")
+    with pytest.raises(ConfigError, match="Name another file"):
+        ResultsFile(tmp_path / "map.jsonl" / "below", "b")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--cells", "height=3"], "write AXIS=VALUE"),
+        (["--cells", "vehicles=4"], "'4' is not on the map; there are 3, 8, 16"),
+        (["--cells", "errors=vision", "--cells", "vehicles=3"], "no such cell"),
+        (["--flights", "600"], "up to 504 are flown"),
+        (["swap8"], "--map flies its own scenarios"),
+        (["--jobs", "0"], "--jobs is 0"),
+    ],
+)
+def test_wrong_words_are_refused_before_anything_is_flown(tmp_path, capsys, words, sentence):
+    assert main(["simulate", "--map", "--map-file", str(tmp_path / "map.jsonl"), *words]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "map.jsonl").exists()
+
+
+def test_scheduler_without_its_package_or_without_an_answer_is_refused_in_words(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ConfigError, match="pip install distributed"):
+        run._cluster("tcp://127.0.0.1:1")
+
+
+def test_one_cell_flown_by_the_command_holds_and_its_own_commands_fly_the_same_flights(tmp_path, capsys):
+    path = tmp_path / "map.jsonl"
+    words = ["--cells", "vehicles=3", "--cells", "speed_m_s=1", "--cells", "delay_ms=200", "--cells", "loss_pct=30"]
+    assert main(["simulate", "--map", "--map-file", str(path), *words, "--flights", "20"]) == 0
+    printed = capsys.readouterr().out
+    assert "screened" in printed
+    assert "digest" in printed
+    row = json.loads(path.read_text().splitlines()[1])
+    assert (row["flights"], row["below"]) == (21, 0)
+    scenario, seed = row["worst_flight"].split()
+    (cell,) = cells.cells(words[1::2])
+    command = next(text for text in cells.commands(cell) if f" {scenario} " in text).split()[1:]
+    command[command.index("--seeds") + 1] = seed
+    assert main([*command, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["min_separation_m"] == row["worst_m"]
+
+
+def test_a_cell_flies_with_what_check_demands_and_holds_its_top_speed():
+    for cell in cells.cells(["vehicles=8", "errors=mocap", "loss_pct=30"]):
+        fleet = settings.setup_for(changes=cells.changes(cell)).fleet(8)
+        refused = [finding.name for finding in fleet_findings(fleet) if finding.status == "refused"]
+        assert set(refused) <= {"map of the law"}, (cell, refused)
+
+
+def test_summary_is_what_check_reads(tmp_path, monkeypatch):
+    import tomllib
+
+    monkeypatch.setattr(flights, "fly", flown)
+    rows = fly_all(tmp_path / "map.jsonl")
+    law_map = law_map_of(tomllib.loads(summary.toml_summary(cells.cells(), rows, "a")))
+    by_verdict = [summary.verdict(cell) for cell in law_map.cells]
+    assert (by_verdict.count("holds"), by_verdict.count("failed"), len(by_verdict)) == (8, 1, 9)
+    assert law_map.law["mocap"]["kappa_1_1_s"] == 4.0
+
+
+@pytest.mark.long
+def test_killed_by_force_with_two_processes_and_continued_it_has_the_same_digest(tmp_path):
+    command = [sys.executable, "-m", "groundstation", "simulate", "--map", "--jobs", "2", "--flights", "100"]
+    command += [word for axis in ("vehicles=3", "speed_m_s=1", "delay_ms=20,100") for word in ("--cells", axis)]
+    killed, whole = tmp_path / "killed.jsonl", tmp_path / "whole.jsonl"
+
+    def lines(path: Path) -> int:
+        return len(path.read_text().splitlines()) if path.exists() else 0
+
+    process = subprocess.Popen([*command, "--map-file", str(killed)], start_new_session=True)
+    deadline = time.monotonic() + 120.0
+    while lines(killed) < 4 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    before = lines(killed)
+    assert 4 <= before < 13
+    digests = []
+    for path in (killed, whole):
+        done = subprocess.run([*command, "--map-file", str(path)], capture_output=True, text=True, check=True)
+        digests.append(done.stdout.rsplit("digest", 1)[1].strip())
+    assert digests[0] == digests[1]
+    assert lines(killed) == lines(whole) == 13
+
+
+@pytest.mark.long
+def test_cells_that_the_shipped_map_promises_hold_in_flights_of_other_seeds():
+    from onboard.feasibility.law_map import shipped
+    from sitl.monte_carlo import batch
+
+    promised = [cell for cell in shipped().cells if cell.is_promised]
+    for kept in promised[:: max(1, len(promised) // 6)]:
+        cell = cells.Cell(kept.errors, kept.vehicles, kept.speed_m_s, 1e3 * kept.delay_s, 1e2 * kept.loss_frac)
+        for name in cell.scenarios:
+            for records in batch.campaign([name], range(2000, 2008), cells.setup(cell, name)):
+                assert all(record["violation_s"] == 0.0 for record in records), (cell.key, name)
