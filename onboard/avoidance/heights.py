@@ -58,7 +58,7 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
     towards_m = max(0.0, _MOTION_S * closing_m_s, -side * (own.way_m - other.way_m))
     claims_column = not neighbour.is_cooperative and side < 0.0
     is_known = math.isfinite(gap_now + gap_ahead + closing_m_s + own.way_m + other.way_m)
-    if claims_column or not is_known or message_age(neighbour.age_s) > _STALE_S:
+    if claims_column or not is_known or message_age(neighbour) > _STALE_S:
         return 1.0
     smallest = min(side * gap_now, abs(gap_ahead))
     left = near + TRANSITION_M + towards_m - smallest
@@ -72,7 +72,7 @@ def climb_of(neighbour: Neighbour, own_lead_s: float) -> Climb:
         neighbour: as received.
         own_lead_s: from now to the own t + L.
     """
-    age_s = message_age(neighbour.age_s)
+    age_s = message_age(neighbour)
     z, v_z = neighbour.position_enu_m.z, neighbour.velocity_enu_m_s.z
     now_m, std_m = z + age_s * v_z, neighbour.position_std_m
     if not neighbour.is_cooperative:

@@ -116,15 +116,15 @@ def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
         neighbour: as received.
         own_lead_s: how far ahead of now the own rows are evaluated.
     """
+    age_s = message_age(neighbour)
     is_predicted = neighbour.is_cooperative and is_finite(neighbour.predicted_position_enu_m)
     is_predicted = is_predicted and is_finite(neighbour.predicted_velocity_enu_m_s)
     if is_predicted and is_finite(neighbour.commanded_acceleration_enu_m_s2):
         lead_s = lead_time(neighbour.lead_time_s, own_lead_s)
-        age_s = message_age(neighbour.age_s, MAX_PREDICTION_AGE_S)
         return _carried(neighbour, lead_s, age_s + (own_lead_s - lead_s))
     is_usable = is_finite(neighbour.position_enu_m) and is_finite(neighbour.velocity_enu_m_s)
     p, v = clipped(neighbour.position_enu_m), clipped(neighbour.velocity_enu_m_s)
-    ahead_s = message_age(neighbour.age_s, MAX_MESSAGE_AGE_S) + own_lead_s
+    ahead_s = age_s + own_lead_s
     a = into_disc(clipped(neighbour.acceleration_enu_m_s2), GRAVITY_M_S2)
     held_s = min(ahead_s, MAX_COMMAND_AGE_S)
     weight = held_s * (ahead_s - 0.5 * held_s)
@@ -149,13 +149,14 @@ def _carried(neighbour: Neighbour, lead_s: float, ahead_s: float) -> Received:
     return Received(True, position, Vec2(v.x + held_s * a.x, v.y + held_s * a.y), u)
 
 
-def message_age(age_s: float, most_s: float) -> float:
-    """Return the age that counts: between 0 and a largest one, which also stands for an unknown one.
+def message_age(neighbour: Neighbour) -> float:
+    """Return the age that counts: from 0 to the largest one, which also stands for an unknown one.
 
     Args:
-        age_s: as received.
-        most_s: the largest one.
+        neighbour: as received. One that cooperates is believed for longer.
     """
+    age_s = neighbour.age_s
+    most_s = MAX_PREDICTION_AGE_S if neighbour.is_cooperative else MAX_MESSAGE_AGE_S
     if 0.0 <= age_s <= most_s:
         return age_s
     return 0.0 if age_s < 0.0 and math.isfinite(age_s) else most_s

@@ -30,8 +30,8 @@ def columns(neighbours):
 
 def carried(n, lead_s):
     """Line P3: positions, velocities and commands (K, 2) of the neighbours at the own t + L."""
-    age = np.clip(n["age_s"], 0.0, 0.3)
     cooperative = n["is_cooperative"] > 0
+    age = np.clip(n["age_s"], 0.0, np.where(cooperative, 0.8, 0.3))
     their_lead = np.clip(np.where(np.isfinite(n["lead_time_s"]), n["lead_time_s"], lead_s), 0.0, 1.0)
     ahead = (age + lead_s - their_lead)[:, None]
     forth, back = np.clip(ahead, 0.0, 0.25), np.minimum(ahead, 0.0)
