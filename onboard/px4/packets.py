@@ -11,7 +11,6 @@ _MAGIC_1, _MAGIC_2 = 0xFE, 0xFD
 _SIGNED = 0x01
 SIGNATURE_BYTES = 13
 _HEADER_1, _HEADER_2, _CHECKSUM = 6, 10, 2
-LONGEST = _HEADER_2 + 255 + _CHECKSUM + SIGNATURE_BYTES
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 _HEAD = struct.Struct("<BBBBBBBHB")  # magic, length, two bytes of flags, sequence, system, component, id in two parts
 

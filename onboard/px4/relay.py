@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from onboard.autopilot import AUTOPILOT_COMPONENT, LinkError, Refused
 from onboard.config.mavlink_key import signing_time
-from onboard.px4.packets import LONGEST, Packet, cut, is_read, packed
+from onboard.px4.packets import Packet, cut, is_read, packed
 from onboard.px4.signing import SignatureVerdict, Signer
 from onboard.px4.transport import Address, Transport, open_transport
 
@@ -115,20 +115,24 @@ class MavlinkRelay:
 
     def _take(self, data: bytes, address: Address | None) -> None:
         whole, self._rest = self._rest + data, b""
-        for packet in cut(whole):
-            if isinstance(packet, Packet):
-                self._judge(packet, address)
-            elif packet > 0 and address is None:
-                self._rest = whole[-packet:]
-            else:
+        while whole:
+            left = 0  # bytes at the end that are no whole packet
+            for packet in cut(whole):
+                if isinstance(packet, Packet):
+                    self._judge(packet, address)
+                else:
+                    left = packet
+            if left > 0 and address is None:
+                self._rest = whole[-left:]
+            elif left:
                 self._refuse("malformed", address)
-                self._rest = self._next(whole[packet:]) if address is None else b""
+            whole = self._next(whole[left:]) if left < 0 and address is None else b""
 
     @staticmethod
     def _next(data: bytes) -> bytes:
-        """Return what may begin with a packet, of bytes that do not; at most one packet long."""
+        """Return what may begin with a packet, of bytes that do not."""
         begins = [place for place in (data.find(b"\xfd", 1), data.find(b"\xfe", 1)) if place > 0]
-        return data[min(begins) :][-LONGEST:] if begins else b""
+        return data[min(begins) :] if begins else b""
 
     def _judge(self, packet: Packet, address: Address | None) -> None:
         if not is_read(packet.number):

@@ -1,0 +1,90 @@
+"""The relay over a serial device, here a pseudo terminal: a stream of bytes in which packets begin anywhere."""
+
+from __future__ import annotations
+
+import os
+import select
+from collections.abc import Iterator
+
+import pytest
+
+os.environ["MAVLINK20"] = "1"
+from pymavlink.dialects.v20 import common as mavlink
+
+from onboard.config.mavlink_key import AGENT_LINK_ID
+from onboard.px4.packets import SENT, Packet
+from onboard.px4.relay import Ids, MavlinkRelay
+from onboard.px4.signing import Signer
+from tests.onboard.px4.test_packets_and_signing import KEY
+from tests.onboard.px4.test_relay import SYSTEM, now, until
+
+
+class Line:
+    """A relay at one end of a serial line, and PX4's end of it."""
+
+    def __init__(self, key: bytes | None) -> None:
+        self.px4, self.device = os.openpty()
+        self.let_in: list[Packet] = []
+        signer = None if key is None else Signer(key, AGENT_LINK_ID)
+        device = os.ttyname(self.device)
+        self.relay = MavlinkRelay(f"serial://{device}:921600", Ids(SYSTEM, 191), signer, self.let_in.append)
+        self.end = mavlink.MAVLink(None, SYSTEM, 1)
+        if key is not None:
+            self.end.signing.secret_key, self.end.signing.sign_outgoing = key, True
+            self.end.signing.timestamp, self.end.signing.link_id = now(), 1
+        self.relay.start()
+
+    def beat(self) -> bytes:
+        return bytes(mavlink.MAVLink_heartbeat_message(2, 12, 81, 0, 3, 3).pack(self.end))
+
+    def command(self) -> None:
+        self.relay.send(76, SENT["COMMAND_LONG"].layout.pack(*(0.0,) * 7, 400, SYSTEM, 1, 0))
+
+    def receive(self) -> mavlink.MAVLink_message:
+        """The next message that is no greeting."""
+        while True:
+            assert select.select([self.px4], [], [], 5.0)[0]
+            for message in self.end.parse_buffer(bytearray(os.read(self.px4, 2048))) or ():
+                if message.get_type() != "HEARTBEAT":
+                    return message
+
+    def unplug(self) -> None:
+        os.close(self.px4)
+
+    def close(self) -> None:
+        self.relay.stop()
+        os.close(self.device)
+
+
+@pytest.fixture(params=[None, KEY], ids=["unsigned", "signed"])
+def line(request: pytest.FixtureRequest) -> Iterator[Line]:
+    line = Line(request.param)
+    yield line
+    line.close()
+
+
+def test_packets_are_found_in_a_stream_of_pieces_and_junk_and_answers_leave(line: Line) -> None:
+    for junk in (b"", b"\xfd", b"\xfd\x09noise\xfe\x03", bytes(range(256))):
+        before, packet = len(line.let_in), line.beat()
+        os.write(line.px4, junk + packet[:7])
+        os.write(line.px4, packet[7:])
+        for _ in range(30):  # what looks like the begin of a packet takes one packet's length of bytes with it
+            os.write(line.px4, line.beat())
+        until(lambda: len(line.let_in) >= before + 10)  # noqa: B023  it is called within this round
+        until(lambda: not select.select([line.device], [], [], 0.0)[0])
+    assert all(packet.is_signed == line.relay.is_signed for packet in line.let_in)
+    line.command()
+    assert line.receive().command == 400
+    line.unplug()
+
+
+def test_a_device_that_is_unplugged_or_takes_no_bytes_blocks_nobody(line: Line) -> None:
+    os.write(line.px4, line.beat() + line.beat())
+    until(lambda: len(line.let_in) == 2)
+    for _ in range(2000):  # nobody reads: what does not fit is lost
+        line.command()
+    line.unplug()
+    for _ in range(10):
+        line.command()
+    line.relay.stop()
+    line.relay.stop()
