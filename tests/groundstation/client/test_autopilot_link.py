@@ -6,8 +6,11 @@ import contextlib
 import os
 import pty
 import struct
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -92,3 +95,18 @@ def test_parameters_that_get_lost_in_the_list_are_requested_one_by_one(cable: tu
     assert link.read_all() == {f"P{index}": -index if index % 2 else 0.5 * index for index in range(10)}
     assert set(px4.requested) == {3, 4, 7, 8}
     link.stop()
+
+
+def test_first_message_of_a_process_is_mavlink_2() -> None:
+    program = """
+import socket
+from groundstation.client.direct_mavlink import send_direct
+px4 = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+px4.bind(("127.0.0.1", 0))
+send_direct(f"udpout://127.0.0.1:{px4.getsockname()[1]}", 1, "land", timeout_s=0.1)
+print({px4.recv(300)[0] for _ in range(2)})
+"""
+    environment = {name: value for name, value in os.environ.items() if name != "MAVLINK20"}
+    environment["PYTHONPATH"] = str(Path(__file__).parents[3])
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60)
+    assert done.stdout.strip() == str({0xFD}), done.stderr
