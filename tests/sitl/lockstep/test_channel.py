@@ -116,7 +116,9 @@ def _partition(at_s: float, lasts_s: float, seed: int) -> None:
         flight.run(max(0.0, begin_s + at_s + lasts_s + 3.0 - flight.time_s))
         again = flight.wait_for(_crossing(flight, back=True)())
         assert not [one for one in again if isinstance(one, Exception)]
-        assert flight.min_separation_m > fleet.fleet.body_diameter_m
+        silent = {event.vehicle for event in flight.events if event.code == "neighbour-silent"}
+        assert set(names[:3]) <= silent  # what the ground can hear: it does not hear the others
+        assert flight.min_separation_m > fleet.fleet.safety_distance_m
 
 
 def test_a_fleet_that_is_cut_in_two_on_its_crossing_holds_and_goes_on_afterwards() -> None:
