@@ -65,6 +65,20 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
     return min(max(left / (TRANSITION_M + _GROWTH_SHARE * towards_m), 0.0), 1.0)
 
 
+def is_ahead(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spacing) -> bool:
+    """Whether this vehicle climbs or sinks towards a neighbour that is still a vertical separation away.
+
+    Args:
+        own: this vehicle.
+        neighbour: as received.
+        own_lead_s: from now to the own t + L.
+        spacing: holds the vertical separation.
+    """
+    gap_m = own.ahead_m - climb_of(neighbour, own_lead_s).ahead_m
+    towards_m = -own.way_m if gap_m >= 0.0 else own.way_m
+    return abs(gap_m) >= spacing.vertical_separation_m and towards_m > TRANSITION_M
+
+
 def climb_of(neighbour: Neighbour, own_lead_s: float) -> Climb:
     """Return a neighbour's vertical motion at the own time; straight on from its plain estimate if it tells no more.
 

@@ -41,7 +41,7 @@ from onboard.avoidance.interface import (
     output_of,
     own_at,
 )
-from onboard.avoidance.pairs import NeighbourPair, Own, Surface, nearest_pairs, nearest_surfaces
+from onboard.avoidance.pairs import NeighbourPair, Own, Surface, climb_share, nearest_pairs, nearest_surfaces
 from onboard.avoidance.params import (
     COVEY,
     JAM_IGNORE,
@@ -78,6 +78,7 @@ class LawMemory(NamedTuple):
     commands: list[PastCommand]  # own past commands, newest first
     relaxed_share: float  # low-passed share of ticks whose hard rows had to be relaxed
     held_s: float  # time for which the law has held the vehicle back; negative while it calls for a roundabout
+    climb_share: float  # how fast a climb or descent may go on, from 0 to 1
 
 
 class Constraint(NamedTuple):
@@ -92,7 +93,7 @@ class Constraint(NamedTuple):
 
 def initial() -> LawMemory:
     """Return the memory before the first command."""
-    return LawMemory(no_commands(), 0.0, 0.0)
+    return LawMemory(no_commands(), 0.0, 0.0, 1.0)
 
 
 def predict(memory: LawMemory, state: State, params: LawParams) -> Motion:
@@ -163,7 +164,8 @@ def step(
     relaxed_share = memory.relaxed_share + relaxed_blend(dt_s) * (relaxed - memory.relaxed_share)
     held_s = held(memory.held_s, own, output.active_neighbour >= 0, dt_s)
     commands = remembered(memory.commands, output.commanded_acceleration_enu_m_s2, dt_s)
-    return LawMemory(commands, relaxed_share, held_s), output
+    climb = climb_share(own, neighbours, params) if params.law == COVEY else 1.0
+    return LawMemory(commands, relaxed_share, held_s, climb), output
 
 
 def saturate(

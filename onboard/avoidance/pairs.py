@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from onboard.avoidance.heights import Climb, share_of
+from onboard.avoidance.heights import Climb, is_ahead, share_of
 from onboard.avoidance.params import DIRECTION_INTENT, Capsule, LawParams, Spacing
 from onboard.avoidance.prediction import Received, clipped, receive
 from onboard.types import Neighbour
@@ -21,6 +21,7 @@ LARGEST_MARGIN_M = 5.0
 COINCIDENT_M = 1e-6
 SETTLED_M_S = 0.1  # a vehicle that intends to go no faster than this is no part of a crowd
 _LARGEST_STD = 1e3
+_WAITS_FRAC, _GOES_FRAC = 0.5, 0.9  # of the distance to keep: below the one a climb waits, from the other on it goes
 _LEAST_DISTANCE_M = 0.01  # rows are divided by the distance to keep
 
 
@@ -129,6 +130,28 @@ def _pair(own: Own, neighbour: Neighbour, other: Received, e: Vec2, share: float
         neighbour.is_cooperative,
         neighbour.table_index,
     )
+
+
+def climb_share(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> float:
+    """Return how fast a climb or descent may go on, from 0 to 1: it waits until those whom it will meet are aside.
+
+    DEVIATION D16.
+
+    Args:
+        own: this vehicle at t + L.
+        neighbours: as received, in any order.
+    """
+    if math.isinf(params.spacing.vertical_separation_m):
+        return 1.0
+    least, lead_s = 1.0, params.lead_time_s
+    for neighbour in neighbours:
+        share = share_of(own.climb, neighbour, lead_s, params.spacing)
+        if share > 0.0 and is_ahead(own.climb, neighbour, lead_s, params.spacing):
+            other = receive(neighbour, lead_s).position_m
+            away_m = length_2(Vec2(own.position_m.x - other.x, own.position_m.y - other.y))
+            d = share * design_distance(own.margin_2_m2, neighbour, params.spacing)
+            least = min(least, max(away_m / d - _WAITS_FRAC, 0.0) / (_GOES_FRAC - _WAITS_FRAC))
+    return least
 
 
 def design_distance(own_margin_2_m2: float, neighbour: Neighbour, spacing: Spacing) -> float:

@@ -273,6 +273,8 @@ def _at_rest(state: State, memory: PipelineMemory) -> State:
 def clock_rate(memory: PipelineMemory, position_enu_m: Vec3, goal: Goal, params: PipelineParams, dt_s: float) -> float:
     """Return the rate of the trajectory's clock: 1, or less while the law is active and the vehicle lags behind.
 
+    It stands still while the vehicle climbs or sinks towards others that are not aside yet.
+
     The lag is counted along the way to the goal only: a vehicle pushed aside or ahead waits for nothing.
     DEVIATION D7. The clock of a path is common to all that fly it, and not slowed here.
 
@@ -291,7 +293,7 @@ def clock_rate(memory: PipelineMemory, position_enu_m: Vec3, goal: Goal, params:
     lag = lag / max(math.sqrt(to_goal_x * to_goal_x + to_goal_y * to_goal_y), 1e-6)
     share = (lag - params.clock_slack_m) / (params.clock_stop_m - params.clock_slack_m)
     share = min(max(share, 0.0), 1.0) if math.isfinite(share) else 0.0
-    target = 1.0 - min(max(2.0 * memory.activity, 0.0), 1.0) * share
+    target = min(1.0 - min(max(2.0 * memory.activity, 0.0), 1.0) * share, memory.law.climb_share)
     return memory.clock_rate + (1.0 - math.exp(-dt_s / params.clock_time_s)) * (target - memory.clock_rate)
 
 

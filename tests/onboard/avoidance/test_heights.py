@@ -11,7 +11,7 @@ from onboard.config.fleet import ConfigError, fleet_from_mapping
 from onboard.rollout.closed_loop import Scenario, fleet_model, fly
 from onboard.types import LawStatus
 from onboard.vectors import ZERO_3, Vec3
-from tests.onboard.avoidance.law_cases import law_of, neighbour_of, random_case, run
+from tests.onboard.avoidance.law_cases import law_of, neighbour_of, random_case, random_neighbour, run
 
 APART_M, LEAD_S = 1.2, 0.15
 LAW = law_of({"vertical_separation_m": APART_M})
@@ -96,15 +96,38 @@ def test_the_whole_share_gives_the_very_same_flight_as_cylinders():
     assert np.array_equal(flights[0].trace_enu_m, flights[1].trace_enu_m)
 
 
-def test_vehicles_above_each_other_swap_their_heights():
+@pytest.mark.parametrize("gap_m", [2.0, APART_M + 0.25])
+def test_vehicles_above_each_other_swap_their_heights_also_from_the_nearest_ones(gap_m):
     fleet = fleet_of(vertical_separation_m=APART_M)
-    start = np.array([[[0.0, 0.0, 1.0], [0.02, 0.0, 3.0]]])
+    start = np.array([[[0.0, 0.0, 1.0], [0.02, 0.0, 1.0 + gap_m]]])
     flown = fly(Scenario(start, start[:, None, ::-1], np.zeros(1)), fleet_model(fleet, tuple(fleet.vehicles)), [3])
     assert flown.is_success.all()
     assert flown.arrival_s.max() < 12.0
     gap = flown.trace_enu_m[:, 0, 0] - flown.trace_enu_m[:, 0, 1]
     assert ((np.hypot(gap[:, 0], gap[:, 1]) >= 0.8) | (abs(gap[:, 2]) >= APART_M)).all()
     assert flown.min_separation_m[0] >= 0.8
+
+
+@pytest.mark.parametrize(("height_m", "goes_around"), [(1.0, True), (5.0, False)])
+def test_nobody_flies_below_one_that_does_not_cooperate_and_above_it_everybody_may(height_m, goes_around):
+    fleet = fleet_of(vertical_separation_m=APART_M)
+    start = np.array([[[-2.0, 0.1, height_m], [0.0, 0.0, 3.0]]])
+    goal = np.array([[[[2.0, 0.1, height_m], [0.0, 0.0, 3.0]]]])
+    model = fleet_model(fleet, tuple(fleet.vehicles))
+    flown = fly(Scenario(start, goal, np.zeros(1), is_parked=(False, True)), model, [5])
+    assert flown.is_success.all()
+    nearest_m = np.hypot(*flown.trace_enu_m[:, 0, 0, :2].T).min()
+    assert nearest_m >= 0.8 if goes_around else nearest_m < 0.3
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_any_message_gives_a_finite_thrust(seed):
+    rng = np.random.default_rng(seed)
+    others = [random_neighbour(rng, k, 1.5) for k in range(4)]
+    nowhere = Vec3(0.2, 0.1, math.nan)
+    others += [neighbour._replace(predicted_position_enu_m=nowhere) for neighbour in others[:2]]
+    output = run((0.0, 0.0, 1.0), ZERO_3, (0.5, 0.0, 0.0), others, LAW)
+    assert all(map(math.isfinite, output.commanded_acceleration_enu_m_s2))
 
 
 def test_a_vertical_separation_within_the_downwash_is_refused():
