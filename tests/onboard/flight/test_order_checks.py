@@ -7,8 +7,9 @@ import math
 import msgspec
 
 from onboard import events as ev
+from onboard.agent.core import AgentCore
 from onboard.bus.schema import Telemetry
-from tests.onboard.agent.rig import Rig
+from tests.onboard.agent.rig import Rig, fleet
 
 
 def _neighbour(rig: Rig, **changes: object) -> None:
@@ -97,6 +98,17 @@ def test_a_neighbour_within_the_safety_distance_refuses_the_take_off() -> None:
     rig.until("ready")
     _neighbour(rig, position_enu_m=(0.5, 0.0, 0.0))
     assert "mav1 stands 0.50 m away" in rig.order("takeoff", height_m=1.0).reason
+
+
+def test_a_take_off_into_the_column_of_a_flying_vehicle_is_refused_unless_it_stays_far_enough_below() -> None:
+    cylinders = fleet()
+    section = msgspec.structs.replace(cylinders.fleet, vertical_separation_m=1.2)
+    rig = Rig(core=AgentCore(msgspec.structs.replace(cylinders, fleet=section), "mav0", boot_id=7))
+    rig.until("ready")
+    same = rig.telemetry.config_hash if rig.telemetry is not None else ""
+    _neighbour(rig, position_enu_m=(0.5, 0.0, 2.5), is_airborne=True, state="flying", config_hash=same)
+    assert "mav1 flies 0.50 m beside the way up" in rig.order("takeoff", height_m=2.0).reason
+    assert rig.order("takeoff", height_m=1.0).is_accepted
 
 
 def test_a_goal_above_a_vehicle_on_the_ground_is_refused() -> None:
