@@ -43,7 +43,12 @@ class Converted:
 
 
 def converted(
-    show: Show, names: Mapping[str, str], limits: Limits, spacing_m: float, home_spacing_m: float
+    show: Show,
+    names: Mapping[str, str],
+    limits: Limits,
+    spacing_m: float,
+    home_spacing_m: float,
+    height_share: float = 0.0,
 ) -> Converted:
     """Make a show flyable.
 
@@ -51,8 +56,9 @@ def converted(
         show: as it was read.
         names: of the vehicles, by those of the drones.
         limits: of the vehicles.
-        spacing_m: horizontal distance that paths keep [m].
-        home_spacing_m: that homes keep [m].
+        spacing_m: separation that paths keep [m].
+        home_spacing_m: that homes keep, horizontally [m].
+        height_share: what a metre of height counts in the separation of paths; 0: nothing.
 
     Returns:
         Homes, paths and lights by the vehicles' names, with a note for each change.
@@ -80,7 +86,7 @@ def converted(
         made.lights[names[one.name]] = tuple((max(t - zero_s, 0.0), r, g, b) for t, r, g, b in one.lights)
     _deal_homes(made)
     _slow_down(made, limits)
-    _spread_starts(made, spacing_m)
+    _spread_starts(made, spacing_m, height_share)
     return made
 
 
@@ -154,11 +160,11 @@ def _slow_down(made: Converted, limits: Limits) -> None:
         made.lights[name] = tuple((factor * t, red, green, blue) for t, red, green, blue in lights)
 
 
-def _spread_starts(made: Converted, spacing_m: float) -> None:
+def _spread_starts(made: Converted, spacing_m: float, height_share: float) -> None:
     """Let vehicles that would come too near begin later, one after the other; refuse what that does not mend."""
     delays_s = dict.fromkeys(made.paths, 0.0)
     paths = dict(made.paths)
-    pairs = _too_near(paths, spacing_m)
+    pairs = _too_near(paths, spacing_m, height_share)
     first_pairs, best = pairs, len(pairs)
     for _ in range(_SPREAD_ROUNDS if 0 < best <= 2 * len(paths) else 0):
         late = max((pairs[0].first, pairs[0].second), key=lambda name: (delays_s[name], name))
@@ -167,14 +173,14 @@ def _spread_starts(made: Converted, spacing_m: float) -> None:
             break
         waiting = resting(delays_s[late], np.array(made.paths[late].pieces[0][1::8]))
         paths[late] = path_of([waiting.tolist(), *made.paths[late].pieces])
-        pairs = _too_near(paths, spacing_m)
+        pairs = _too_near(paths, spacing_m, height_share)
         if not pairs:
             break
     if pairs:
+        anyhow = "" if height_share else " at any height, since vehicles do not fly above each other"
         listed = listed_words([pair_words(one) for one in first_pairs])
         raise ConfigError(
-            f"Paths come nearer than {spacing_m:.2f} m, which the law needs at any height, since vehicles do not fly "
-            f"above each other: {listed}. Move them apart."
+            f"Paths come nearer than {spacing_m:.2f} m, which the law needs{anyhow}: {listed}. Move them apart."
         )
     made.paths = paths
     for name, delay_s in delays_s.items():
@@ -183,7 +189,7 @@ def _spread_starts(made: Converted, spacing_m: float) -> None:
             made.lights[name] = tuple((t + delay_s, r, g, b) for t, r, g, b in made.lights[name])
 
 
-def _too_near(paths: Mapping[str, Path], spacing_m: float) -> list[Closest]:
+def _too_near(paths: Mapping[str, Path], spacing_m: float, height_share: float) -> list[Closest]:
     if len(paths) < 2:
         return []
-    return [one for one in closest_pairs(sample(paths), spacing_m) if one.distance_m < spacing_m]
+    return [one for one in closest_pairs(sample(paths), spacing_m, height_share) if one.distance_m < spacing_m]

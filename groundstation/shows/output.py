@@ -16,7 +16,7 @@ from groundstation.processes.free_ports import toml_text
 from groundstation.shows.conversion import Converted, converted
 from groundstation.shows.show import Show
 from groundstation.starter.files import Answers, endpoint_lines, law_lines, type_lines
-from onboard.config.fleet import ConfigError, FleetConfig, Origin, fleet_from_mapping
+from onboard.config.fleet import ConfigError, FleetConfig, Origin, fleet_from_mapping, parking_height_share
 from onboard.control.path import sampled
 
 DEFAULT_PROMISE_M = 0.8
@@ -53,7 +53,9 @@ def write_show(
         raise ConfigError("Two drones of the show have one name. Give each its own.")
     draft_text = _fleet_text(show, fleet, vehicles, None, promise_m)
     draft = fleet_from_mapping(tomllib.loads(draft_text), path=str(folder / "fleet.toml"))
-    made = converted(show, names, limits_of(draft, vehicles), bound_m(draft), bound_m(draft) + _HOME_M)
+    made = converted(
+        show, names, limits_of(draft, vehicles), bound_m(draft), bound_m(draft) + _HOME_M, parking_height_share(draft)
+    )
     text = _fleet_text(show, fleet, vehicles, made, promise_m)
     final = fleet_from_mapping(tomllib.loads(text), path=str(folder / "fleet.toml"), text=text)
     head = [f"Made by covey import from {source}.", *made.notes]
