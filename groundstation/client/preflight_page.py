@@ -11,6 +11,7 @@ from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
+from onboard.config.law import BUILT_IN
 from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.plain_text import plain_line
 
@@ -48,7 +49,9 @@ class VehiclePage:
 
 
 def _of_files(name: str, telemetry: Telemetry, fleet: FleetConfig) -> list[PageLine]:
-    own_hash = fleet.with_law(telemetry.law).config_hash
+    # a law that the ground's file does not name is nobody's to import because a message names it
+    is_known = telemetry.law in BUILT_IN and telemetry.law != fleet.law.name
+    own_hash = (fleet.with_law(telemetry.law) if is_known else fleet).config_hash
     if telemetry.config_hash != own_hash:
         said = f"{name} flies with another fleet file than {fleet.path} ({telemetry.config_hash}, here {own_hash})."
         remedy = "Give the vehicle's computer this file and restart its agent, or give this command the vehicle's file."

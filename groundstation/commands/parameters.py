@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Group, Parameter
 
@@ -13,7 +13,7 @@ FleetFile = Annotated[str, Parameter(metavar="FILE", help="fleet file")]
 Folder = Annotated[Path, Parameter(metavar="DIR")]
 Names = Annotated[str, Parameter(metavar="NAMES")]
 Seconds = Annotated[float, Parameter(metavar="S")]
-LawName = Annotated[Literal["covey", "paper", "off"] | None, Parameter(choices=("covey", "paper", "off"))]
+LawName = Annotated[str | None, Parameter(metavar="NAME")]  # covey, paper, off, or a law of one's own
 
 _BUS = Parameter(group=Group("The bus of a flight in lockstep", sort_key=9), metavar="X")
 
@@ -54,7 +54,7 @@ class FlightOptions:
     Args:
         headless: no console: progress in lines, ends by itself
         record: flight folder (default: flights/<time>)
-        law: avoidance law instead of the fleet file's (simulated flights)
+        law: covey, paper, off or a law of your own, instead of the fleet file's (simulated flights)
         seed: seed of everything random in the emulator
         lockstep: agents and emulator in one process, in simulated time
         arg: argument of a Python mission, NAME=VALUE; may be given several times

@@ -58,7 +58,7 @@ def run(
         lockstep: agents and emulator in one process, in simulated time
         sitl: start the emulator and the agents too, on free ports
         record: flight folder (default: flights/<time>)
-        law: avoidance law instead of the fleet file's (simulated flights)
+        law: covey, paper, off or a law of your own, instead of the fleet file's (simulated flights)
         seed: seed of everything random in the emulator
     """
     _check(script)

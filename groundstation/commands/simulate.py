@@ -22,6 +22,7 @@ from cyclopts import Parameter
 
 from groundstation.commands.parameters import File, Folder
 from onboard.config.fleet import ConfigError
+from onboard.config.law import BUILT_IN
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
 from sitl.monte_carlo import results, scenarios, settings
 from sitl.monte_carlo.command import run
@@ -29,7 +30,7 @@ from sitl.monte_carlo.law_map.map_command import fly_map
 
 MORE_HELP = f"""\
 Scenarios: {scenarios.KNOWN}
-Laws: {", ".join(settings.LAWS)}. Classes of errors: {", ".join(settings.ERRORS)}.
+Laws: {", ".join(BUILT_IN)}, or your own as module:function. Classes of errors: {", ".join(settings.ERRORS)}.
 Keys of --set: {", ".join(settings.keys(with_aliases=True))}."""
 
 
@@ -61,7 +62,7 @@ def simulate(
     Args:
         scenario: one or several
         seeds: half-open range, or one seed
-        law: avoidance law (default covey)
+        law: avoidance law, or your own as module:function (default covey)
         errors: class of errors of the estimate
         type: vehicle types, given in turn (default sih)
         fleet: take types, law and distances from this fleet file (no obstacles, no fence)

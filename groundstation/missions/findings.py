@@ -27,7 +27,7 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
     for finding in _step_findings(mission, errors):
         groups.setdefault(finding.name.partition(",")[0], []).append(finding)
     expected = mission.expect.min_separation_m
-    if expected is not None and mission.fleet.law.name != "off":
+    if expected is not None and mission.fleet.law.built_in != "off":
         promise_m = mission.fleet.fleet.safety_distance_m
         groups["expectation"] = [
             at_most(
@@ -66,7 +66,7 @@ def refused_findings(mission: Mission, is_simulated: bool) -> list[Finding]:
         is_simulated: whether the flight is simulated: other laws than Covey's may then be flown.
     """
     fleet = mission.fleet
-    if not fleet.enabled_names or (is_simulated and fleet.law.name != "covey"):
+    if not fleet.enabled_names or (is_simulated and fleet.law.built_in != "covey"):
         return []
     return [
         finding

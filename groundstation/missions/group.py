@@ -253,7 +253,7 @@ class Group:
             timeout_s: longest flight along the paths [s]; None: their own duration, and a minute.
         """
         self.select(list(paths))
-        if not (self.state.is_simulated and self.config.law.name != "covey"):  # what simulation may try
+        if not (self.state.is_simulated and self.config.law.built_in != "covey"):  # what simulation may try
             refused = refusals(path_findings(self.config, paths, "follow_path"))
             if refused:
                 raise ConfigError(refused[0])

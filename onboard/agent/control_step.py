@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from msgspec import Struct
 
 from onboard.avoidance.params import obstacles
 from onboard.config.fleet import FleetConfig
 from onboard.control import pipeline
+from onboard.control.own_law_pipeline import OwnLawPipeline
 from onboard.control.pipeline import Phase, PipelineMemory
 from onboard.neighbours.table import NeighbourTable
 from onboard.safety.setpoint_check import is_sendable
@@ -39,9 +41,10 @@ class ControlStep:
     Args:
         fleet: the fleet file.
         vehicle_name: one of its vehicles.
+        clock: seconds, by which a law of somebody's own is found slow; None in simulated time.
     """
 
-    def __init__(self, fleet: FleetConfig, vehicle_name: str) -> None:
+    def __init__(self, fleet: FleetConfig, vehicle_name: str, clock: Callable[[], float] | None = None) -> None:
         vehicle = fleet.vehicles[vehicle_name]
         self.params, self.obstacles = pipeline.pipeline_params(fleet, vehicle_name), obstacles(fleet)
         self.tick: Tick | None = None  # newest result
@@ -51,6 +54,12 @@ class ControlStep:
         self._max_tilt_deg = vehicle.max_tilt_deg
         self._start_enu_m = Vec3(*vehicle.start_enu_m)
         self._memory = pipeline.initial(self.params, self._start_enu_m)
+        self._own_law = None if fleet.own_law is None else OwnLawPipeline(fleet.own_law, clock)
+
+    @property
+    def law_refusal(self) -> str:
+        """Why Covey's law flies in the place of the one that the fleet file names; empty while it does not."""
+        return "" if self._own_law is None else self._own_law.refusal
 
     def inputs(
         self, state: State | None, goal: Goal, phase: Phase, table: NeighbourTable, now_ns: int, dt_s: float
@@ -62,9 +71,8 @@ class ControlStep:
 
     def run(self, due: PipelineInputs) -> tuple[PipelineMemory, Tick]:
         """Compute one pass."""
-        return pipeline.step(
-            due.memory, due.state, due.goal, due.neighbours, self.obstacles, due.phase, self.params, due.dt_s
-        )
+        step = pipeline.step if self._own_law is None else self._own_law.step
+        return step(due.memory, due.state, due.goal, due.neighbours, self.obstacles, due.phase, self.params, due.dt_s)
 
     def accept(self, memory: PipelineMemory, tick: Tick) -> None:
         """Take the result of the pass."""

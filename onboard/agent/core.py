@@ -76,14 +76,17 @@ class AgentCore:
         fleet: the fleet file.
         vehicle_name: one of its vehicles.
         boot_id: differs from one start of the process to the next.
+        clock: seconds, by which a law of somebody's own is found slow; None in simulated time.
     """
 
-    def __init__(self, fleet: FleetConfig, vehicle_name: str, *, boot_id: int) -> None:
+    def __init__(
+        self, fleet: FleetConfig, vehicle_name: str, *, boot_id: int, clock: Callable[[], float] | None = None
+    ) -> None:
         self.fleet, self.vehicle = fleet, fleet.vehicles[vehicle_name]
         self.own = OwnState(self.vehicle, fleet.fleet.global_origin)
         self.neighbours = NeighbourTable(fleet, vehicle_name)
         self.flight = FlightContext(fleet, self.vehicle)
-        self.control = ControlStep(fleet, vehicle_name)
+        self.control = ControlStep(fleet, vehicle_name, clock)
         self.failsafes = FailsafeExecutor(fleet, self.vehicle, self.own, self.neighbours, self.flight)
         self.preflight = PreflightReporter(
             fleet,
@@ -314,7 +317,7 @@ class AgentCore:
     def _supervise(self) -> None:
         """Let the failsafes and, on the ground, the preflight check decide."""
         context, view, control = self._context, self._view, self.control
-        context.is_last_tick_finite = control.is_finite
+        context.is_last_tick_finite, context.law_refusal = control.is_finite, control.law_refusal
         context.bus_age_s = self.nodes.silence_s(self.neighbours.last_heard_ns, view.now_ns)
         context.has_ground = self.nodes.has_ground
         context.is_airborne = self._is_airborne

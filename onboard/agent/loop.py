@@ -61,7 +61,7 @@ class AgentProcess:
     ) -> None:
         self._fleet, self._name, self._is_realtime = fleet, name, is_realtime
         vehicle = fleet.vehicles[name]
-        self._core = AgentCore(fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF)
+        self._core = AgentCore(fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF, clock=time.perf_counter)
         # with a mocap PX4's own estimate is only checked
         position_hz = _CHECKED_POSITION_HZ if vehicle.mocap_required else 1e9 / PERIOD_NS
         key = mavlink_key(fleet, name)

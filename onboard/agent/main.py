@@ -22,7 +22,7 @@ def parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
     parser.add_argument("--vehicle", required=True, metavar="NAME", help="vehicle of the fleet file")
-    parser.add_argument("--law", choices=["covey", "paper", "off"], help="avoidance law instead of the fleet file's")
+    parser.add_argument("--law", metavar="NAME", help="avoidance law instead of the fleet file's")
     parser.add_argument(
         "--apply-params", action="store_true", help="set PX4's required parameters instead of only checking them"
     )

@@ -8,9 +8,9 @@ from onboard.config.fleet import FleetConfig
 from onboard.events import Follow
 from onboard.neighbours.subscription import SELECT_TICKS
 from onboard.neighbours.table import NeighbourTable
-from onboard.supervision.preflight_inputs import RECORDER
+from onboard.supervision.preflight_inputs import EMULATOR, RECORDER
 
-CONCERNS_AGENTS = (GROUND, RECORDER, *ROLES)  # first words of all names that an agent has an interest in
+CONCERNS_AGENTS = (GROUND, RECORDER, EMULATOR, *ROLES)  # first words of all names that an agent has an interest in
 
 
 class BusNodes:

@@ -14,6 +14,7 @@ from onboard.bus.schema import MocapPose, Order
 from onboard.config.fleet import FleetConfig
 from onboard.frames import ned_from_enu
 from onboard.safety.failsafe_table import Situation
+from onboard.supervision.preflight_inputs import EMULATOR
 from onboard.types import TICK_S
 
 _START_NS, _PERIOD_NS = 1_000_000_000, round(TICK_S * 1e9)
@@ -29,7 +30,8 @@ def warm_up(fleet: FleetConfig, name: str) -> bool:
     core = AgentCore(replace(fleet, vehicles={name: fleet.vehicles[name]}), name, boot_id=0)
     core.preflight.is_warm = True
     core.handle(ev.ParamsRead(()), _START_NS)
-    core.handle(ev.NodeChanged("ground-1", True), _START_NS)
+    for node in ("ground-1", EMULATOR):  # a law of somebody's own would not start without an emulator
+        core.handle(ev.NodeChanged(node, True), _START_NS)
     vehicle = _MadeUpVehicle(core)
     flying_ticks = count = 0
     while flying_ticks < _FLYING_TICKS and count < _MOST_TICKS:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import msgspec
 
 from onboard.config.fleet import FleetConfig
-from onboard.config.law import LawConfig, LawName
+from onboard.config.law import BuiltInLaw, LawConfig
 from onboard.types import GRAVITY_M_S2
 from onboard.vectors import Vec2
 
@@ -28,7 +28,7 @@ ROTATION_NEVER, ROTATION_VIOLATED, ROTATION_ALWAYS, ROTATION_AHEAD = 0, 1, 2, 3
 DIRECTION_FIXED, DIRECTION_PAIR, DIRECTION_CROWD, DIRECTION_INTENT = 0, 1, 2, 3
 JAM_IGNORE, JAM_SLOW = 0, 1
 
-LAW_NAMES: tuple[LawName, ...] = ("off", "paper", "covey")  # the name of each number
+LAW_NAMES: tuple[BuiltInLaw, ...] = ("off", "paper", "covey")  # the name of each number
 _RESPONSIBILITIES = ("half", "shortfall", "full")
 _PREDICTIONS = ("none", "lag")
 _ROTATIONS = ("never", "violated", "always", "ahead")
@@ -195,9 +195,9 @@ def params_of(config: LawConfig, limits: VehicleLimits = QUICK_VEHICLE) -> LawPa
     """
     low_x, high_x, low_y, high_y = limits.fence_enu_m
     fence_margin_m = config.fence_margin_m
-    has_prediction = config.prediction == "lag" and config.name != "paper"
+    has_prediction = config.prediction == "lag" and config.built_in != "paper"
     return LawParams(
-        law=LAW_NAMES.index(config.name),
+        law=LAW_NAMES.index(config.built_in),
         policies=Policies(
             _RESPONSIBILITIES.index(config.responsibility),
             _PREDICTIONS.index(config.prediction),

@@ -1,7 +1,7 @@
 """Fleet files: frozen values, validated when loaded; the door of this room.
 
 Unknown keys are errors that name file, key and remedy. Precedence: a vehicle's own key, then its type's, then
-``[defaults]``. Nothing here does I/O but :func:`load_fleet`.
+``[defaults]``. Nothing here does I/O but :func:`load_fleet`, and the import of a law of one's own that a file names.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from onboard.config.fleet_config import above_words as above_words
 from onboard.config.fleet_config import parking_distance_m as parking_distance_m
 from onboard.config.fleet_config import parking_height_share as parking_height_share
 from onboard.config.law import LawConfig as LawConfig
-from onboard.config.law import LawName as LawName
+from onboard.config.law_import import OwnLaw as OwnLaw
 from onboard.config.mocap import MocapConfig as MocapConfig
 from onboard.config.radio import RadioConfig as RadioConfig
 from onboard.config.sitl import SitlProfile as SitlProfile
@@ -85,4 +85,4 @@ def fleet_from_mapping(data: Mapping[str, Any], *, path: str = "<fleet>", text: 
     }
     config = FleetConfig(path, fleet, law, formations, vehicles, text, fixed, mocap, shapes, radio)
     check_fleet(config)
-    return config
+    return config.with_own_law()

@@ -15,6 +15,7 @@ from onboard.config import obstacles
 from onboard.config.endpoints import host_of
 from onboard.config.formation_shape import FormationShape
 from onboard.config.law import LawConfig
+from onboard.config.law_import import OwnLaw, load_own_law
 from onboard.config.mocap import MocapConfig
 from onboard.config.radio import RadioConfig
 from onboard.config.sitl import SitlProfile
@@ -160,6 +161,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
     mocap: MocapConfig = MocapConfig()
     shapes: dict[str, FormationShape] = {}  # further formations; slots are the ground's matter, so not in the hash
     radio: RadioConfig | None = None  # the channel that all share; only its expected lateness is in the hash
+    own_law: OwnLaw | None = None  # that law.name names, if it is none of Covey's
 
     @property
     def namespace(self) -> str:
@@ -167,18 +169,36 @@ class FleetConfig(msgspec.Struct, frozen=True):
         return f"covey/{self.fleet.name}"
 
     def with_law(self, name: str | None) -> FleetConfig:
-        """Return the same fleet under another law; None leaves the file's."""
+        """Return the same fleet under another law; None leaves the file's.
+
+        Raises:
+            ConfigError: there is no such law.
+        """
         if name is None:
             return self
-        return msgspec.structs.replace(self, law=msgspec.structs.replace(self.law, name=name))
+        return msgspec.structs.replace(self, law=msgspec.structs.replace(self.law, name=name)).with_own_law()
+
+    def with_own_law(self) -> FleetConfig:
+        """Return the same fleet with the law that its file names, imported if it is none of Covey's.
+
+        Raises:
+            ConfigError: there is no such law, or it cannot be imported.
+        """
+        own_law = None
+        if self.law.is_own:
+            folder = os.path.join(os.path.dirname(os.path.abspath(self.path)), self.law.folder)
+            own_law = load_own_law(self.law.name, (folder, os.getcwd()), self.path)
+        return msgspec.structs.replace(self, own_law=own_law)
 
     @property
     def config_hash(self) -> str:
         """Hash of all values: equal on all vehicles that read the same ones; differing hashes refuse take-off."""
-        # where keys lie, and which router is nearest, may differ from computer to computer
+        # where keys and laws lie, and which router is nearest, may differ from computer to computer
         fleet = msgspec.structs.replace(self.fleet, keys="keys", routers=())
         late_s = self.expected_radio.lateness_s  # by which a vehicle counts as silent later
-        parts = [fleet, self.law, self.formations, self.vehicles, self.obstacles, self.mocap, late_s]
+        law = msgspec.structs.replace(self.law, folder=".")
+        source = "" if self.own_law is None else self.own_law.source_hash
+        parts = [fleet, law, source, self.formations, self.vehicles, self.obstacles, self.mocap, late_s]
         values = msgspec.json.encode(parts, order="deterministic")
         return hashlib.sha256(values).hexdigest()[:12]
 
@@ -300,9 +320,9 @@ def parking_distance_m(config: FleetConfig) -> float:
         horizontal distance [m] between centres.
     """
     law, d_inf = config.law, config.fleet.safety_distance_m
-    if law.name == "paper":
+    if law.built_in == "paper":
         return math.sqrt(d_inf**2 + d_inf * law.paper_v_perp_m_s / law.paper_kappa_3_1_s)
-    if law.name == "off":
+    if law.built_in == "off":
         return config.fleet.body_diameter_m
     slowest_s = max((vehicle.lag_s for vehicle in config.vehicles.values()), default=0.0)
     return d_inf + law.margin_m(slowest_s) + 0.10

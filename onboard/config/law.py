@@ -6,14 +6,19 @@ from typing import Literal
 
 import msgspec
 
-LawName = Literal["covey", "paper", "off"]
+BuiltInLaw = Literal["covey", "paper", "off"]
+BUILT_IN: tuple[BuiltInLaw, ...] = ("covey", "paper", "off")
 QUICK_LAG_S = 0.15
 
 
 class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``[law]``: the avoidance law's values and policies; onboard/avoidance/README.md explains each one."""
 
-    name: LawName = "covey"  # "paper" and "off" are for simulation and for comparison
+    # "paper" and "off" are for simulation and for comparison; "module:function", or the name of an entry point of the
+    # group covey.laws, is a law of your own: docs/own-law.md
+    name: str = "covey"
+    folder: str = "."  # where the module of your own law is looked for first, as seen from this file
+    allow_own_law_on_real_vehicles: bool = False  # true: your own law may fly vehicles that are not emulated
     # policies: each a small function chosen by name
     responsibility: Literal["shortfall", "half", "full"] = "shortfall"  # what share of a correction a vehicle takes
     prediction: Literal["lag", "none"] = "lag"  # "lag": rows hold at the time at which a command takes effect
@@ -51,6 +56,16 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     paper_v_perp_m_s: float = 0.1  # of (8)
     paper_turn: Literal["eq8", "eq9"] = "eq8"  # which equation turns the vehicles
     paper_force_ring: bool = False  # fly it with more than three vehicles all the same, in simulation
+
+    @property
+    def is_own(self) -> bool:
+        """Whether the name is that of a law of somebody's own."""
+        return self.name not in BUILT_IN
+
+    @property
+    def built_in(self) -> BuiltInLaw:
+        """Covey's law of that name; beside a law of somebody's own Covey's is computed, and takes over from it."""
+        return next((name for name in BUILT_IN if name == self.name), "covey")
 
     def margin_m(self, lag_s: float) -> float:
         """Margin above the safety distance that a vehicle keeps while estimates are good.

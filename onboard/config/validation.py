@@ -112,7 +112,7 @@ def _vertical_problems(fleet: FleetSection, law: LawConfig) -> Iterator[str]:
             f"{fleet.body_diameter_m:g} m blows down on whoever flies less than {least_m:g} m below it: a body's "
             "height, and the reach of its downwash. Write that or more, or remove the key."
         )
-    if law.name == "paper":
+    if law.built_in == "paper":
         yield (
             "'fleet.vertical_separation_m' is given, and 'law.name' is 'paper', which knows no heights. Remove "
             "vertical_separation_m, or fly law.name = 'covey'."
@@ -160,7 +160,7 @@ def _law_problems(config: FleetConfig) -> Iterator[str]:
         value = getattr(law, key)
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             yield from bound_problems(f"law.{key}", value, *law_bounds(key))
-    if law.name == "paper" and len(config.enabled_names) > 3 and not law.paper_force_ring:
+    if law.built_in == "paper" and len(config.enabled_names) > 3 and not law.paper_force_ring:
         yield (
             f"'law.name' is 'paper' for {len(config.enabled_names)} vehicles. In the paper's ring each vehicle "
             "avoids only the next one, so with more than 3 some pairs do not avoid each other. Use law.name = 'covey', "

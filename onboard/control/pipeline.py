@@ -17,12 +17,23 @@ from typing import NamedTuple
 
 from onboard.avoidance import interface, oist
 from onboard.avoidance.heights import INTENT_S
-from onboard.avoidance.params import PAPER, Capsule, LawParams, law_params
+from onboard.avoidance.params import Capsule
 from onboard.avoidance.prediction import Motion
-from onboard.config.fleet import FleetConfig
 from onboard.control import allocation, backstepping, trajectory
+from onboard.control.pipeline_numbers import PipelineParams as PipelineParams
+from onboard.control.pipeline_numbers import pipeline_params as pipeline_params
 from onboard.estimation import disturbance_observer, hover_thrust
-from onboard.types import GRAVITY_M_S2, AttitudeSetpoint, Goal, Neighbour, State, Thrust, Tick, TrajectorySetpoint
+from onboard.types import (
+    GRAVITY_M_S2,
+    AttitudeSetpoint,
+    Goal,
+    LawOutput,
+    Neighbour,
+    State,
+    Thrust,
+    Tick,
+    TrajectorySetpoint,
+)
 from onboard.vectors import ZERO_3, Vec3, add, is_finite, length, scaled
 
 _INTENT_1_S = 1.0  # intended velocity per metre left to the goal
@@ -43,27 +54,6 @@ class Phase(IntEnum):
     BLIND = 4  # by dead reckoning: nothing is learned, and what was learned is replaced by its mean
 
 
-class PipelineParams(NamedTuple):
-    """Parameters of every stage for one vehicle, and of the pipeline's own limits."""
-
-    trajectory: trajectory.TrajectoryParams
-    backstepping: backstepping.BacksteppingParams
-    law: LawParams
-    observer: disturbance_observer.ObserverParams
-    hover_thrust: hover_thrust.HoverThrustParams
-    allocation: allocation.AllocationParams
-    drag_1_s: float
-    pursuit_speed_m_s: float  # setpoint speed plus what the position error adds stays below
-    max_compensation_m_s2: float  # horizontal, for drag and disturbance
-    max_lift_compensation_m_s2: float  # vertical
-    clock_slack_m: float = 0.3  # lag behind the setpoint at which the clock begins to slow while the law is active
-    clock_stop_m: float = 1.5  # lag at which it stands still
-    activity_time_s: float = 0.5
-    clock_time_s: float = 0.2
-    yaw_rad: float = 0.0  # heading to hold, counterclockwise from east, until a goal turns it: the paper's psi_d
-    max_yaw_rate_rad_s: float = 1.0
-
-
 class PipelineMemory(NamedTuple):
     """Memories of all stages and of the anti-windup."""
 
@@ -79,44 +69,17 @@ class PipelineMemory(NamedTuple):
     cos_tilt: float  # of the last attitude setpoint
 
 
-def pipeline_params(fleet: FleetConfig, vehicle_name: str, law: str | None = None) -> PipelineParams:
-    """Return the parameters of one vehicle of a fleet.
+class BeforeLaw(NamedTuple):
+    """Results of the stages before the law."""
 
-    Args:
-        fleet: the fleet file.
-        vehicle_name: one of its vehicles.
-        law: "covey", "paper" or "off"; overrides the fleet file's choice.
-    Raises:
-        ValueError: ``law`` is none of these.
-    """
-    vehicle = fleet.vehicles[vehicle_name]
-    numbers = law_params(fleet, vehicle_name, law)
-    # a fleet file may say 1 for 1.0, but compiled code is made for kinds of numbers
-    hover_frac, drag_1_s = float(vehicle.hover_thrust_frac), float(vehicle.drag_1_s)
-    tilt_rad = math.radians(vehicle.max_tilt_deg)
-    lead_s = 0.0 if numbers.law == PAPER else numbers.lead_time_s
-    lift_reserve = (1.0 / hover_frac - 1.0) * GRAVITY_M_S2
-    return PipelineParams(
-        trajectory=trajectory.TrajectoryParams(numbers.max_speed_m_s, float(vehicle.max_acceleration_m_s2), lead_s),
-        backstepping=backstepping.BacksteppingParams(
-            max_acceleration_m_s2=GRAVITY_M_S2 * math.tan(tilt_rad),
-            max_vertical_acceleration_m_s2=min(2.5, 0.4 * lift_reserve),  # the rest stays for separation
-        ),
-        law=numbers,
-        observer=disturbance_observer.ObserverParams(
-            delay_s=float(vehicle.attitude_delay_s),
-            wn_rad_s=float(vehicle.attitude_wn_rad_s),
-            zeta=float(vehicle.attitude_zeta),
-            drag_1_s=drag_1_s,
-        ),
-        hover_thrust=hover_thrust.HoverThrustParams(configured_frac=hover_frac),
-        allocation=allocation.AllocationParams(tilt_rad, hover_frac),
-        drag_1_s=drag_1_s,
-        pursuit_speed_m_s=1.25 * numbers.max_speed_m_s,
-        # at least half of the tilt and of the lift reserve stays for the law
-        max_compensation_m_s2=0.5 * GRAVITY_M_S2 * math.tan(tilt_rad),
-        max_lift_compensation_m_s2=0.5 * (numbers.max_thrust_m_s2 - GRAVITY_M_S2),
-    )
+    observer: disturbance_observer.ObserverMemory
+    lift: hover_thrust.HoverThrustMemory
+    clock_rate: float
+    trajectory: trajectory.TrajectoryMemory
+    setpoint: TrajectorySetpoint
+    baseline: interface.Baseline
+    motion: Motion  # own at t + L; NaN where the estimate cannot be used
+    is_usable: bool  # whether it can
 
 
 def initial(params: PipelineParams, position_enu_m: Vec3) -> PipelineMemory:
@@ -167,6 +130,26 @@ def step(
     """
     if phase == Phase.GROUND:
         return _on_ground(state, params)
+    before = before_law(memory, state, goal, phase, params, dt_s)
+    law_memory, law = oist.step(
+        memory.law, before.baseline, before.motion, state, neighbours, obstacles, params.law, dt_s
+    )
+    return after_law(memory, before, law_memory, law, state, goal, params, dt_s)
+
+
+def before_law(
+    memory: PipelineMemory, state: State, goal: Goal, phase: int, params: PipelineParams, dt_s: float
+) -> BeforeLaw:
+    """Return the results of the stages before the law, for a vehicle in flight.
+
+    Args:
+        memory: of the last tick.
+        state: own estimate.
+        goal: of the order being flown.
+        phase: a Phase, not on the ground.
+        params: of the vehicle.
+        dt_s: length of the tick.
+    """
     is_usable = interface.is_plausible(state.position_enu_m) and interface.is_plausible(state.velocity_enu_m_s)
     usable = state if is_usable else _at_rest(state, memory)
     observer, lift = _observed(memory, usable, phase, params, dt_s)
@@ -181,25 +164,49 @@ def step(
     baseline = interface.Baseline(thrust, compensation, intent(predicted.position_enu_m, goal, top_m_s))
     # the law must know, level out, and publish no state that is not known
     motion = predicted if is_usable else Motion(_NOWHERE, _NOWHERE)
-    law_memory, law = oist.step(memory.law, baseline, motion, state, neighbours, obstacles, params.law, dt_s)
-    net = Thrust(add(law.thrust.thrust_enu_m_s2, compensation))
-    sent = allocation.limit(net, lift.hover_thrust_frac, params.allocation)
+    return BeforeLaw(observer, lift, rate, leg, setpoint, baseline, motion, is_usable)
+
+
+def after_law(
+    memory: PipelineMemory,
+    before: BeforeLaw,
+    law_memory: oist.LawMemory,
+    law: LawOutput,
+    state: State,
+    goal: Goal,
+    params: PipelineParams,
+    dt_s: float,
+) -> tuple[PipelineMemory, Tick]:
+    """Return memory and Tick after the law.
+
+    Args:
+        memory: of the last tick.
+        before: results of the stages before the law.
+        law_memory, law: results of the law.
+        state: own estimate.
+        goal: of the order being flown.
+        params: of the vehicle.
+        dt_s: length of the tick.
+    """
+    thrust, compensation = before.baseline.thrust, before.baseline.compensation_enu_m_s2
+    hover_frac = before.lift.hover_thrust_frac
+    sent = allocation.limit(Thrust(add(law.thrust.thrust_enu_m_s2, compensation)), hover_frac, params.allocation)
     yaw_rad = _turned(memory.yaw_rad, goal, params, dt_s)
-    attitude = allocation.allocate(sent, yaw_rad, lift.hover_thrust_frac, params.allocation)
-    memory = PipelineMemory(
-        leg,
+    attitude = allocation.allocate(sent, yaw_rad, hover_frac, params.allocation)
+    after = PipelineMemory(
+        before.trajectory,
         law_memory,
-        observer,
-        lift,
+        before.observer,
+        before.lift,
         add(sent.thrust_enu_m_s2, _WEIGHT),
-        rate,
+        before.clock_rate,
         _activity(memory.activity, law.intervention_m_s2, params, dt_s),
         yaw_rad,
         attitude.thrust_frac,
         sent.thrust_enu_m_s2.z / max(length(sent.thrust_enu_m_s2), 1e-9),
     )
-    is_sound = is_usable and is_finite(thrust.thrust_enu_m_s2)
-    return memory, Tick(state, setpoint, thrust, law, attitude, lift.hover_thrust_frac, is_sound)
+    is_sound = before.is_usable and is_finite(thrust.thrust_enu_m_s2)
+    return after, Tick(state, before.setpoint, thrust, law, attitude, hover_frac, is_sound)
 
 
 def _led(

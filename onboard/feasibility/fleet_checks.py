@@ -12,7 +12,15 @@ from typing import Literal
 
 import msgspec
 
-from onboard.config.fleet import FleetConfig, Vec3, Vehicle, above_words, parking_distance_m, parking_height_share
+from onboard.config.fleet import (
+    FleetConfig,
+    OwnLaw,
+    Vec3,
+    Vehicle,
+    above_words,
+    parking_distance_m,
+    parking_height_share,
+)
 from onboard.config.pair_separation import separation_m
 from onboard.feasibility import bounds, law_map
 from onboard.feasibility.bounds import ACCURACIES, Accuracy
@@ -56,7 +64,7 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
         return (Finding("vehicles", "refused", 0.0, 1.0, "", "at least", sentence, remedy),)
     kinds = distinct(vehicles)
     accuracy = ACCURACIES[errors or error_class(fleet)]
-    findings: list[Finding] = []
+    findings = [] if fleet.own_law is None else [_own_law(fleet, fleet.own_law)]
     if len(vehicles) > 1:
         findings += pair_findings(fleet, kinds, accuracy)
         starts = {vehicle.name: vehicle.start_enu_m for vehicle in vehicles}
@@ -72,6 +80,18 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
     for judge in (height_at_tilt, thrust_reserve, gust_reserve, battery, silence):
         findings.append(worst(judge(fleet, vehicle) for vehicle in kinds))
     return worst_first(findings)
+
+
+def _own_law(fleet: FleetConfig, law: OwnLaw) -> Finding:
+    """Return the warning that a fleet file brings code along."""
+    real = "may fly" if fleet.law.allow_own_law_on_real_vehicles else "does not take off"
+    remedy = "Read its source before you run it."
+    sentence = (
+        f"The law '{law.name}' (source {law.source_hash}) is code of {law.source} that this fleet file names: it runs "
+        f"in every agent and here, with your rights. On real vehicles it {real}. Preview and these findings are of "
+        f"Covey's law, which takes over where it fails. {remedy}"
+    )
+    return Finding("own law", "warning", 1.0, 0.0, "", "at most", sentence, remedy)
 
 
 def distinct(vehicles: Iterable[Vehicle]) -> list[Vehicle]:
@@ -141,9 +161,9 @@ def start_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], accuracy: Accur
         the finding.
     """
     spacing_m, pair = _closest(spots, 0.0)  # all of them take off from below
-    if fleet.law.name == "paper":
+    if fleet.law.built_in == "paper":
         bound_m, reason = parking_distance_m(fleet), "(8) of the paper at rest"
-    elif fleet.law.name == "covey":
+    elif fleet.law.built_in == "covey":
         bound_m = fleet.fleet.safety_distance_m + max(
             effective_margin_m(fleet, accuracy), least_margin_m(fleet, accuracy)
         )

@@ -42,19 +42,19 @@ def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accurac
         the findings.
     """
     findings = [_body_gap(fleet)]
-    if fleet.law.name == "off":
+    if fleet.law.built_in == "off":
         sentence = f"law.name is 'off', so nothing keeps the {len(fleet.enabled_names)} vehicles apart."
         remedy = "Set law.name = 'covey', unless you want to fly without avoidance, in simulation."
         findings.append(Finding("law", "warning", 0.0, 1.0, "", "at least", f"{sentence} {remedy}", remedy))
         return findings
     findings.append(_margin(fleet, accuracy))
-    if fleet.law.name == "covey":
+    if fleet.law.built_in == "covey":
         findings.append(_shortfall(fleet))
     margin_m = effective_margin_m(fleet, accuracy)
     findings.append(_message_age(fleet, accuracy))
     for judge in (_range, braking):
         findings.append(worst(judge(fleet, vehicle, margin_m) for vehicle in vehicles))
-    if fleet.law.name == "covey":
+    if fleet.law.built_in == "covey":
         findings.append(worst(_lag(vehicle) for vehicle in vehicles))
     findings.append(worst(_kappas(fleet, vehicle) for vehicle in vehicles))
     return findings
@@ -63,7 +63,7 @@ def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accurac
 def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
     kappa_1, kappa_2 = _kappa_values(fleet)
     needed_m = bounds.required_margin_m(accuracy, kappa_1, kappa_2)
-    is_covey = fleet.law.name == "covey"
+    is_covey = fleet.law.built_in == "covey"
     subject = {"fixed": "law.design_margin_m is {value}", "accuracy": "In flight the margin will be {value}"}[
         fleet.law.margin
     ]
@@ -113,7 +113,7 @@ def _range(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
     kappa_1, kappa_2 = _kappa_values(fleet)
     closing = 2.0 * fleet.law.avoid_speed_frac * vehicle.max_speed_m_s
     range_m = bounds.row_range_m(closing, fleet.fleet.safety_distance_m + margin_m, kappa_1, kappa_2)
-    range_m += closing * (message_age_s(fleet) + (vehicle.lag_s if fleet.law.name == "covey" else 0.0))
+    range_m += closing * (message_age_s(fleet) + (vehicle.lag_s if fleet.law.built_in == "covey" else 0.0))
     return at_least(
         "sensing range",
         fleet.law.range_m,
@@ -140,7 +140,7 @@ def _message_age(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
         f"Set law.design_margin_m = {margin_for_age_m(fleet, accuracy):.2f}, or correct radio.expected_delay_s and "
         "expected_loss_frac.",
         # the paper's law has no margin at all; the finding "margin" says so
-        refuse_above=math.inf if fleet.law.name == "paper" else tolerated_s,
+        refuse_above=math.inf if fleet.law.built_in == "paper" else tolerated_s,
     )
 
 
@@ -184,7 +184,7 @@ def _lag(vehicle: Vehicle) -> Finding:
 def _kappas(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     kappa_1, kappa_2 = _kappa_values(fleet)
     response = response_of(vehicle)
-    if fleet.law.name == "paper":
+    if fleet.law.built_in == "paper":
         return _paper_kappas(vehicle, response, max(kappa_1, kappa_2))
 
     def _growth(scale: float) -> float:
@@ -265,7 +265,7 @@ def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
     """
     law, fence = fleet.law, fleet.fleet.geofence_m
     useful = min(len(vehicles) - 1, _USEFUL_NEIGHBOURS)
-    if law.name == "covey" and law.max_neighbours < useful:
+    if law.built_in == "covey" and law.max_neighbours < useful:
         return at_least(
             "neighbours",
             float(law.max_neighbours),
@@ -298,7 +298,7 @@ def effective_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
         the configured margin [m], or more by the policy ``law.margin``.
     """
     law = fleet.law
-    if law.name != "covey":
+    if law.built_in != "covey":
         return 0.0
     if law.margin == "fixed":
         return _configured_margin_m(fleet)
@@ -340,7 +340,7 @@ def parking_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
         distance between centres [m].
     """
     configured_m = parking_distance_m(fleet)
-    if fleet.law.name != "covey":
+    if fleet.law.built_in != "covey":
         return configured_m
     margin_m = max(effective_margin_m(fleet, accuracy), least_margin_m(fleet, accuracy))
     return configured_m + margin_m - _configured_margin_m(fleet)
@@ -353,6 +353,6 @@ def _configured_margin_m(fleet: FleetConfig) -> float:
 
 def _kappa_values(fleet: FleetConfig) -> tuple[float, float]:
     law = fleet.law
-    if law.name == "paper":
+    if law.built_in == "paper":
         return law.paper_kappa_1_1_s, law.paper_kappa_2_1_s
     return law.kappa_1_1_s, law.kappa_2_1_s

@@ -73,6 +73,7 @@ class Condition(Enum):
     CLOCK_JUMPED = "a clock jumped"
     NOT_FINITE = "tick not finite"
     NOT_FINITE_LONG = "ticks not finite for long"
+    OWN_LAW_REFUSED = "own law refused, Covey's flies"
     DISK_FULL = "disk full"
     TWIN = "another agent for this vehicle"
     SHUTDOWN = "agent asked to stop"
@@ -191,6 +192,8 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
         _C.CLOCK_JUMPED: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         _C.NOT_FINITE: (_A.REFUSE, _A.GO_ON, _A.LAND, _A.LEVEL, _A.LEVEL, _A.GO_ON, _A.GO_ON),
         _C.NOT_FINITE_LONG: (_A.REFUSE, _A.DISARM, _A.PX4_LAND, _A.PX4_LAND, _A.PX4_LAND, _A.GO_ON, _A.GO_ON),
+        # Covey's law was computed beside it all the time, so nothing is missing; the next flight begins with it again
+        _C.OWN_LAW_REFUSED: (_A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # no flight begins without a record; none ends because of it
         _C.DISK_FULL: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # on the ground neither flies; an agent in the air goes on, since the second one sends nothing

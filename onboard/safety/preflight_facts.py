@@ -78,6 +78,7 @@ class PreflightFacts:
     law_refusals: tuple[tuple[str, str, str], ...] = ()  # (name, sentence, remedy) of the findings that refuse
     loop_p99_ms: float = 0.0  # 99 % of the control loop's periods are shorter
     has_recorder: bool = False
+    has_emulator: bool = False  # covey sitl is on the bus
     conditions: frozenset[Condition] = frozenset()  # of the failsafe table that hold
 
     @property

@@ -55,11 +55,15 @@ def _configuration(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) 
 
 
 def _law(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
+    # of a fleet that marks none, covey sitl plays all vehicles
+    is_emulated = vehicle.emulated or (facts.has_emulator and not fleet.emulated_names)
+    if fleet.law.is_own and not is_emulated and not fleet.law.allow_own_law_on_real_vehicles:
+        return "own", {"law": fleet.law.name, "name": vehicle.name}
     if not facts.law_refusals:
         return OK, {"law": facts.law}
     _, sentence, remedy = facts.law_refusals[0]
     words = {"law": facts.law, "finding": sentence, "change": remedy}
-    return ("refused" if facts.law == "covey" else "baseline"), words
+    return ("refused" if facts.law not in ("paper", "off") else "baseline"), words
 
 
 def _hover(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:

@@ -57,6 +57,7 @@ class TickContext:
 
     period_s: float = TICK_S  # since the last tick
     is_last_tick_finite: bool = True
+    law_refusal: str = ""  # why Covey's law flies in the place of the one that the fleet file names
     is_airborne: bool = False
     is_stopping: bool = False  # the agent is asked to end
     has_ground: bool = False  # a ground station is on the bus
@@ -123,6 +124,7 @@ class ConditionMonitor:
         self._check_px4(active, view)
         self._check_mode(active, view)
         self._check_landed_state(active, view)
+        self._check_tick(active, view, context)
         self._check_process(active, view, context)
         self._check_space(active, view)
         self._check_tracking(active, view, context)
@@ -219,6 +221,16 @@ class ConditionMonitor:
                 condition = c.PX4_FAILSAFE if snapshot.is_failsafe else c.LEFT_OFFBOARD
                 self._add(active, condition, f"now {snapshot.mode}")
 
+    def _check_tick(self, active: set[Condition], view: FlightView, context: TickContext) -> None:
+        c = Condition
+        bad, bad_s = self.lasting(c.NOT_FINITE, not context.is_last_tick_finite, view.now_ns)
+        if bad:
+            active.add(c.NOT_FINITE)
+            if bad_s > _NOT_FINITE_LONG_S:
+                active.add(c.NOT_FINITE_LONG)
+        if context.law_refusal:
+            self._add(active, c.OWN_LAW_REFUSED, f"{self.fleet.law.name} {context.law_refusal}")
+
     def _check_process(self, active: set[Condition], view: FlightView, context: TickContext) -> None:
         c, now_ns, period_s = Condition, view.now_ns, context.period_s
         if period_s > TICK_S + LATE_S:
@@ -227,11 +239,6 @@ class ConditionMonitor:
                 active.add(c.LOOP_STALLED)
             if period_s > STALLED_LONG_S:
                 active.add(c.LOOP_STALLED_LONG)
-        bad, bad_s = self.lasting(c.NOT_FINITE, not context.is_last_tick_finite, now_ns)
-        if bad:
-            active.add(c.NOT_FINITE)
-            if bad_s > _NOT_FINITE_LONG_S:
-                active.add(c.NOT_FINITE_LONG)
         bus, bus_s = self.lasting(c.BUS_LOST, context.bus_age_s > BUS_LOST_S, now_ns)
         if bus >= _LIVE_TICKS:
             active.add(c.BUS_LOST)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from onboard.autopilot import Snapshot, Vec4
 from onboard.bus.authority import GROUND, WATCHER
+from onboard.bus.roles import Role
 from onboard.bus.schema import MocapPose, Telemetry
 from onboard.events import (
     ClocksCompared,
@@ -22,6 +23,7 @@ from onboard.events import (
 from onboard.neighbours.duplicate_agents import DuplicateAgents
 
 RECORDER = "recorder"  # first word of the bus node of a recorder
+EMULATOR = Role.EMULATOR.value  # the same of an emulator
 _DUPLICATE_FOR_NS = 3_000_000_000
 _POSE_SOURCE_NS = 500_000_000
 
@@ -49,13 +51,21 @@ class PreflightInputs:
     clock_bounds_s: dict[str, float] = field(default_factory=dict)  # node on another host -> error of its clock
     duplicates: DuplicateAgents = field(default_factory=DuplicateAgents)
     _pose_sources: dict[int, int] = field(default_factory=dict)  # sender's boot id -> arrival of its last pose here
-    _recorders: set[str] = field(default_factory=set)
+    _nodes: set[str] = field(default_factory=set)  # on the bus
     _duplicate_ns: int | None = None
 
     @property
     def has_recorder(self) -> bool:
         """Whether a recorder is on the bus."""
-        return bool(self._recorders)
+        return self._has(RECORDER)
+
+    @property
+    def has_emulator(self) -> bool:
+        """Whether an emulator is on the bus."""
+        return self._has(EMULATOR)
+
+    def _has(self, role: str) -> bool:
+        return any(node.partition("-")[0] == role for node in self._nodes)
 
     def pose_sources(self, now_ns: int) -> int:
         """Number of programs that have sent poses of the own body lately."""
@@ -81,8 +91,8 @@ class PreflightInputs:
                 self.clock_bounds_s = {
                     node: bound for node, bound in bounds_s.items() if not node.startswith((GROUND, WATCHER))
                 }
-            case NodeChanged(node, is_alive) if node.partition("-")[0] == RECORDER:
-                (self._recorders.add if is_alive else self._recorders.discard)(node)
+            case NodeChanged(node, is_alive):
+                (self._nodes.add if is_alive else self._nodes.discard)(node)
             case ParamsRead(problems):
                 self.param_problems = problems
             case SnapshotReceived(snapshot):

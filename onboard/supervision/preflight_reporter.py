@@ -174,6 +174,7 @@ class PreflightReporter:
             is_law_warm=self.is_warm,
             loop_p99_ms=inputs.loop_p99_ms,
             has_recorder=inputs.has_recorder,
+            has_emulator=inputs.has_emulator,
         )
 
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from onboard.agent.control_step import PipelineInputs
-from onboard.control import pipeline
 from onboard.control.pipeline import PipelineMemory, PipelineParams
 from onboard.rollout import batch
 from onboard.rollout.rows import Rows
@@ -38,7 +38,7 @@ class _RowMemory:
 
 
 class Batch:
-    """Runs the passes that are due together.
+    """Runs the passes that are due together; a law of somebody's own is interpreted, agent by agent.
 
     Args:
         tables: holds the agents' tables; None runs the passes one by one.
@@ -52,7 +52,8 @@ class Batch:
         """One tick of each agent; a message that one publishes is heard by the others in later ticks."""
         passes = [agent.begin_tick(now_ns) for agent in agents]
         is_together = len({due.dt_s for due in passes}) == 1  # not so after one of them has stood still
-        if self._tables is not None and is_together and len(agents) > 1:
+        is_compiled = self._tables is not None and all(agent.fleet.own_law is None for agent in agents)
+        if self._tables is not None and is_compiled and is_together and len(agents) > 1:
             results = self._together(self._tables, agents, passes)
         else:
             results = [_alone(agent, due) for agent, due in zip(agents, passes, strict=True)]
@@ -97,16 +98,7 @@ def _rows_of(memories: list[Any]) -> Rows:
 
 
 def _alone(agent: AgentShell, due: PipelineInputs) -> tuple[PipelineMemory, Tick]:
-    return pipeline.step(
-        _value(due.memory),
-        due.state,
-        due.goal,
-        due.neighbours,
-        agent.core.control.obstacles,
-        due.phase,
-        agent.core.params,
-        due.dt_s,
-    )
+    return agent.core.control.run(replace(due, memory=_value(due.memory)))
 
 
 def _value(memory: Any) -> PipelineMemory:

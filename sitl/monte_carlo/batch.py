@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from onboard.rollout import batch
 from sitl.monte_carlo import results, scenarios
 from sitl.monte_carlo.flight import MakeController, fly
 from sitl.monte_carlo.settings import Setup
@@ -22,14 +21,14 @@ def campaign(
     setup: Setup,
     *,
     jobs: int = 1,
-    controller: MakeController = batch.FleetPipeline,
+    controller: MakeController | None = None,
     law: str | None = None,
     trace_folder: Path | None = None,
 ) -> Iterator[list[results.Record]]:
     """Records of all scenarios and seeds in their order, chunk by chunk as they are ready.
 
     Args:
-        controller: makes the control; with ``jobs`` > 1 a function at the top of a module.
+        controller: makes the control in place of the law's; with ``jobs`` > 1 a function at the top of a module.
         law: its name in the records, by default the setup's.
         trace_folder: where to write a trace of each flight.
     """
@@ -55,7 +54,7 @@ def _parts(seeds: Sequence[int], count: int, jobs: int) -> list[Sequence[int]]:
 
 
 def _fly_chunk(
-    chunk: tuple[str, Sequence[int], Setup, MakeController, str, Path | None],
+    chunk: tuple[str, Sequence[int], Setup, MakeController | None, str, Path | None],
 ) -> list[results.Record]:
     name, seeds, setup, controller, law, folder = chunk
     plans = [scenarios.plan(name, seed, scale=setup.scale) for seed in seeds]

@@ -100,6 +100,12 @@ def _fly(
         table.add_row(*row)
     console = Console(file=drawing(sys.stdout), width=None if sys.stdout.isatty() else 140)
     console.print(table)
+    refused = [values for values in records if "law_refused" in values]
+    if refused:
+        console.print(
+            f"In {len(refused)} of {len(records)} flights Covey's law took over, so they say little of {setup.law}. "
+            f"In {refused[0]['scenario']} seed {refused[0]['seed']} it {refused[0]['law_refused']}."
+        )
     failed = [values for values in records if not results.is_flawless(values)]
     for values in failed[:10]:
         reason = values["reason"] or f"{values['violation_depth_m']:.3f} m too near for {values['violation_s']:.2f} s"

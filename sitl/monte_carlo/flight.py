@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from onboard.arrays import Array, BoolArray, IntArray
+from onboard.config.fleet import FleetConfig
 from onboard.control import pipeline, trajectory
 from onboard.rollout import batch
+from onboard.rollout.own_law_fleet import OwnLawFleet
 from onboard.rollout.rows import Rows
 from sitl.monte_carlo.metrics import FlightMetrics, Outcome
 from sitl.monte_carlo.noise import Noise
@@ -35,13 +38,14 @@ class Flown:
     plan: Plan
     outcome: Outcome
     straight_line_s: float
+    law_refusal: str = ""  # why a vehicle went on by Covey's law in the place of somebody's own
 
 
 def fly(
     plans: Sequence[Plan],
     setup: Setup,
     *,
-    controller: MakeController = batch.FleetPipeline,
+    controller: MakeController | None = None,
     has_trace: bool = False,
 ) -> list[Flown]:
     """Fly plans of equally many vehicles; each outcome depends on its own plan only.
@@ -51,8 +55,11 @@ def fly(
     patience = _patience_s(plans, setup)
     straight = straight_line_s(plans, setup)
     longest = [_TIMES_STRAIGHT * min(times) for times in zip(straight, patience, strict=True)]
-    flown = _fly(plans, setup, longest, controller=controller, has_trace=has_trace)
-    return [Flown(plan, outcome, time) for plan, outcome, time in zip(plans, flown, straight, strict=True)]
+    flown, refusals = _fly(plans, setup, longest, controller=controller, has_trace=has_trace)
+    return [
+        Flown(plan, outcome, time, refusals.get(number, ""))
+        for number, (plan, outcome, time) in enumerate(zip(plans, flown, straight, strict=True))
+    ]
 
 
 def straight_line_s(plans: Sequence[Plan], setup: Setup) -> list[float]:
@@ -65,7 +72,7 @@ def straight_line_s(plans: Sequence[Plan], setup: Setup) -> list[float]:
     keys = [(repr(alone), plan.scenario, plan.seed) for plan in plans]
     missing = [plan for plan, key in zip(plans, keys, strict=True) if key not in _STRAIGHT_S]
     if missing:
-        outcomes = _fly(missing, alone, _patience_s(missing, setup), is_alone=True)
+        outcomes, _ = _fly(missing, alone, _patience_s(missing, setup), is_alone=True)
         for plan, outcome in zip(missing, outcomes, strict=True):
             _STRAIGHT_S[repr(alone), plan.scenario, plan.seed] = outcome.makespan_s
     return [_STRAIGHT_S[key] for key in keys]
@@ -90,10 +97,11 @@ def _fly(
     setup: Setup,
     longest_s: Sequence[float],
     *,
-    controller: MakeController = batch.FleetPipeline,
+    controller: MakeController | None = None,
     is_alone: bool = False,
     has_trace: bool = False,
-) -> list[Outcome]:
+) -> tuple[list[Outcome], dict[int, str]]:
+    """Return the outcomes, and for the flights in which somebody's own law was refused, the reason."""
     count = plans[0].count
     fleet = setup.fleet(count)
     vehicles = list(fleet.vehicles.values())
@@ -107,7 +115,9 @@ def _fly(
     world = Physics(vehicles, start, scripted, noise, setup.perturbation, wash_m)
     truth = world.truth()
     senses = sensing(setup.errors, vehicles, truth, noise)
-    pilots = controller([pipeline.pipeline_params(fleet, vehicle.name) for vehicle in vehicles], start)
+    pilots = (controller or _controller(fleet))(
+        [pipeline.pipeline_params(fleet, vehicle.name) for vehicle in vehicles], start
+    )
     throttle = np.broadcast_to([vehicle.hover_thrust_frac for vehicle in vehicles], start.shape[:2])
     hover = throttle
     metrics = FlightMetrics(plans, longest_s, fleet, setup.errors, start, has_trace=has_trace)
@@ -136,11 +146,16 @@ def _fly(
         if len(going_on) == len(start):
             continue
         if not len(going_on):
-            return metrics.outcomes
+            return metrics.outcomes, getattr(pilots, "refusals", {})
         start, throttle, hover = start[going_on], throttle[going_on], hover[going_on]
         for part in (noise, senses, pilots, world, metrics, orders, *(() if radio is None else (radio,))):
             part.keep(going_on)
         truth = world.truth()
+
+
+def _controller(fleet: FleetConfig) -> MakeController:
+    """Return what makes the control of a fleet under its law."""
+    return batch.FleetPipeline if fleet.own_law is None else partial(OwnLawFleet, fleet.own_law)
 
 
 class _Orders:

@@ -19,6 +19,7 @@ Record = dict[str, Any]
 def record(flown: Flown, setup: Setup, law: str) -> Record:
     """One flight as the JSON object that is printed; null where there is no number."""
     outcome, plan = flown.outcome, flown.plan
+    refused = {"law_refused": flown.law_refusal} if flown.law_refusal else {}
     return {
         "scenario": plan.scenario,
         "seed": plan.seed,
@@ -42,6 +43,7 @@ def record(flown: Flown, setup: Setup, law: str) -> Record:
         "max_speed_m_s": _number(outcome.max_speed_m_s),
         "intervention_m_s2": _number(outcome.intervention_m_s2),
         "path_ratio": _number(outcome.path_ratio),
+        **refused,
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -19,7 +20,6 @@ from onboard.config.fleet import (
     read_toml,
 )
 
-LAWS = ("covey", "paper", "off")
 _EXAMPLES = ("sih", "paper")  # whose types can be named without --fleet
 _FLEET_KEYS = ("safety_distance_m", "vertical_separation_m", "body_diameter_m")  # of a fleet file, for a campaign
 # short names for what is otherwise a value of the law or of the vehicle
@@ -174,8 +174,8 @@ def setup_for(
         raise ConfigError(f"--errors is '{errors}', but there are only {', '.join(ERRORS)}. Name one of these.")
     given_law = dict(data.get("law", {}))
     law = law or str(given_law.get("name", "covey"))
-    if law not in LAWS:
-        raise ConfigError(f"--law is '{law}', but there are only {', '.join(LAWS)}. Name one of these.")
+    if fleet_path is not None:  # a law of one's own is looked for beside the file that names it
+        given_law["folder"] = os.path.join(os.path.dirname(os.path.abspath(fleet_path)), given_law.get("folder", "."))
     if not (math.isfinite(scale) and 0.1 <= scale <= 100.0):
         raise ConfigError(f"--scale is {scale}; it must lie between 0.1 and 100.")
     law_table: dict[str, Any] = {**ERRORS[errors].law, **given_law}

@@ -55,7 +55,7 @@ def _kind(text: str) -> str:
     literal = re.findall(r'"([^"]+)"', text)
     if text == 'bool | Literal["scan"]':
         return 'true, false or `"scan"`'
-    if "Literal" in text or text in ("LawName", "OnLag", "ShapeName", "SystemType | None"):
+    if "Literal" in text or text in ("OnLag", "ShapeName", "SystemType | None"):
         return "one of " + ", ".join(f"`{word}`" for word in literal) if literal else "one of some words"
     words = {"float": "number", "int": "whole number", "str": "text", "bool": "true or false", "Vec3": "three numbers"}
     base = text.removesuffix(" | None")
@@ -93,10 +93,9 @@ _LITERALS: dict[str, str] = {}
 
 def fleet_file() -> str:
     """Print the reference of fleet files."""
-    from onboard.config.law import LawName
     from onboard.config.mocap import SystemType
 
-    _LITERALS.update({"LawName": _of(LawName), "ShapeName": _of(ShapeName), "SystemType | None": _of(SystemType)})
+    _LITERALS.update({"ShapeName": _of(ShapeName), "SystemType | None": _of(SystemType)})
     only = tuple(name for name in fields(Vehicle) if name not in _ONE_OF_ITS_OWN)
     parts = [
         ("`[fleet]`", _table(FleetSection, FLEET_BOUNDS)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import sys
 import time
 import tomllib
@@ -130,6 +131,9 @@ def _own_fleet(fleet: FleetConfig, folder: Path, law: str | None, has_free_ports
         vehicle.pop("emulated", None)  # here all are
     if law is not None:
         data["law"] = {**data.get("law", {}), "name": law}
+    if "law" in data:  # a law of one's own stays where it is
+        old = os.path.dirname(os.path.abspath(fleet.path))
+        data["law"]["folder"] = os.path.join(old, data["law"].get("folder", "."))
     if has_free_ports:
         data = with_free_ports(data, fleet)
     elif fleet.has_keys or any(vehicle.mavlink_signing for vehicle in fleet.vehicles.values()):

@@ -51,6 +51,7 @@ FINE = PreflightFacts(
     is_airborne=False,
     has_recorder=True,
 )
+OWN_LAW = msgspec.structs.replace(FLEET, law=msgspec.structs.replace(FLEET.law, name="mine:law"))
 FINDING = ("spacing", "mav1 and mav2 are 0.4 m apart.", "Spread the places by 0.65 m.")
 SPOT_OF_MAV2 = (1.5, -1.4, 0.0)
 # rule and fault -> what is wrong, and words that its sentence has
@@ -152,6 +153,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "mav2 flies with another fleet file, or another law (xyz, here abc",
     ),
     ("law", "refused"): ({"law_refusals": (FINDING,)}, "0.4 m apart"),
+    ("law", "own"): ({"fleet": OWN_LAW}, "Law 'mine:law' is none of Covey's, and mav1 is a real vehicle"),
     ("law", "baseline"): ({"law_refusals": (FINDING,), "law": "paper"}, "0.4 m apart"),
     ("hover thrust", "far"): ({"hover_frac": 0.45}, "0.45 of its throttle, the fleet file says 0.75"),
     ("hover thrust", "off"): ({"hover_frac": 0.65}, "0.65"),
@@ -191,9 +193,25 @@ def test_each_fault_shows_in_its_own_line_only_with_sentence_and_remedy() -> Non
         assert "{" not in check.sentence + check.remedy, case
         is_advice = {r.name: r for r in RULES}[rule].faults[fault].is_advice
         assert check.is_ok is is_advice, case
-        facts = dataclasses.replace(FINE, **{key: value for key, value in changes.items() if key != "vehicle"})
-        refusals = preflight_rules.reasons(facts, FLEET, changes.get("vehicle", VEHICLE))
+        facts = dataclasses.replace(
+            FINE, **{key: value for key, value in changes.items() if key not in ("vehicle", "fleet")}
+        )
+        refusals = preflight_rules.reasons(facts, changes.get("fleet", FLEET), changes.get("vehicle", VEHICLE))
         assert refusals == (() if is_advice else (f"{check.sentence} {check.remedy}",)), case
+
+
+def test_a_law_of_somebodys_own_flies_emulated_vehicles_and_real_ones_only_where_the_file_says_so() -> None:
+    allowed = msgspec.structs.replace(OWN_LAW.law, allow_own_law_on_real_vehicles=True)
+    real = msgspec.structs.replace(OWN_LAW, law=allowed)
+    mixed = msgspec.structs.replace(OWN_LAW, vehicles={**FLEET.vehicles, "mav2": EMULATED})
+    for fleet, changes, is_ok in (
+        (OWN_LAW, {}, False),
+        (OWN_LAW, {"has_emulator": True}, True),
+        (OWN_LAW, {"vehicle": EMULATED}, True),
+        (mixed, {"has_emulator": True}, False),
+        (real, {}, True),
+    ):
+        assert {check.name: check.is_ok for check in judged(fleet, **changes)}["law"] is is_ok
 
 
 def test_a_version_refuses_where_its_attitude_lags_by_more_than_the_law_tolerates_and_nowhere_else() -> None:

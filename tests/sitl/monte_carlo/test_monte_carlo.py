@@ -229,7 +229,7 @@ def test_another_controller_can_fly_the_campaign():
     ("words", "said"),
     [
         (["nowhere"], "'nowhere' is not a scenario"),
-        (["form3", "--law", "orca"], "--law is 'orca'"),
+        (["form3", "--law", "orca"], "'law.name' is 'orca', but there are only covey, paper, off"),
         (["form3", "--errors", "lidar"], "--errors is 'lidar'"),
         (["form3", "--type", "jet"], "no vehicle type 'jet'"),
         (["form3", "--seeds", "5:5"], "holds no seed"),

@@ -1,0 +1,73 @@
+"""Numbers of the pipeline's stages for one vehicle, from the fleet file."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from onboard.avoidance.params import PAPER, LawParams, law_params
+from onboard.config.fleet import FleetConfig
+from onboard.control import allocation, backstepping, trajectory
+from onboard.estimation import disturbance_observer, hover_thrust
+from onboard.types import GRAVITY_M_S2
+
+
+class PipelineParams(NamedTuple):
+    """Parameters of every stage for one vehicle, and of the pipeline's own limits."""
+
+    trajectory: trajectory.TrajectoryParams
+    backstepping: backstepping.BacksteppingParams
+    law: LawParams
+    observer: disturbance_observer.ObserverParams
+    hover_thrust: hover_thrust.HoverThrustParams
+    allocation: allocation.AllocationParams
+    drag_1_s: float
+    pursuit_speed_m_s: float  # setpoint speed plus what the position error adds stays below
+    max_compensation_m_s2: float  # horizontal, for drag and disturbance
+    max_lift_compensation_m_s2: float  # vertical
+    clock_slack_m: float = 0.3  # lag behind the setpoint at which the clock begins to slow while the law is active
+    clock_stop_m: float = 1.5  # lag at which it stands still
+    activity_time_s: float = 0.5
+    clock_time_s: float = 0.2
+    yaw_rad: float = 0.0  # heading to hold, counterclockwise from east, until a goal turns it: the paper's psi_d
+    max_yaw_rate_rad_s: float = 1.0
+
+
+def pipeline_params(fleet: FleetConfig, vehicle_name: str, law: str | None = None) -> PipelineParams:
+    """Return the parameters of one vehicle of a fleet.
+
+    Args:
+        fleet: the fleet file.
+        vehicle_name: one of its vehicles.
+        law: "covey", "paper" or "off"; overrides the fleet file's choice.
+    Raises:
+        ValueError: ``law`` is none of these.
+    """
+    vehicle = fleet.vehicles[vehicle_name]
+    numbers = law_params(fleet, vehicle_name, law)
+    # a fleet file may say 1 for 1.0, but compiled code is made for kinds of numbers
+    hover_frac, drag_1_s = float(vehicle.hover_thrust_frac), float(vehicle.drag_1_s)
+    tilt_rad = math.radians(vehicle.max_tilt_deg)
+    lead_s = 0.0 if numbers.law == PAPER else numbers.lead_time_s
+    lift_reserve = (1.0 / hover_frac - 1.0) * GRAVITY_M_S2
+    return PipelineParams(
+        trajectory=trajectory.TrajectoryParams(numbers.max_speed_m_s, float(vehicle.max_acceleration_m_s2), lead_s),
+        backstepping=backstepping.BacksteppingParams(
+            max_acceleration_m_s2=GRAVITY_M_S2 * math.tan(tilt_rad),
+            max_vertical_acceleration_m_s2=min(2.5, 0.4 * lift_reserve),  # the rest stays for separation
+        ),
+        law=numbers,
+        observer=disturbance_observer.ObserverParams(
+            delay_s=float(vehicle.attitude_delay_s),
+            wn_rad_s=float(vehicle.attitude_wn_rad_s),
+            zeta=float(vehicle.attitude_zeta),
+            drag_1_s=drag_1_s,
+        ),
+        hover_thrust=hover_thrust.HoverThrustParams(configured_frac=hover_frac),
+        allocation=allocation.AllocationParams(tilt_rad, hover_frac),
+        drag_1_s=drag_1_s,
+        pursuit_speed_m_s=1.25 * numbers.max_speed_m_s,
+        # at least half of the tilt and of the lift reserve stays for the law
+        max_compensation_m_s2=0.5 * GRAVITY_M_S2 * math.tan(tilt_rad),
+        max_lift_compensation_m_s2=0.5 * (numbers.max_thrust_m_s2 - GRAVITY_M_S2),
+    )

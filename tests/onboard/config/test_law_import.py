@@ -1,0 +1,64 @@
+"""A law of somebody's own: found, told apart by its source, or refused in words when the fleet file is read."""
+
+import re
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+from onboard.config.fleet import ConfigError, load_fleet
+
+FLEET = (Path(__file__).parents[3] / "configs/fleets/paper.toml").read_text(encoding="utf-8")
+GOOD = "def law(memory, inputs):\n    return memory, inputs.baseline\n"
+
+
+def written(folder, source, name="mine:law"):
+    """A fleet file that names a law, and the law beside it."""
+    (folder / "mine.py").write_text(source)
+    path = folder / "fleet.toml"
+    text = re.sub(r"\[law\]\n", f'[law]\nname = "{name}"\n', re.sub(r'(?m)^name = "covey".*\n', "", FLEET))
+    path.write_text(text if "[law]" in text else f'{text}\n[law]\nname = "{name}"\n')
+    return str(path)
+
+
+def test_a_law_beside_the_file_is_found_and_its_source_is_part_of_what_agents_compare(tmp_path):
+    hashes = []
+    for number, source in enumerate((GOOD, GOOD, GOOD + "# changed\n")):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        fleet = load_fleet(written(folder, source))
+        assert fleet.own_law.function(3, type("Inputs", (), {"baseline": 7})) == (3, 7)
+        assert fleet.with_law("covey").own_law is None
+        hashes.append(fleet.config_hash)
+    assert hashes[0] == hashes[1] != hashes[2]
+
+
+@pytest.mark.parametrize(
+    ("source", "name", "said"),
+    [
+        (GOOD, "orca", "there are only covey, paper, off"),
+        (GOOD, "mine:", "there are only covey, paper, off"),
+        (GOOD, "../mine:law", "there are only covey, paper, off"),
+        (GOOD, "nowhere:law", "Put nowhere.py there"),
+        ("import no_such_package\n", "mine:law", "It imports no_such_package: install that package"),
+        ("1 / 0\n", "mine:law", "cannot be imported (ZeroDivisionError: division by zero)"),
+        ("def law(:\n", "mine:law", "cannot be imported (SyntaxError"),
+        ("raise SystemExit(2)\n", "mine:law", "cannot be imported (SystemExit: 2)"),
+        (GOOD, "mine:other", "has no such name"),
+        ("law = 3.0\n", "mine:law", "is no function"),
+        ("def law(inputs):\n    return inputs\n", "mine:law", "which takes (inputs)"),
+    ],
+)
+def test_what_is_no_law_is_refused_in_words(tmp_path, source, name, said):
+    with pytest.raises(ConfigError) as error:
+        load_fleet(written(tmp_path, source, name))
+    assert said in str(error.value)
+    assert f"'law.name' is '{name}'" in str(error.value)
+
+
+def test_a_law_is_found_by_its_entry_point(tmp_path, monkeypatch):
+    entry = metadata.EntryPoint("mine", "mine:law", "covey.laws")
+    monkeypatch.setattr("onboard.config.law_import.entry_points", lambda group: (entry,))
+    assert load_fleet(written(tmp_path, GOOD, "mine")).own_law.name == "mine"
+    with pytest.raises(ConfigError, match="there are only covey, paper, off, mine"):
+        load_fleet(written(tmp_path, GOOD, "yours"))
