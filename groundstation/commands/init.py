@@ -4,6 +4,7 @@ Examples:
   covey init lab
   covey init lab --vehicles 4 --position optitrack --mocap-host 192.168.1.2 --companions 192.168.1.11
   covey init field --vehicles 3 --position gps --origin 47.3977,8.5456,489.4 --companions 10.0.0.11,10.0.0.12,10.0.0.20
+  covey init mine --law my_law
   covey init sandbox --vehicles 6 --companions here --type ardrone
 
 In a terminal it asks for what no option says; elsewhere it takes the defaults. Exit status: 0 written; 2 wrong input,
@@ -20,6 +21,7 @@ from typing import Annotated, Any, get_args
 from cyclopts import Parameter
 
 from groundstation.starter.files import HERE, Answers, Position, starter, type_names
+from groundstation.starter.law_files import law_module, own_law_texts, with_own_law
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_OK
 
@@ -40,6 +42,7 @@ def init(
     spacing: Annotated[float | None, Parameter(metavar="METRES")] = None,
     type: Annotated[str | None, Parameter(metavar="TYPE")] = None,
     mass: Annotated[float | None, Parameter(metavar="KG")] = None,
+    law: Annotated[str | None, Parameter(metavar="NAME")] = None,
     force: bool = False,
 ) -> int:
     """Write DIR/fleet.toml and DIR/mission.toml, commented, and such that covey check passes them.
@@ -56,10 +59,12 @@ def init(
         spacing: distance of the take-off spots
         type: a type of the examples, or a new name
         mass: of a new type
+        law: also write a law of your own, NAME.py, and a test of it: docs/own-law.md
         force: overwrite files that are there
     """
     paths = [folder / "fleet.toml", folder / "mission.toml"]
-    taken = [str(path) for path in paths if path.exists()]
+    law_paths = [] if law is None else [folder / f"{law_module(law)}.py", folder / f"test_{law}.py"]
+    taken = [str(path) for path in [*paths, *law_paths] if path.exists()]
     if taken and not force:
         raise ConfigError(f"{' and '.join(taken)} exist already. Name another folder, or overwrite with --force.")
     given: dict[str, Any] = {
@@ -79,10 +84,15 @@ def init(
         _ask(answers)
     made = starter(Answers(**answers))
     folder.mkdir(parents=True, exist_ok=True)
-    for path, text in zip(paths, (made.fleet_text, made.mission_text), strict=True):
+    fleet_text = made.fleet_text if law is None else with_own_law(made.fleet_text, law)
+    for path, text in zip(paths, (fleet_text, made.mission_text), strict=True):
+        path.write_text(text, encoding="utf-8")
+    for path, text in zip(law_paths, own_law_texts(), strict=False):
         path.write_text(text, encoding="utf-8")
     fleet_path, mission_path = paths
     print(f"Written: {fleet_path} for {len(made.fleet.vehicles)} vehicles, and {mission_path}.")
+    if law is not None:
+        print(f"Written: {law_paths[0]}, a law of your own, and {law_paths[1]}. What it may do: docs/own-law.md.")
     print("Both have comments on what to measure and to look up. Next:")
     for command, what in (
         (f"covey check {mission_path}", "what can be flown, and how closely"),

@@ -1,0 +1,56 @@
+"""A law of somebody's own to begin with: its module, its test, and the line of the fleet file that names it."""
+
+from __future__ import annotations
+
+import keyword
+from importlib.resources import files
+
+from onboard.config.fleet import ConfigError
+
+_TEST = '''\
+"""Whether the law of fleet.toml brings two vehicles past each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from onboard.config.fleet import load_fleet
+from sitl.monte_carlo import scenarios, settings
+from sitl.monte_carlo.flight import fly
+
+FLEET = str(Path(__file__).with_name("fleet.toml"))
+
+
+def test_two_vehicles_pass_each_other_and_the_law_was_never_refused() -> None:
+    assert load_fleet(FLEET).own_law is not None
+    (flown,) = fly([scenarios.plan("swap2", 0)], settings.setup_for(fleet_path=FLEET))
+    assert flown.law_refusal == ""
+    assert not flown.outcome.is_collision
+'''
+
+
+def law_module(name: str) -> str:
+    """Return the name of the law's module.
+
+    Raises:
+        ConfigError: Python could not import it.
+    """
+    if not (name.isidentifier() and name.isascii()) or keyword.iskeyword(name):
+        raise ConfigError(f"--law is {name!r}; it becomes a module, so write letters, digits and _, as in my_law.")
+    return name
+
+
+def own_law_texts() -> tuple[str, str]:
+    """Return the law's module and its test."""
+    return files("groundstation.starter").joinpath("own_law_template.py").read_text(encoding="utf-8"), _TEST
+
+
+def with_own_law(fleet_text: str, name: str) -> str:
+    """Return a new fleet file's text with that law.
+
+    Args:
+        fleet_text: of a fleet that flies Covey's law.
+        name: of the law's module.
+    """
+    own = f'name = "{name}:law"  # the function law of {name}.py beside this file'
+    return fleet_text.replace('[law]\nname = "covey"', f"[law]\n{own}", 1)

@@ -1,0 +1,74 @@
+"""The template's law flies in lockstep and campaigns; one that fails hands over to Covey's, and events say why."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from groundstation import cli
+from groundstation.commands.check import examine
+from groundstation.missions.files import load_mission
+from onboard.config.fleet import load_fleet
+from sitl.monte_carlo import batch, settings
+
+FAILING = """
+
+def failing(memory, inputs):
+    memory, thrust = law(memory, inputs)
+    if memory > 300:
+        raise ValueError("no more")
+    return memory, thrust
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """What ``covey init --law`` writes."""
+    made = tmp_path / "mine"
+    assert cli.main(["init", str(made), "--law", "my_law"]) == 0
+    return made
+
+
+def test_the_templates_law_flies_the_mission_of_covey_init(folder, lockstep):
+    flight = lockstep(load_fleet(str(folder / "fleet.toml")), folder=folder)
+    verdict = flight.fly(load_mission(str(folder / "mission.toml")))
+    assert verdict.passed, verdict.sentences
+    assert all(shell.core.control.law_refusal == "" for shell in flight.agents.values())
+    assert {shell.core.identity.law for shell in flight.agents.values()} == {"my_law:law"}
+
+
+def test_a_law_that_fails_in_flight_is_named_and_coveys_flies_on(folder, lockstep):
+    path = folder / "my_law.py"
+    path.write_text(path.read_text() + FAILING)
+    flight = lockstep(load_fleet(str(folder / "fleet.toml")).with_law("my_law:failing"), folder=folder)
+    verdict = flight.fly(load_mission(str(folder / "mission.toml")))
+    assert verdict.closest.distance_m > 0.8
+    told = [event for event in flight.events if "own law" in event.sentence.lower()]
+    assert {event.vehicle for event in told} == set(flight.agents)
+    assert all("my_law:failing raised ValueError: no more" in event.sentence for event in told)
+
+
+def test_a_campaign_flies_it_and_tells_of_each_flight_in_which_covey_took_over(folder):
+    path = folder / "my_law.py"
+    path.write_text(path.read_text() + FAILING)
+    fleet_path = str(folder / "fleet.toml")
+    for law, is_refused in (("my_law:law", False), ("my_law:failing", True)):
+        setup = settings.setup_for(law=law, fleet_path=fleet_path)
+        (record,) = [record for part in batch.campaign(["swap2"], range(1), setup) for record in part]
+        assert record["law"] == law
+        assert record["success"]
+        assert not record["collision"]
+        assert ("law_refused" in record) is is_refused
+
+
+def test_the_check_says_that_the_file_brings_code_along(folder):
+    findings = {finding.name: finding for finding in examine(str(folder / "fleet.toml"))[2]}
+    assert findings["own law"].status == "warning"
+    assert str(folder / "my_law.py") in findings["own law"].sentence
+
+
+def test_init_refuses_a_name_that_python_could_not_import(tmp_path, capsys):
+    assert cli.main(["init", str(tmp_path / "mine"), "--law", "my-law"]) == 2
+    assert "'my-law'" in capsys.readouterr().err
+    assert not (tmp_path / "mine").exists()
