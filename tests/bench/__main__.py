@@ -21,6 +21,7 @@ BENCHMARKS = {
     "gallery": ("tests.bench.gallery", "fly and draw the missions of the gallery"),
     "network": ("tests.bench.network.bench", "how old states are over a bad link, with each transport"),
     "law": ("tests.bench.peers.bench", "the law beside other methods, and without each of its ideas"),
+    "worst-case": ("tests.bench.worst_case", "search the settings in which vehicles come nearest"),
     "law-map": ("tests.bench.law_map", "the page, the picture and the summary of a map that was flown"),
 }
 
