@@ -75,7 +75,7 @@ def load_own_law(name: str, folders: Sequence[str], path: str) -> OwnLaw:
         raise ConfigError(f"{where}: {module_name} {what}. Name a function law(memory, inputs) of that module.")
     _check_signature(function, where)
     source = str(getattr(module, "__file__", None) or "")
-    return OwnLaw(name, source, _source_hash(source), function)
+    return OwnLaw(name, source, _source_hash(source, is_in_package="." in module_name), function)
 
 
 def _target(name: str, where: str) -> str:
@@ -128,11 +128,11 @@ def _check_signature(function: Callable[..., Any], where: str) -> None:
         ) from None
 
 
-def _source_hash(source: str) -> str:
+def _source_hash(source: str, *, is_in_package: bool = False) -> str:
     """Return the hash of a module's source: of its file, or of all Python files of its package."""
     folder = os.path.dirname(source)
     files = [source] if source else []
-    if os.path.isfile(os.path.join(folder, "__init__.py")):
+    if is_in_package or os.path.basename(source) == "__init__.py":
         files = sorted(os.path.join(at, name) for at, _, names in os.walk(folder) for name in names)
     digest = hashlib.sha256()
     for file in files:

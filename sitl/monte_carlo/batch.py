@@ -8,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from sitl.monte_carlo import results, scenarios
-from sitl.monte_carlo.flight import MakeController, fly
+from sitl.monte_carlo.flight import fly
 from sitl.monte_carlo.settings import Setup
 
 CHUNK_VEHICLES = 768  # wide enough to outweigh the interpreter, small enough for the caches
@@ -21,19 +21,15 @@ def campaign(
     setup: Setup,
     *,
     jobs: int = 1,
-    controller: MakeController | None = None,
-    law: str | None = None,
     trace_folder: Path | None = None,
 ) -> Iterator[list[results.Record]]:
     """Records of all scenarios and seeds in their order, chunk by chunk as they are ready.
 
     Args:
-        controller: makes the control in place of the law's; with ``jobs`` > 1 a function at the top of a module.
-        law: its name in the records, by default the setup's.
         trace_folder: where to write a trace of each flight.
     """
     chunks = [
-        (name, part, setup, controller, law or setup.law, trace_folder)
+        (name, part, setup, trace_folder)
         for name in names
         for part in _parts(seeds, scenarios.vehicle_count(name), jobs)
     ]
@@ -53,13 +49,11 @@ def _parts(seeds: Sequence[int], count: int, jobs: int) -> list[Sequence[int]]:
     return [seeds[k : k + size] for k in range(0, len(seeds), size)]
 
 
-def _fly_chunk(
-    chunk: tuple[str, Sequence[int], Setup, MakeController | None, str, Path | None],
-) -> list[results.Record]:
-    name, seeds, setup, controller, law, folder = chunk
+def _fly_chunk(chunk: tuple[str, Sequence[int], Setup, Path | None]) -> list[results.Record]:
+    name, seeds, setup, folder = chunk
     plans = [scenarios.plan(name, seed, scale=setup.scale) for seed in seeds]
-    flown = fly(plans, setup, controller=controller, has_trace=folder is not None)
+    flown = fly(plans, setup, has_trace=folder is not None)
     if folder is not None:
         for flight in flown:
-            results.write_trace(folder, flight, setup, law)
-    return [results.record(flight, setup, law) for flight in flown]
+            results.write_trace(folder, flight, setup)
+    return [results.record(flight, setup) for flight in flown]

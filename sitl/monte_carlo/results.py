@@ -16,14 +16,14 @@ from sitl.monte_carlo.settings import Setup
 Record = dict[str, Any]
 
 
-def record(flown: Flown, setup: Setup, law: str) -> Record:
+def record(flown: Flown, setup: Setup) -> Record:
     """One flight as the JSON object that is printed; null where there is no number."""
     outcome, plan = flown.outcome, flown.plan
     refused = {"law_refused": flown.law_refusal} if flown.law_refusal else {}
     return {
         "scenario": plan.scenario,
         "seed": plan.seed,
-        "law": law,
+        "law": setup.law,
         "errors": setup.errors.name,
         "type": ",".join(setup.types),
         "scale": setup.scale,
@@ -67,7 +67,7 @@ def is_flawless(values: Record) -> bool:
     return bool(values["success"]) and values["violation_s"] == 0.0
 
 
-def write_trace(folder: Path, flown: Flown, setup: Setup, law: str) -> Path:
+def write_trace(folder: Path, flown: Flown, setup: Setup) -> Path:
     """The flight's samples as ``<scenario>-<seed>.npz``; arrays as in the README of this folder."""
     trace, plan = flown.outcome.trace, flown.plan
     if trace is None:
@@ -90,7 +90,7 @@ def write_trace(folder: Path, flown: Flown, setup: Setup, law: str) -> Path:
         body_diameter_m=np.array(fleet.fleet.body_diameter_m),
         scenario=np.array(plan.scenario),
         seed=np.array(plan.seed),
-        law=np.array(law),
+        law=np.array(setup.law),
         success=np.array(flown.outcome.is_success),
     )
     return path

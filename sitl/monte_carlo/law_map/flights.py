@@ -25,7 +25,7 @@ def fly(unit: Unit) -> Row:
         for first in range(0, len(plans), size)
         for outcome in flight.fly(plans[first : first + size], setups[plans[0].scenario])  # alike but for the scale
     ]
-    records = [results.record(one, setups[one.plan.scenario], setups[one.plan.scenario].law) for one in flown]
+    records = [results.record(one, setups[one.plan.scenario]) for one in flown]
     nearest = min(records, key=lambda values: values["min_separation_m"])
     return {
         "cell": unit.cell.key,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from onboard.arrays import Array
 from onboard.control.pipeline import PipelineParams
 from sitl.monte_carlo import flight, scenarios, settings
-from tests.bench.peers.contestants import Contestant, TimedPipeline
+from tests.bench.peers.contestants import Contestant, Hearing
 from tests.bench.peers.report import Outcome
 
 MIX = scenarios.MIX
@@ -37,11 +37,10 @@ def fly(
 
     The first one is flown once more where the contestant's law is compiled otherwise, to time it.
     """
-    timed: list[TimedPipeline] = []
+    law = contestant.law()
 
-    def interpreted(params: Sequence[PipelineParams], start_enu_m: Array) -> TimedPipeline:
-        timed.append(contestant.interpreted(params, start_enu_m))
-        return timed[-1]
+    def interpreted(params: Sequence[PipelineParams], start_enu_m: Array) -> Hearing:
+        return contestant.interpreted(law, params, start_enu_m)
 
     if contestant.step is None:
         flown = _flown(contestant, scenario, seeds, errors, contestant.controller, types=types)
@@ -63,7 +62,7 @@ def fly(
         )
         for one in flown
     ]
-    return Flights(tuple(outcomes), sum(own.busy_s for own in timed), sum(own.timed_calls for own in timed))
+    return Flights(tuple(outcomes), law.busy_s, law.calls)
 
 
 def trace(
@@ -93,7 +92,13 @@ def _flown(
     types: str | None = None,
     has_trace: bool = False,
 ) -> list[flight.Flown]:
-    setup = settings.setup_for(law=contestant.law, types=types, errors=errors, changes=contestant.sets)
+    setup = settings.setup_for(law=contestant.built_in, types=types, errors=errors, changes=contestant.sets)
     plans = [scenarios.plan(scenario, seed) for seed in seeds]
-
-    return flight.fly(plans, setup, controller=controller, has_trace=has_trace)
+    flown = flight.fly(plans, setup, controller=controller, has_trace=has_trace)
+    for one in flown:
+        if one.law_refusal:
+            raise RuntimeError(
+                f"{contestant.title} {one.law_refusal} in {scenario} seed {one.plan.seed}: Covey's law went on, "
+                "so that these are no figures of that method."
+            )
+    return flown

@@ -1,69 +1,82 @@
-"""Between the law's inputs and a peer: one vehicle's encounter, and its answer under the same limits as the law's."""
+"""Between a law's inputs and a method of somebody else: one vehicle's encounter, and its answer as a law gives it.
+
+Methods fly through the door for everybody's own law (docs/own-law.md). Those with their chosen values have names there:
+``covey simulate swap8 --law tests.bench.peers.laws:orca``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from onboard.avoidance import interface, oist, pairs
-from onboard.avoidance.params import OFF, LawParams
-from onboard.types import LawOutput, LawStatus, Thrust
-from onboard.vectors import Vec3
-from tests.bench.peers.encounter import Array, Encounter, Step
+from onboard.avoidance import interface, oist
+from onboard.avoidance.own_law import LawInputs
+from onboard.types import Thrust
+from tests.bench.peers.encounter import Encounter, Step
 
-LawStep = Callable[..., tuple[oist.LawMemory, LawOutput]]
+Law = Callable[[Any, LawInputs], tuple[Any, Thrust]]
+_PURSUIT_SHARE = 1.25  # of the top speed, which the pipeline's pursuit may fly
+_UNTIMED_CALLS = 5  # memory that is allocated or cached on first use is none of the method's cost
 
 
-def encounter_of(baseline: interface.Baseline, own: pairs.Own, found: pairs.Pairs, speed_m_s: float) -> Encounter:
-    """One vehicle with its nearest neighbours as the law would have them; there must be one at least."""
-    x, y, _ = baseline.thrust.thrust_enu_m_s2
+def encounter_of(inputs: LawInputs) -> Encounter:
+    """One vehicle with its nearest neighbours as Covey's law would have them; there must be one at least."""
+    near = inputs.neighbours
     return Encounter(
-        wanted_m_s2=np.array([[x, y]]),
-        velocity_m_s=np.array([own.velocity_m_s]),
-        gap_m=np.array([[pair.e for pair in found.pairs]]),
-        closing_m_s=np.array([[pair.w for pair in found.pairs]]),
-        is_on=np.ones((1, len(found.pairs)), bool),
-        reach_m_s2=np.array([own.radius_m_s2]),
-        d_m=np.array([[pair.d_m for pair in found.pairs]]),
-        speed_m_s=speed_m_s,
+        wanted_m_s2=np.array([inputs.baseline.thrust_enu_m_s2[:2]]),
+        velocity_m_s=np.array([inputs.predicted.velocity_enu_m_s[:2]]),
+        gap_m=np.array([[one.e_m for one in near]]),
+        closing_m_s=np.array([[one.w_m_s for one in near]]),
+        is_on=np.ones((1, len(near)), bool),
+        reach_m_s2=np.array([inputs.largest_m_s2]),
+        d_m=np.array([[one.d_m for one in near]]),
+        speed_m_s=_PURSUIT_SHARE * inputs.vehicle.max_speed_m_s,
     )
 
 
-def law_of(step: Step, values: Mapping[str, float], speed_m_s: float) -> LawStep:
-    """A peer with the signature of ``oist.step``; its answer passes the law's own limits, memory and output."""
-    original = oist.step
+def law_of(step: Step, values: Mapping[str, float]) -> Law:
+    """A method as a law; its answer is shortened to what the vehicle can fly."""
 
-    def law_step(
-        memory: Any, baseline: Any, predicted: Any, state: Any, neighbours: Any, obstacles: Any, params: LawParams,
-        dt_s: float,
-    ) -> tuple[oist.LawMemory, LawOutput]:  # fmt: skip
-        own = interface.own_at(baseline, predicted, state, params)
-        found = pairs.nearest_pairs(own, neighbours, params)
-        x, y, z = baseline.thrust.thrust_enu_m_s2
-        answer: Array = np.array([x, y])
-        if found.pairs:
-            answer = step(encounter_of(baseline, own, found, speed_m_s), values)[0]
-        changed = baseline._replace(thrust=Thrust(Vec3(float(answer[0]), float(answer[1]), z)))
-        off = params._replace(law=OFF)
-        memory, output = original(memory, changed, predicted, state, neighbours, obstacles, off, dt_s)
-        command = output.commanded_acceleration_enu_m_s2
-        change = float(np.hypot(command.x - x, command.y - y))
-        is_changed = change > 1e-9 and output.status == LawStatus.INACTIVE
-        status = int(LawStatus.SATURATED) if is_changed else output.status
-        return memory, output._replace(intervention_m_s2=change, status=status)
+    def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
+        if not inputs.neighbours:
+            return None, inputs.baseline
+        x, y = step(encounter_of(inputs), values)[0]
+        return None, inputs.limited(float(x), float(y))
 
-    return law_step
+    return law
 
 
-@contextmanager
-def in_place_of_the_law(step: LawStep) -> Iterator[None]:
-    """Let the interpreted pipeline call ``step`` where it calls ``oist.step`` otherwise."""
-    original = oist.step
-    oist.step = step
-    try:
-        yield
-    finally:
-        oist.step = original
+def covey(memory: oist.LawMemory | None, inputs: LawInputs) -> tuple[oist.LawMemory, Thrust]:
+    """Covey's own law, as anybody else's: to time it, and to show that the door gives all that it needs."""
+    baseline = interface.Baseline(inputs.baseline, inputs.compensation_enu_m_s2, inputs.intent_enu_m_s)
+    memory, output = oist.step(
+        memory or oist.initial(),
+        baseline,
+        inputs.predicted,
+        inputs.state,
+        inputs.received,
+        inputs.obstacles,
+        inputs.vehicle,
+        inputs.dt_s,
+    )
+    return memory, output.thrust
+
+
+class Timed:
+    """A law with a stop-watch of processor time."""
+
+    def __init__(self, law: Law) -> None:
+        self._law = law
+        self.busy_s, self.calls = 0.0, -_UNTIMED_CALLS
+
+    def __call__(self, memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
+        """Return the law's answer."""
+        begun_s = time.thread_time()
+        answer = self._law(memory, inputs)
+        self.calls += 1
+        if self.calls > 0:
+            self.busy_s += time.thread_time() - begun_s
+        return answer

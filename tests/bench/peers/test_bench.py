@@ -55,20 +55,28 @@ def test_the_quick_bench_flies_everybody_and_its_table_says_who_kept_the_distanc
 
 @pytest.mark.parametrize("contestant", [*VARIANTS.values(), *PEERS.values()], ids=lambda one: one.title)
 def test_what_a_contestant_sets_exists(contestant):
-    fleet = settings.setup_for(law=contestant.law, changes=contestant.sets).fleet(4)
+    fleet = settings.setup_for(law=contestant.built_in, changes=contestant.sets).fleet(4)
     params = pipeline.pipeline_params(fleet, "v0")
     changed = contestant.change(params)
     is_alike = changed == params and not contestant.sets
     assert not is_alike or contestant.step or contestant.hear is not same or contestant is COVEY
 
 
-def test_a_contestant_in_the_laws_place_changes_nothing_when_it_is_the_law_itself():
-    """The product's pipelines are compiled and a contestant's are interpreted: the same flight."""
-    plans, setup = [scenarios.plan("swap4", 3)], settings.setup_for()
+def test_coveys_law_through_the_door_of_own_laws_flies_as_it_does_without():
+    """Nothing that it needs is missing there, and who flies through it is flown as Covey's law is."""
+    plans, setup = [scenarios.plan("swap2", 3)], settings.setup_for()
     (plain,) = flight.fly(plans, setup)
-    (ours,) = flight.fly(plans, setup, controller=COVEY.interpreted)
-    assert ours.outcome.min_separation_m == pytest.approx(plain.outcome.min_separation_m, abs=1e-9)
+    (ours,) = flight.fly(plans, settings.setup_for(law="tests.bench.peers.laws:covey"))
+    assert ours.law_refusal == ""
+    assert ours.outcome.min_separation_m == pytest.approx(plain.outcome.min_separation_m, abs=1e-6)
     assert ours.outcome.makespan_s == plain.outcome.makespan_s
+
+
+@pytest.mark.parametrize("name", ["orca", "cells", "certificate", "potential"])
+def test_a_peer_has_a_name_that_a_fleet_file_can_give(name):
+    law = settings.setup_for(law=f"tests.bench.peers.laws:{name}").fleet(2).own_law
+    assert law is not None
+    assert law.source_hash
 
 
 def outcome(separation_m, ratio=1.2):

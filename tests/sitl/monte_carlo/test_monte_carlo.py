@@ -10,7 +10,7 @@ from groundstation.cli import main
 from groundstation.cli import main as covey
 from onboard.control.pipeline import pipeline_params
 from onboard.rollout import batch as rollout_batch
-from sitl.monte_carlo import batch, flight, radio, results, scenarios, settings
+from sitl.monte_carlo import flight, radio, results, scenarios, settings
 
 KEYS = {
     *("scenario", "seed", "law", "success", "min_separation_m", "violation_s", "collision", "makespan_s"),
@@ -50,7 +50,7 @@ def test_flight_alone_is_bit_for_bit_the_same_flight_in_a_batch(name, errors, ty
     setup = settings.setup_for(errors=errors, types=types)
     together, alone = fly(name, range(5, 8), setup=setup), fly(name, [6], setup=setup)
     assert together[1].outcome.trace.position_enu_m.tobytes() == alone[0].outcome.trace.position_enu_m.tobytes()
-    one, two = (results.line(results.record(flown, setup, "covey")) for flown in (together[1], alone[0]))
+    one, two = (results.line(results.record(flown, setup)) for flown in (together[1], alone[0]))
     assert one == two
 
 
@@ -113,7 +113,7 @@ def test_goal_that_nobody_reaches_in_time_is_a_failure_with_a_reason():
 
 def test_lone_vehicle_has_no_separation_and_arrives_without_errors_to_fight():
     flown = fly("rand1", [10], setup=settings.setup_for(errors="none", changes=STILL))[0]
-    values = results.record(flown, settings.setup_for(), "covey")
+    values = results.record(flown, settings.setup_for())
     assert values["min_separation_m"] is None
     assert values["success"]
     assert values["ratio"] == 1.0
@@ -196,33 +196,6 @@ def test_frozen_vehicle_stops_for_good_and_its_arrival_is_not_asked_for():
     late = trace.position_enu_m[trace.t_s > time_s + 3.0, place]
     assert np.ptp(late, axis=0).max() < 0.15
     assert np.linalg.norm(late[-1] - flown.plan.goal_enu_m[place]) > 0.3
-
-
-class _Hover:
-    """A controller of somebody else: everybody stays where they are."""
-
-    def __init__(self, params, start_enu_m):
-        self.inner, self.start = rollout_batch.FleetPipeline(params, start_enu_m), start_enu_m
-
-    def step(self, states, goals, neighbours, is_present, dt_s):
-        changed = goals.copy()
-        changed["position_enu_m"] = self.start
-        return self.inner.step(states, changed, neighbours, is_present, dt_s)
-
-    def keep(self, flights):
-        self.inner.keep(flights)
-        self.start = self.start[flights]
-
-
-def test_another_controller_can_fly_the_campaign():
-    records = [
-        r
-        for part in batch.campaign(["squeeze"], range(2), settings.setup_for(), controller=_Hover, law="hover")
-        for r in part
-    ]
-    assert [record["law"] for record in records] == ["hover", "hover"]
-    assert not any(record["success"] for record in records)
-    assert all(record["min_separation_m"] > 2.0 for record in records)
 
 
 @pytest.mark.parametrize(
