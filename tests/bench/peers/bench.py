@@ -13,10 +13,14 @@ import re
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from onboard.config.fleet import ConfigError
+from sitl.monte_carlo import settings
+from sitl.monte_carlo.law_map.flights import version
+from sitl.monte_carlo.law_map.results_file import ResultsFile
+from sitl.monte_carlo.settings import Perturbation
 from tests.bench.peers import arena, explain, pages, pictures
 from tests.bench.peers.ablation import VARIANTS
 from tests.bench.peers.contestants import PEERS, RING_GRID, Contestant, combinations, peer, ring
@@ -25,6 +29,7 @@ from tests.bench.peers.report import Outcome, Summary, summary, table
 
 SEEDS, ABLATION_SEEDS, TUNING_SEEDS, QUICK_SEEDS = (200, 206), (200, 208), (0, 4), (0, 2)
 QUICK = ("form3", "swap4")
+_PART = 20  # flights of a cell that is kept by itself
 TYPES = {"ablation": "sih,ardrone"}  # a mixed fleet shows what an idea is worth; the others fly type sih
 COMPARISON = ("form3", "swap8x", "swap16", "rand16")
 ABLATION = ("swap8x",)
@@ -41,6 +46,7 @@ class Cell:
     scenario: str
     seeds: tuple[int, int]
     errors: str
+    delay_s: float = Perturbation().delay_s  # age of a message when it arrives
 
     def contestant(self) -> Contestant:
         """Contestant of this cell."""
@@ -52,20 +58,39 @@ class Cell:
 
 def fly(cell: Cell) -> tuple[Cell, arena.Flights]:
     """All flights of a cell, in this process."""
-    return cell, arena.fly(
-        cell.contestant(), cell.scenario, range(*cell.seeds), errors=cell.errors, types=TYPES.get(cell.group)
-    )
+    contestant = cell.contestant()
+    late = replace(contestant, sets=(*contestant.sets, f"delay_s={cell.delay_s}"))
+    return cell, arena.fly(late, cell.scenario, range(*cell.seeds), errors=cell.errors, types=TYPES.get(cell.group))
 
 
-def fly_all(cells: Sequence[Cell], jobs: int) -> list[tuple[Cell, arena.Flights]]:
-    """The cells in their order, the big ones first, on ``jobs`` processes or in this one, with a line of progress."""
+def fly_all(cells: Sequence[Cell], jobs: int, keep: Path | None = None) -> list[tuple[Cell, arena.Flights]]:
+    """The cells in their order, the big ones first, on ``jobs`` processes or in this one, with a line of progress.
+
+    With a file to ``keep`` them in, each is written there when it has been flown, and those that it has are not flown
+    again. It is of one version of the law, the methods and the processor.
+    """
+    if keep is None:
+        found = dict(_flown(cells, jobs))
+        return [(cell, found[cell]) for cell in cells]
+    law = settings.setup_for(law="tests.bench.peers.laws:orca").fleet(2).own_law
+    methods = "" if law is None else law.source_hash  # of all files of this folder
+    with ResultsFile(keep, f"bench {version()} {methods}") as file:
+        missing = [cell for cell in cells if (repr(cell), 0) not in file.rows]
+        for cell, flown in _flown(missing, jobs):
+            outcomes = [asdict(outcome) for outcome in flown.outcomes]
+            file.add({"cell": repr(cell), "stage": 0, "outcomes": outcomes, "cost": [flown.busy_s, flown.calls]})
+        rows = [file.rows[repr(cell), 0] for cell in cells]
+    kept = [arena.Flights(tuple(Outcome(**one) for one in row["outcomes"]), *row["cost"]) for row in rows]
+    return list(zip(cells, kept, strict=True))
+
+
+def _flown(cells: Sequence[Cell], jobs: int) -> Iterator[tuple[Cell, arena.Flights]]:
     order = [cells[k] for k in sorted(range(len(cells)), key=lambda k: -arena.size(cells[k].scenario))]
     if jobs == 1:
-        found = dict(_counted(map(fly, order), len(cells)))
-    else:
-        with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-            found = dict(_counted(pool.imap_unordered(fly, order), len(cells)))
-    return [(cell, found[cell]) for cell in cells]
+        yield from _counted(map(fly, order), len(cells))
+        return
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+        yield from _counted(pool.imap_unordered(fly, order), len(cells))
 
 
 def _counted(results: Iterable[tuple[Cell, arena.Flights]], count: int) -> Iterator[tuple[Cell, arena.Flights]]:
@@ -126,6 +151,33 @@ def compare(options: argparse.Namespace, group: str, contestants: Mapping[str, C
     return 0
 
 
+def by_delay(options: argparse.Namespace) -> int:
+    """Every method at every delay of the messages: table and page."""
+    scenarios, seeds = (
+        QUICK if options.quick else COMPARISON,
+        options.seeds or (QUICK_SEEDS if options.quick else SEEDS),
+    )
+    parts = [(first, min(first + _PART, seeds[1])) for first in range(*seeds, _PART)]
+    cells = [
+        Cell("peers", key, (), scenario, part, options.errors, delay_s)
+        for delay_s in options.delays
+        for key in PEERS
+        for scenario in scenarios
+        for part in parts
+    ]
+    results = fly_all(cells, options.jobs, options.keep)
+    rows: dict[str, list[Summary]] = {}
+    for delay_s in options.delays:
+        for (key, _), (_, figures) in gathered([one for one in results if one[0].delay_s == delay_s]).items():
+            rows.setdefault(PEERS[key].title, []).append(figures)
+    run = pages.Run(_command(options), seeds, scenarios, options.errors)
+    page = pages.by_delay(run, options.delays, rows)
+    print(page)
+    if options.out is not None:
+        (Path(options.out) / "law-delay.md").write_text(page, encoding="utf-8")
+    return 0
+
+
 def _titles(contestants: Mapping[str, Contestant]) -> dict[str, str]:
     return {key: contestant.title for key, contestant in contestants.items()}
 
@@ -160,6 +212,7 @@ def tune(options: argparse.Namespace) -> int:
 def _command(options: argparse.Namespace) -> str:
     words = [f"--{name}" for name in ("ablation", "tune", "quick", "mix") if getattr(options, name)]
     words += [f"--seeds {options.seeds[0]}:{options.seeds[1]}"] if options.seeds else []
+    words += [f"--delays {','.join(f'{delay_s:g}' for delay_s in options.delays)}"] if options.delays else []
     words += [f"--errors {options.errors}"] if options.errors != "mocap" else []
     words += ["--out docs"]
     return f'make bench-law ARGS="{" ".join(words)}"'
@@ -170,6 +223,16 @@ def _seeds(text: str) -> tuple[int, int]:
     if not match or int(match[1]) >= int(match[2]):
         raise ConfigError(f"--seeds is '{text}'; write it as FIRST:END, for instance 200:206, with END above FIRST.")
     return int(match[1]), int(match[2])
+
+
+def _delays(text: str) -> list[float]:
+    try:
+        delays_s = [float(word) for word in text.split(",")]
+    except ValueError:
+        delays_s = []
+    if not delays_s or not all(0.0 <= delay_s <= 2.0 for delay_s in delays_s):
+        raise ConfigError(f"--delays is '{text}'; write seconds from 0 to 2 with commas, for instance 0.02,0.1,0.3.")
+    return list(dict.fromkeys(delays_s))
 
 
 def main(argv: Sequence[str]) -> int:
@@ -187,10 +250,19 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--quick", action="store_true", help="three small scenarios and two seeds: under a minute")
     parser.add_argument("--mix", action="store_true", help="the twelve scenarios of the campaigns, up to 32 vehicles")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: one per core)")
+    parser.add_argument("--delays", metavar="S,S", help="every method with messages that are so old, instead")
+    parser.add_argument(
+        "--keep", type=Path, metavar="FILE", help="with --delays: keep each cell there, and go on from it"
+    )
     options = parser.parse_args(argv)
     options.seeds = _seeds(options.seeds) if options.seeds else None
     if options.jobs < 1:
         raise ConfigError(f"--jobs is {options.jobs}; it must be 1 or more.")
+    options.delays = _delays(options.delays) if options.delays else []
+    if options.keep is not None and not options.delays:
+        raise ConfigError("--keep is for --delays: name both.")
+    if options.delays:
+        return by_delay(options)
     if options.explain:
         folder = Path(options.out or "docs") / "figures"
         folder.mkdir(parents=True, exist_ok=True)

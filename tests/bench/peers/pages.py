@@ -102,6 +102,34 @@ def comparison(run: Run, rows: Mapping[str, Summary], outcomes: Mapping[str, Seq
     )
 
 
+def by_delay(run: Run, delays_s: Sequence[float], rows: Mapping[str, Sequence[Summary]]) -> str:
+    """Every method at every delay; ``rows``: title -> one summary for each delay."""
+    lines = [f"| method | {' | '.join(f'{1e3 * delay_s:.0f} ms' for delay_s in delays_s)} |"]
+    lines.append("|---" * (len(delays_s) + 1) + "|")
+    for title, figures in rows.items():
+        cells = [
+            f"{100.0 * one.successes / one.flights:.0f} % · {share(one.violations, one.flights)} · {one.collisions} · "
+            f"{one.ratio:.2f}"
+            for one in figures
+        ]
+        lines.append(f"| {title} | {' | '.join(cells)} |")
+    count = max(s.flights for figures in rows.values() for s in figures)
+    return "\n".join(
+        [
+            "# Late messages: Covey's law beside other methods",
+            "",
+            f"{run.sentence()} {count} flights of each method at each delay.",
+            "",
+            "Age of every message when it arrives. In each cell: success · flights below 0.80 m, with the exact 95 % "
+            "interval · collisions · ratio of those that succeeded, as in [law-bench.md](law-bench.md). All methods "
+            "know how old a message is, and predict its sender over that time in the same way.",
+            "",
+            *lines,
+            "",
+        ]
+    )
+
+
 def ablation(run: Run, rows: Mapping[str, Summary], contestants: Mapping[str, Contestant]) -> str:
     """Covey without each of its ideas."""
     return "\n".join(

@@ -99,6 +99,28 @@ def test_none_of_n_is_bounded_by_three_over_n():
     assert (low, high) == pytest.approx((0.01643, 0.11284), abs=1e-5)
 
 
+@pytest.mark.long  # ten seconds of interpreted flights
+def test_a_bench_over_delays_goes_on_from_the_file_that_it_kept(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(bench, "QUICK", ("swap2",))
+    monkeypatch.setattr(bench, "PEERS", {key: PEERS[key] for key in ("covey", "off")})
+    words = ["--quick", "--seeds", "0:1", "--jobs", "1", "--delays", "0.04,0.3", "--out", str(tmp_path)]
+    words += ["--keep", str(tmp_path / "bench.jsonl")]
+    assert bench.main(words) == 0
+    page = (tmp_path / "law-delay.md").read_text()
+    assert "| method | 40 ms | 300 ms |" in page
+    assert "| Covey | 100 % · 0 %" in page
+    assert "| no avoidance | 100 % · 100 %" in page
+    monkeypatch.setattr(bench, "fly", lambda cell: pytest.fail(f"{cell} was flown twice"))
+    assert bench.main(words) == 0
+    assert (tmp_path / "law-delay.md").read_text() == page
+    capsys.readouterr()
+
+
+def test_wrong_delays_are_refused_in_words(capsys):
+    assert run_benchmark(["law", "--delays", "0.1,soon"]) == 2
+    assert "--delays is '0.1,soon'" in capsys.readouterr().err
+
+
 def test_wrong_seeds_are_refused_in_words(capsys):
     assert run_benchmark(["law", "--seeds", "9:3"]) == 2
     assert "--seeds is '9:3'" in capsys.readouterr().err
