@@ -34,27 +34,31 @@ from onboard.config.validation import check_fleet
 from onboard.config.vehicle_tables import vehicle_from_tables
 
 
-def load_fleet(path: str | os.PathLike[str]) -> FleetConfig:
+def load_fleet(path: str | os.PathLike[str], *, imports_law: bool = True) -> FleetConfig:
     """Read and validate a fleet file.
 
     Args:
         path: of the file, or the name of an example: ``paper``.
+        imports_law: whether to import a law of somebody's own that the file names; False where nothing will fly.
     Returns:
         its values.
     Raises:
         ConfigError: file missing, not TOML, unknown key, wrong type, value out of bounds, duplicated id.
     """
     data, text, name = read_toml(path, "fleet file")
-    return fleet_from_mapping(data, path=name, text=text)
+    return fleet_from_mapping(data, path=name, text=text, imports_law=imports_law)
 
 
-def fleet_from_mapping(data: Mapping[str, Any], *, path: str = "<fleet>", text: str = "") -> FleetConfig:
+def fleet_from_mapping(
+    data: Mapping[str, Any], *, path: str = "<fleet>", text: str = "", imports_law: bool = True
+) -> FleetConfig:
     """Resolve and validate the content of a fleet file.
 
     Args:
         data: of the file.
         path: of the file, for the sentences.
         text: of the file, kept beside the values.
+        imports_law: see :func:`load_fleet`.
     Returns:
         the values.
     Raises:
@@ -85,4 +89,4 @@ def fleet_from_mapping(data: Mapping[str, Any], *, path: str = "<fleet>", text: 
     }
     config = FleetConfig(path, fleet, law, formations, vehicles, text, fixed, mocap, shapes, radio)
     check_fleet(config)
-    return config.with_own_law()
+    return config.with_own_law() if imports_law else config

@@ -59,8 +59,9 @@ def _law(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgeme
     is_emulated = vehicle.emulated or (facts.has_emulator and not fleet.emulated_names)
     if fleet.law.is_own and not is_emulated and not fleet.law.allow_own_law_on_real_vehicles:
         return "own", {"law": fleet.law.name, "name": vehicle.name}
-    if not facts.law_refusals:
-        return OK, {"law": facts.law}
+    if not facts.law_refusals:  # the report is part of the record: so the record tells which source flew
+        source = "" if fleet.own_law is None else f" (source {fleet.own_law.source_hash})"
+        return OK, {"law": f"{facts.law}{source}"}
     _, sentence, remedy = facts.law_refusals[0]
     words = {"law": facts.law, "finding": sentence, "change": remedy}
     return ("refused" if facts.law not in ("paper", "off") else "baseline"), words

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import datetime
 import math
+import os
 import tomllib
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass, field
@@ -52,6 +53,8 @@ def copy_of(fleet: FleetConfig, folder: Path, *, is_locked: bool) -> FleetConfig
     data["fleet"] = {key: value for key, value in data["fleet"].items() if key not in ("keys", "simulator", "routers")}
     data["vehicles"] = vehicles
     data.pop("shapes", None)
+    if "law" in data:  # a law of somebody's own stays where it is
+        data["law"]["folder"] = os.path.join(os.path.dirname(os.path.abspath(fleet.path)), fleet.law.folder)
     data = with_free_ports(data, fleet_from_mapping(data, path=fleet.path))
     folder.mkdir()
     file = folder / "fleet.toml"

@@ -37,6 +37,17 @@ def opened(folder: Path) -> Replay:
     return Replay(fleet, timeline)
 
 
+def test_a_law_that_the_record_of_somebody_names_is_not_run(flight: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(flight, tmp_path / "theirs"))
+    text = (folder / "fleet.toml").read_text(encoding="utf-8")
+    (folder / "fleet.toml").write_text(text.replace('name = "covey"', 'name = "theirs:law"'), encoding="utf-8")
+    (folder / "theirs.py").write_text("raise SystemExit('run')\n", encoding="utf-8")
+    fleet, timeline = open_flight(folder)
+    timeline.close()
+    assert fleet.law.name == "theirs:law"
+    assert fleet.own_law is None
+
+
 def test_every_kind_of_message_comes_back_from_the_record_as_it_was() -> None:
     for name in sorted(set(KINDS) - {"Message", "TickBatch"}):
         kind = KINDS[name]
