@@ -69,7 +69,7 @@ def test_a_wrong_command_line_is_a_sentence_that_names_the_page_of_help(capsys: 
     for words, command, named in (
         (["fly"], "covey fly", "MISSION"),
         (["dance"], "covey", "dance"),
-        (["demo", "--law", "none"], "covey demo", "--law"),
+        (["demo", "--seed", "none"], "covey demo", "--seed"),
         (["demo", "--sead", "3"], "covey demo", "--seed"),
         (["check"], "covey check", "FLEET|MISSION"),
         (["tui"], "covey tui", "--fleet"),
