@@ -42,7 +42,7 @@ def fly(
     def interpreted(params: Sequence[PipelineParams], start_enu_m: Array) -> Hearing:
         return contestant.interpreted(law, params, start_enu_m)
 
-    if contestant.step is None:
+    if contestant.is_compiled:
         flown = _flown(contestant, scenario, seeds, errors, contestant.controller, types=types)
         _flown(contestant, scenario, seeds[:1], errors, interpreted, types=types)
     else:

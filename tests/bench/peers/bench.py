@@ -23,7 +23,7 @@ from sitl.monte_carlo.law_map.results_file import ResultsFile
 from sitl.monte_carlo.settings import Perturbation
 from tests.bench.peers import arena, explain, pages, pictures
 from tests.bench.peers.ablation import VARIANTS
-from tests.bench.peers.contestants import PEERS, RING_GRID, Contestant, combinations, peer, ring
+from tests.bench.peers.contestants import PEERS, RING_GRID, Contestant, combinations, named, peer, ring
 from tests.bench.peers.methods import METHODS
 from tests.bench.peers.report import Outcome, Summary, summary, table
 
@@ -53,7 +53,7 @@ class Cell:
         if self.group == "tune":
             values = dict(self.values)
             return ring(values) if self.key == "ring" else peer(METHODS[self.key], values)
-        return (VARIANTS if self.group == "ablation" else PEERS)[self.key]
+        return VARIANTS[self.key] if self.group == "ablation" else named(self.key)
 
 
 def fly(cell: Cell) -> tuple[Cell, arena.Flights]:
@@ -151,7 +151,7 @@ def compare(options: argparse.Namespace, group: str, contestants: Mapping[str, C
     return 0
 
 
-def by_delay(options: argparse.Namespace) -> int:
+def by_delay(options: argparse.Namespace, contestants: Mapping[str, Contestant]) -> int:
     """Every method at every delay of the messages: table and page."""
     scenarios, seeds = (
         QUICK if options.quick else COMPARISON,
@@ -161,7 +161,7 @@ def by_delay(options: argparse.Namespace) -> int:
     cells = [
         Cell("peers", key, (), scenario, part, options.errors, delay_s)
         for delay_s in options.delays
-        for key in PEERS
+        for key in contestants
         for scenario in scenarios
         for part in parts
     ]
@@ -169,7 +169,7 @@ def by_delay(options: argparse.Namespace) -> int:
     rows: dict[str, list[Summary]] = {}
     for delay_s in options.delays:
         for (key, _), (_, figures) in gathered([one for one in results if one[0].delay_s == delay_s]).items():
-            rows.setdefault(PEERS[key].title, []).append(figures)
+            rows.setdefault(contestants[key].title, []).append(figures)
     run = pages.Run(_command(options), seeds, scenarios, options.errors)
     page = pages.by_delay(run, options.delays, rows)
     print(page)
@@ -212,6 +212,7 @@ def tune(options: argparse.Namespace) -> int:
 def _command(options: argparse.Namespace) -> str:
     words = [f"--{name}" for name in ("ablation", "tune", "quick", "mix") if getattr(options, name)]
     words += [f"--seeds {options.seeds[0]}:{options.seeds[1]}"] if options.seeds else []
+    words += [f"--law {name}" for name in options.law]
     words += [f"--delays {','.join(f'{delay_s:g}' for delay_s in options.delays)}"] if options.delays else []
     words += [f"--errors {options.errors}"] if options.errors != "mocap" else []
     words += ["--out docs"]
@@ -250,6 +251,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--quick", action="store_true", help="three small scenarios and two seeds: under a minute")
     parser.add_argument("--mix", action="store_true", help="the twelve scenarios of the campaigns, up to 32 vehicles")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: one per core)")
+    parser.add_argument("--law", action="append", default=[], metavar="NAME", help="a law of your own beside them")
     parser.add_argument("--delays", metavar="S,S", help="every method with messages that are so old, instead")
     parser.add_argument(
         "--keep", type=Path, metavar="FILE", help="with --delays: keep each cell there, and go on from it"
@@ -261,8 +263,9 @@ def main(argv: Sequence[str]) -> int:
     options.delays = _delays(options.delays) if options.delays else []
     if options.keep is not None and not options.delays:
         raise ConfigError("--keep is for --delays: name both.")
+    contestants = PEERS | {name: named(name) for name in options.law}
     if options.delays:
-        return by_delay(options)
+        return by_delay(options, contestants)
     if options.explain:
         folder = Path(options.out or "docs") / "figures"
         folder.mkdir(parents=True, exist_ok=True)
@@ -272,4 +275,4 @@ def main(argv: Sequence[str]) -> int:
         return tune(options)
     if options.ablation:
         return compare(options, "ablation", VARIANTS)
-    return compare(options, "peers", PEERS)
+    return compare(options, "peers", contestants)

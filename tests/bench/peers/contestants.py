@@ -12,11 +12,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from onboard.arrays import Array, BoolArray, IntArray
-from onboard.config.fleet import OwnLaw
+from onboard.config.fleet import ConfigError, OwnLaw
 from onboard.control.pipeline import PipelineParams
 from onboard.rollout import batch
 from onboard.rollout.own_law_fleet import OwnLawFleet
 from onboard.rollout.rows import Rows
+from sitl.monte_carlo import settings
 from tests.bench.peers import stage
 from tests.bench.peers.encounter import Step
 from tests.bench.peers.methods import METHODS, Method
@@ -36,19 +37,26 @@ class Contestant:
     sets: tuple[str, ...] = ()  # values of the fleet file, as ``covey simulate --set`` takes them
     change: Callable[[PipelineParams], PipelineParams] = same  # of the parameters after that
     step: Step | None = None  # a peer in the law's place
+    own: stage.Law | None = None  # or any law of somebody's own
     values: Mapping[str, float] = field(default_factory=dict)  # of the peer
     hear: Callable[[Rows], Rows] = same  # of the neighbours' messages
 
     def controller(self, params: Sequence[PipelineParams], start_enu_m: Array) -> batch.Controller:
         """Return the control of a batch with this contestant in the law's place, compiled where that is possible."""
-        if self.step is not None:
+        if not self.is_compiled:
             return self.interpreted(self.law(), params, start_enu_m)
         changed = [self.change(own) for own in params]
         return Hearing(batch.FleetPipeline(changed, start_enu_m), self.hear)
 
+    @property
+    def is_compiled(self) -> bool:
+        """Whether it is a law of Covey's, with some change or none."""
+        return self.step is None and self.own is None
+
     def law(self) -> stage.Timed:
         """Return the law of this contestant as anybody's own, with a stop-watch."""
-        return stage.Timed(stage.covey if self.step is None else stage.law_of(self.step, self.values))
+        own = self.own or (stage.covey if self.step is None else stage.law_of(self.step, self.values))
+        return stage.Timed(own)
 
     def interpreted(self, law: stage.Timed, params: Sequence[PipelineParams], start_enu_m: Array) -> Hearing:
         """Return the control of a batch that flies by :meth:`law`, interpreted as any law of somebody's own."""
@@ -108,3 +116,17 @@ COVEY = Contestant("Covey")
 PEERS = {"covey": COVEY, "off": peer(METHODS["off"]), "ring": ring()} | {
     name: peer(method) for name, method in METHODS.items() if name != "off"
 }
+
+
+def named(name: str) -> Contestant:
+    """Return a contestant by its key above, or a law of somebody's own by the name that a fleet file gives it.
+
+    Raises:
+        ConfigError: there is no such law.
+    """
+    if name in PEERS:
+        return PEERS[name]
+    law = settings.setup_for(law=name).fleet(1).own_law
+    if law is None:
+        raise ConfigError(f"--law is '{name}'; name a law of your own as module:function (docs/own-law.md).")
+    return Contestant(name, own=law.function)

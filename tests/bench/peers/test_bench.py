@@ -10,9 +10,9 @@ from groundstation import cli
 from onboard.control import pipeline
 from sitl.monte_carlo import flight, scenarios, settings
 from tests.bench.__main__ import main as run_benchmark
-from tests.bench.peers import bench, pages
+from tests.bench.peers import arena, bench, pages
 from tests.bench.peers.ablation import VARIANTS
-from tests.bench.peers.contestants import COVEY, PEERS, same
+from tests.bench.peers.contestants import COVEY, PEERS, named, same
 from tests.bench.peers.report import Outcome, interval, summary, table
 
 ROOT = Path(__file__).parents[3]
@@ -70,6 +70,16 @@ def test_coveys_law_through_the_door_of_own_laws_flies_as_it_does_without():
     assert ours.law_refusal == ""
     assert ours.outcome.min_separation_m == pytest.approx(plain.outcome.min_separation_m, abs=1e-6)
     assert ours.outcome.makespan_s == plain.outcome.makespan_s
+
+
+def test_a_law_of_somebodys_own_flies_in_the_bench_and_an_unknown_one_is_refused_in_words(capsys):
+    (flown,) = arena.fly(named("tests.bench.peers.laws:potential"), "swap2", [0]).outcomes
+    (expected,) = arena.fly(PEERS["potential"], "swap2", [0]).outcomes
+    assert flown == expected
+    assert run_benchmark(["law", "--law", "nowhere:law"]) == 2
+    assert "Put nowhere.py there" in capsys.readouterr().err
+    assert run_benchmark(["law", "--law", "paper"]) == 2
+    assert "--law is 'paper'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["orca", "cells", "certificate", "potential"])
