@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from onboard.arrays import Array, BoolArray, IntArray
+from onboard.avoidance.params import Capsule
 from onboard.config.fleet import OwnLaw
 from onboard.control import pipeline
 from onboard.control.own_law_pipeline import OwnLawPipeline
@@ -22,6 +23,7 @@ class OwnLawFleet:
         law: that the fleet file names.
         params: N of them.
         start_enu_m: (F, N, 3), where the vehicles hover [m].
+        obstacles: the same for all.
         clock: seconds, by which the law's time is summed up and a slow one refused; None: it may take any time.
     """
 
@@ -30,9 +32,10 @@ class OwnLawFleet:
         law: OwnLaw,
         params: Sequence[pipeline.PipelineParams],
         start_enu_m: Array,
+        obstacles: Sequence[Capsule] = (),
         clock: Callable[[], float] | None = None,
     ) -> None:
-        self._params = params
+        self._params, self._obstacles = params, tuple(obstacles)
         self._flights = [
             [
                 (OwnLawPipeline(law, clock), pipeline.initial(own, Vec3(*spot)))
@@ -54,7 +57,8 @@ class OwnLawFleet:
             flight, vehicle = divmod(m, count)
             around = batch.NEIGHBOUR.values(near[m][present[m]])
             law, memory = self._flights[flight][vehicle]
-            memory, tick = law.step(memory, state, goal, around, (), pipeline.Phase.FLYING, self._params[vehicle], dt_s)
+            inputs = state, goal, around, self._obstacles, pipeline.Phase.FLYING, self._params[vehicle]
+            memory, tick = law.step(memory, *inputs, dt_s)
             self._flights[flight][vehicle] = law, memory
             ticks.append(tick)
             if law.refusal:

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from onboard.arrays import Array, BoolArray, IntArray
+from onboard.avoidance.params import Capsule
 from onboard.config.fleet import FleetConfig
 from onboard.control import pipeline, trajectory
 from onboard.rollout import batch
@@ -22,7 +23,7 @@ from sitl.monte_carlo.sensing import sensing
 from sitl.monte_carlo.settings import Setup
 from sitl.monte_carlo.vehicles import TICK_S, Physics, Truth
 
-MakeController = Callable[[Sequence[pipeline.PipelineParams], Array], batch.Controller]
+MakeController = Callable[[Sequence[pipeline.PipelineParams], Array, Sequence[Capsule]], batch.Controller]
 _TIMES_STRAIGHT = 5.5  # a flight that takes longer than so many times the lone one has failed
 _ALONE_SPARE_S = 20.0
 _STOP_S = 0.5  # at top speed the limits of acceleration and the lag need about so much to stop
@@ -116,7 +117,9 @@ def _fly(
     truth = world.truth()
     senses = sensing(setup.errors, vehicles, truth, noise)
     pilots = (controller or _controller(fleet))(
-        [pipeline.pipeline_params(fleet, vehicle.name) for vehicle in vehicles], start
+        [pipeline.pipeline_params(fleet, vehicle.name) for vehicle in vehicles],
+        start,
+        () if is_alone else plans[0].obstacles,
     )
     throttle = np.broadcast_to([vehicle.hover_thrust_frac for vehicle in vehicles], start.shape[:2])
     hover = throttle

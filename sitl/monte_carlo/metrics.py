@@ -13,6 +13,7 @@ from onboard.arrays import Array, IntArray
 from onboard.config.fleet import FleetConfig
 from onboard.rollout.rows import Rows
 from onboard.types import LawStatus
+from sitl.monte_carlo.clutter import clearances_m
 from sitl.monte_carlo.scenarios import Plan
 from sitl.monte_carlo.settings import ErrorClass
 from sitl.monte_carlo.vehicles import TICK_S, Truth
@@ -41,7 +42,8 @@ class Outcome:
     makespan_s: when all had arrived; inf if that did not happen in time, and then ``reason`` says why: "deadlock"
     (those missing stand still), "livelock" (they move and get no nearer) or "time" (they were still getting nearer).
     relaxed_share: of the vehicles' ticks. slew_rms_m_s3: of the horizontal command. intervention_m_s2: mean |u - u0|.
-    path_ratio: flown paths over straight ones, of all together.
+    path_ratio: flown paths over straight ones, of all together. min_clearance_m: of a body's outline from a static
+    obstacle's; inf without obstacles, below 0 a collision.
     """
 
     min_separation_m: float
@@ -56,6 +58,7 @@ class Outcome:
     max_speed_m_s: float
     intervention_m_s2: float
     path_ratio: float
+    min_clearance_m: float
     trace: Trace | None
 
     @property
@@ -81,7 +84,7 @@ class FlightMetrics:
         self._limit_m, self._body_m = fleet.fleet.safety_distance_m, fleet.fleet.body_diameter_m
         vertical_m = fleet.fleet.vertical_separation_m
         self._height_share = 0.0 if vertical_m is None else self._limit_m / vertical_m
-        self._errors = errors
+        self._errors, self._obstacles = errors, plans[0].obstacles
         self.ticks = 0
         self._flights = np.arange(flights)
         self._done: dict[int, Outcome] = {}
@@ -106,6 +109,7 @@ class FlightMetrics:
             name: np.zeros(flights) for name in ("violation", "relaxed", "slew", "speed", "intervention", "path")
         }
         self._nearest, self._has_touched = np.full(flights, np.inf), np.zeros(flights, bool)
+        self._clearance = np.full(flights, np.inf)
         self._see(start_enu_m)
         self._trace = _TraceBuffer(start_enu_m) if has_trace else None
 
@@ -128,7 +132,9 @@ class FlightMetrics:
             height = np.abs(offset[..., 2])
             distance = np.maximum(distance, self._height_share * height)
             touches &= height < _TOUCH_HEIGHT * self._body_m
-        self._has_touched |= np.asarray(touches.any(-1))
+        if self._obstacles:
+            self._clearance = np.minimum(self._clearance, clearances_m(position_enu_m, self._obstacles, self._body_m))
+        self._has_touched |= np.asarray(touches.any(-1)) | (self._clearance < 0.0)
         nearest = distance.min(-1, initial=np.inf)
         self._nearest = np.minimum(self._nearest, nearest)
         self._sums["violation"] += TICK_S * (nearest < self._limit_m)
@@ -197,6 +203,7 @@ class FlightMetrics:
             max_speed_m_s=sums["speed"],
             intervention_m_s2=sums["intervention"] / self.ticks,
             path_ratio=sums["path"] / float(self._straight[row]) if self._straight[row] > 0.1 else math.nan,
+            min_clearance_m=float(self._clearance[row]),
             trace=None if self._trace is None else self._trace.of(flight, self.ticks),
         )
 
@@ -204,7 +211,7 @@ class FlightMetrics:
         """Go on with these flights of the batch only."""
         for name in (
             *("_flights", "_goal", "_earliest", "_longest", "_counts", "_position", "_command", "_away", "_straight"),
-            *("_stay", "_recent_speed", "_recent_gain", "_nearest", "_has_touched"),
+            *("_stay", "_recent_speed", "_recent_gain", "_nearest", "_has_touched", "_clearance"),
         ):
             setattr(self, name, getattr(self, name)[flights])
         self._sums = {name: values[flights] for name, values in self._sums.items()}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
-from matplotlib.patches import Circle, Patch
+from matplotlib.patches import Circle, Patch, Polygon
 from numpy.typing import NDArray
 
 from groundstation.figures.style import LIMIT, SOFT, colour, styled
@@ -39,6 +39,7 @@ class _Data:
     pairs: tuple[NDArray[np.int64], NDArray[np.int64]]
     distance_m: Array
     closest: tuple[int, int]
+    obstacles_m: Array  # (O, 5) both ends in the plane and the radius
 
     @property
     def count(self) -> int:
@@ -93,6 +94,7 @@ def _read(trace: Path) -> _Data:
             pairs=(first, second),
             distance_m=distance,
             closest=(sample, pair),
+            obstacles_m=file["obstacles_m"],
         )
 
 
@@ -113,6 +115,14 @@ def _paths(figure: Any, axes: Any, data: _Data) -> None:
         )
         lines.set_array(data.t_s[:-1])
         axes.add_collection(lines)
+    for x_0, y_0, x_1, y_1, radius in data.obstacles_m:
+        begin, end = np.array((x_0, y_0)), np.array((x_1, y_1))
+        for middle in ((x_0, y_0), (x_1, y_1)):
+            axes.add_patch(Circle(middle, radius, fc="#888888", lw=0, zorder=1))
+        across = radius * np.array([y_0 - y_1, x_1 - x_0]) / max(np.hypot(*(end - begin)), 1e-9)
+        axes.add_patch(
+            Polygon([begin + across, end + across, end - across, begin - across], fc="#888888", lw=0, zorder=1)
+        )
     start, goal = data.position_enu_m[0], data.goal_enu_m
     axes.plot(start[:, 0], start[:, 1], "o", ms=6, mfc="white", mec="#333333", zorder=4, label="start")
     axes.plot(goal[:, 0], goal[:, 1], "x", ms=7, mew=2, color="#333333", zorder=4, label="goal")

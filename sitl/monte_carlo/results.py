@@ -43,6 +43,7 @@ def record(flown: Flown, setup: Setup) -> Record:
         "max_speed_m_s": _number(outcome.max_speed_m_s),
         "intervention_m_s2": _number(outcome.intervention_m_s2),
         "path_ratio": _number(outcome.path_ratio),
+        "min_clearance_m": _number(outcome.min_clearance_m),
         **refused,
     }
 
@@ -85,6 +86,7 @@ def write_trace(folder: Path, flown: Flown, setup: Setup) -> Path:
         active_neighbour=trace.active_neighbour,
         start_enu_m=plan.start_enu_m,
         goal_enu_m=plan.goal_enu_m,
+        obstacles_m=np.array([[*one.begin_enu_m, *one.end_enu_m, one.radius_m] for one in plan.obstacles]),
         names=np.array(names),
         safety_distance_m=np.array(fleet.fleet.safety_distance_m),
         body_diameter_m=np.array(fleet.fleet.body_diameter_m),

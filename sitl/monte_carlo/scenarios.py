@@ -1,7 +1,7 @@
 """Starts and goals: public scenarios, each drawn from its seed alone.
 
 A name says everything: ``swap8`` (jittered) or ``swap8x`` (exact), ``rand16`` or ``rand16d4`` (4 m^2 per vehicle),
-``cross8@180``, ``intruder6@2``, ``lost8@silent``. Positions are fleet ENU, everybody at one
+``cross8@180``, ``intruder6@2``, ``lost8@silent``, ``forest8``, ``gap6``. Positions are fleet ENU, everybody at one
 height but for ``layers8``, ``heights8`` and ``climb8``.
 """
 
@@ -16,7 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.avoidance.params import Capsule
 from onboard.config.fleet import ConfigError
+from sitl.monte_carlo import clutter
 
 HEIGHT_M = 1.0
 _UP = np.array([0.0, 0.0, 2.0])  # from one layer to the next
@@ -28,7 +30,8 @@ _MAX_VEHICLES = 250
 KNOWN = (
     "form3, swapN (jittered) and swapNx (exact), randN and randNdA (A m^2 per vehicle), crossN@90, crossN@180, "
     "layersN (two swaps above each other), heightsN (pairs swap heights), climbN (half climbs through the way of the "
-    "other), squeeze, intruderN@1, intruderN@2, lostN@frozen, lostN@silent, lostN@dead, and mix (the benchmark); "
+    "other), squeeze, forestN (through pillars), gapN (both ways through a gap in a wall), intruderN@1, intruderN@2, "
+    "lostN@frozen, lostN@silent, lostN@dead, and mix (the benchmark); "
     f"N is a number up to {_MAX_VEHICLES}"
 )
 _TRIANGLE_SIDE_M = 1.6
@@ -53,6 +56,7 @@ class Plan:
     earliest_s: float = 0.0  # the flight is not over before
     intruder_m_s: Array | None = None  # (3,) velocity of the last vehicle, which is of no fleet and avoids nobody
     lost: tuple[int, float, str] | None = None  # index, time [s] and kind of a vehicle that is lost on the way
+    obstacles: tuple[Capsule, ...] = ()  # that stand still; the same for all seeds of a scenario
 
     @property
     def count(self) -> int:
@@ -90,6 +94,7 @@ def plan(name: str, seed: int, *, scale: float = 1.0) -> Plan:
                 goal_enu_m=made.goal_enu_m * stretch,
                 duration_s=made.duration_s * scale,
                 earliest_s=made.earliest_s * scale,
+                obstacles=clutter.scaled(made.obstacles, scale),
             )
     raise ConfigError(f"'{name}' is not a scenario. Known: {KNOWN}.")
 
@@ -220,6 +225,28 @@ def _squeeze(name: str, seed: int) -> Plan:
     return Plan(name, seed, _raised(start + jitter), _raised(goal))
 
 
+def _forest(name: str, seed: int, number: str | None) -> Plan:
+    """Half from the left and half from the right, each to a place of the other side, through the same pillars."""
+    half = _even(name, number or "8")
+    rng = np.random.default_rng(seed)
+    place = 1.5 * (np.arange(half) - 0.5 * (half - 1))
+    sides = [np.stack([np.full(half, x), place], axis=1) + rng.normal(0.0, 0.05, (half, 2)) for x in (-5.0, 5.0)]
+    start = np.concatenate(sides)
+    goal = np.concatenate([sides[1][rng.permutation(half)], sides[0][rng.permutation(half)]])
+    return Plan(name, seed, _raised(start), _raised(goal), obstacles=clutter.forest(half // 2 + 2, half))
+
+
+def _gap(name: str, seed: int, number: str | None) -> Plan:
+    """Half from the left and half from the right, in two lanes, through one gap to the other side."""
+    half = _even(name, number or "6")
+    slot = np.arange(half)
+    lanes = np.stack([2.5 + 1.4 * (slot // 2), 0.7 * (1.0 - 2.0 * (slot % 2))], axis=1)
+    jitter = np.random.default_rng(seed).normal(0.0, 0.05, (2 * half, 2))
+    start = np.concatenate([lanes * (-1.0, 1.0), lanes]) + jitter
+    goal = np.concatenate([lanes[::-1], lanes[::-1] * (-1.0, 1.0)])
+    return Plan(name, seed, _raised(start), _raised(goal), obstacles=clutter.gap())
+
+
 def _intruder(name: str, seed: int, number: str | None, speed: str | None) -> Plan:
     """A hovering formation (rows of three, spacing 2 m); somebody else's vehicle flies straight through it."""
     count = _number(name, number, 6, low=1)
@@ -261,6 +288,8 @@ _SCENARIOS: dict[str, Callable[..., Plan]] = {
     r"heights(\d{1,4})": _heights,
     r"climb(\d{1,4})": _climb,
     r"squeeze": _squeeze,
+    r"forest(\d{1,4})?": _forest,
+    r"gap(\d{1,4})?": _gap,
     r"intruder(\d{1,4})?(?:@(1|2))?": _intruder,
     r"lost(\d{1,4})?(?:@(frozen|silent|dead))?": _lost,
 }

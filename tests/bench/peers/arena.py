@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from onboard.arrays import Array
+from onboard.avoidance.params import Capsule
 from onboard.control.pipeline import PipelineParams
 from sitl.monte_carlo import flight, scenarios, settings
 from tests.bench.peers.contestants import Contestant, Hearing
@@ -39,8 +40,8 @@ def fly(
     """
     law = contestant.law()
 
-    def interpreted(params: Sequence[PipelineParams], start_enu_m: Array) -> Hearing:
-        return contestant.interpreted(law, params, start_enu_m)
+    def interpreted(params: Sequence[PipelineParams], start_enu_m: Array, obstacles: Sequence[Capsule]) -> Hearing:
+        return contestant.interpreted(law, params, start_enu_m, obstacles)
 
     if contestant.is_compiled:
         flown = _flown(contestant, scenario, seeds, errors, contestant.controller, types=types)

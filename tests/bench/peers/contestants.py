@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from onboard.arrays import Array, BoolArray, IntArray
+from onboard.avoidance.params import Capsule
 from onboard.config.fleet import ConfigError, OwnLaw
 from onboard.control.pipeline import PipelineParams
 from onboard.rollout import batch
@@ -41,12 +42,14 @@ class Contestant:
     values: Mapping[str, float] = field(default_factory=dict)  # of the peer
     hear: Callable[[Rows], Rows] = same  # of the neighbours' messages
 
-    def controller(self, params: Sequence[PipelineParams], start_enu_m: Array) -> batch.Controller:
+    def controller(
+        self, params: Sequence[PipelineParams], start_enu_m: Array, obstacles: Sequence[Capsule] = ()
+    ) -> batch.Controller:
         """Return the control of a batch with this contestant in the law's place, compiled where that is possible."""
         if not self.is_compiled:
-            return self.interpreted(self.law(), params, start_enu_m)
+            return self.interpreted(self.law(), params, start_enu_m, obstacles)
         changed = [self.change(own) for own in params]
-        return Hearing(batch.FleetPipeline(changed, start_enu_m), self.hear)
+        return Hearing(batch.FleetPipeline(changed, start_enu_m, obstacles), self.hear)
 
     @property
     def is_compiled(self) -> bool:
@@ -58,10 +61,16 @@ class Contestant:
         own = self.own or (stage.covey if self.step is None else stage.law_of(self.step, self.values))
         return stage.Timed(own)
 
-    def interpreted(self, law: stage.Timed, params: Sequence[PipelineParams], start_enu_m: Array) -> Hearing:
+    def interpreted(
+        self,
+        law: stage.Timed,
+        params: Sequence[PipelineParams],
+        start_enu_m: Array,
+        obstacles: Sequence[Capsule] = (),
+    ) -> Hearing:
         """Return the control of a batch that flies by :meth:`law`, interpreted as any law of somebody's own."""
         changed = [self.change(own) for own in params]
-        return Hearing(OwnLawFleet(OwnLaw(self.title, "", "", law), changed, start_enu_m), self.hear)
+        return Hearing(OwnLawFleet(OwnLaw(self.title, "", "", law), changed, start_enu_m, obstacles), self.hear)
 
 
 class Hearing:
