@@ -110,11 +110,10 @@ def _pair(own: Own, neighbour: Neighbour, other: Received, e: Vec2, share: float
     distance_2 = dot_2(e, e)
     d = max(share * design_distance(own.margin_2_m2, neighbour, params.spacing), _LEAST_DISTANCE_M)
     intent, is_settled = w, False
-    if (
-        params.policies.direction == DIRECTION_INTENT
-        and neighbour.is_cooperative
-        and is_finite(neighbour.intent_enu_m_s)
-    ):
+    if params.policies.direction == DIRECTION_INTENT and not neighbour.is_cooperative:
+        theirs = other.velocity_m_s  # whoever does not cooperate goes on as it flies
+        intent = Vec2(own.intent_m_s.x - theirs.x, own.intent_m_s.y - theirs.y)
+    elif params.policies.direction == DIRECTION_INTENT and is_finite(neighbour.intent_enu_m_s):
         theirs = clipped(neighbour.intent_enu_m_s)
         intent = Vec2(own.intent_m_s.x - theirs.x, own.intent_m_s.y - theirs.y)
         is_settled = dot_2(theirs, theirs) <= SETTLED_M_S * SETTLED_M_S

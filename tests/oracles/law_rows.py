@@ -86,6 +86,8 @@ def neighbour_rows(own, neighbours, p, is_roundabout):
     has_intent = (policies.direction == numbers.DIRECTION_INTENT) & cooperative
     has_intent = has_intent & np.isfinite(n["intent_enu_m_s"]).all(-1)
     intent = np.where(has_intent[:, None], own["intent"] - n["intent_enu_m_s"], w)
+    if policies.direction == numbers.DIRECTION_INTENT:
+        intent = np.where(cooperative[:, None], intent, own["intent"] - their_v)
     is_settled = has_intent & (np.sqrt(dot(n["intent_enu_m_s"], n["intent_enu_m_s"])) <= 0.1)
     d = design_distances(own, n, p.spacing)
     in_range = dot(e, e) <= p.spacing.range_m**2
