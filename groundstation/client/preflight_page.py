@@ -224,16 +224,25 @@ def as_mapping(pages: Sequence[VehiclePage]) -> Mapping[str, Any]:
     }
 
 
-async def ask(client: FleetClient, names: Sequence[str], timeout_s: float) -> tuple[VehiclePage, ...]:
-    """Wait until every vehicle has reported.
+async def ask(
+    client: FleetClient, names: Sequence[str], timeout_s: float, until_go_s: float = 0.0
+) -> tuple[VehiclePage, ...]:
+    """Wait until every vehicle has reported, and then until all are go.
 
     Args:
         client: started.
         names: vehicles.
-        timeout_s: longest wait [s].
+        timeout_s: longest wait for the reports [s].
+        until_go_s: longest wait after that [s].
 
     Returns:
         Their pages.
     """
+
+    def is_go(state: FleetState) -> bool:
+        return exit_status(pages_of(state, client.fleet, names, client.now_ns())) == 0
+
     await client.wait_for(lambda state: has_reported(state, names, client.now_ns()), timeout_s)
+    if until_go_s > 0.0:
+        await client.wait_for(is_go, until_go_s)
     return pages_of(client.state, client.fleet, names, client.now_ns())

@@ -3,6 +3,7 @@
 Examples:
   covey preflight --fleet fleet.toml
   covey preflight --fleet fleet.toml --vehicles mav0,mav2 --json
+  covey preflight --fleet fleet.toml --wait 20 && covey fly mission.toml --fleet fleet.toml
 
 Exit status: 0 all are go; 1 at least one is not; 2 wrong input; 10 nobody answered. docs/preflight.md explains each
 check.
@@ -24,7 +25,7 @@ from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 def preflight(
     *, fleet: FleetFile, vehicles: Names | None = None, exclude: Names | None = None, timeout: Seconds = 5.0,
-    json: bool = False,
+    wait: Seconds = 0.0, json: bool = False,
 ) -> int:  # fmt: skip
     """Say for every vehicle whether it may take off, check by check, each fault with its remedy.
 
@@ -32,6 +33,7 @@ def preflight(
         vehicles: only these: names or indices, a,b or 0-2 (default all)
         exclude: all but these
         timeout: wait so long for answers
+        wait: after their answers, so long until all are go: agents that have just started know little
         json: one object instead of the page
     """
     config = load_fleet(fleet)
@@ -43,15 +45,17 @@ def preflight(
         raise ConfigError("No vehicle is selected. Set enabled = true for one, or change --vehicles and --exclude.")
     if not 0.0 < timeout <= 600.0:
         raise ConfigError(f"--timeout is {timeout:g}; give 0 to 600 s.")
-    pages = asyncio.run(_pages(config, names, timeout))
+    if not 0.0 <= wait <= 600.0:
+        raise ConfigError(f"--wait is {wait:g}; give 0 to 600 s.")
+    pages = asyncio.run(_pages(config, names, timeout, wait))
     print(dumps(as_mapping(pages), indent=2) if json else as_text(pages))
     return exit_status(pages)
 
 
-async def _pages(fleet: FleetConfig, names: Sequence[str], timeout_s: float) -> tuple[VehiclePage, ...]:
+async def _pages(fleet: FleetConfig, names: Sequence[str], timeout_s: float, wait_s: float) -> tuple[VehiclePage, ...]:
     client = FleetClient(fleet, operates=False, bus=session(fleet, WATCHER))
     await client.start()
     try:
-        return await ask(client, names, timeout_s)
+        return await ask(client, names, timeout_s, wait_s)
     finally:
         await client.stop()

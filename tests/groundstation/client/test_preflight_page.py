@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import tomllib
 from pathlib import Path
@@ -114,6 +115,19 @@ async def test_asking_waits_for_the_reports_and_not_longer(fleet: FleetConfig, b
         bus.on_message[Topic.PREFLIGHT](Topic.PREFLIGHT, name, report(name, FINE))
     pages = await preflight_page.ask(client, fleet.enabled_names, 5.0)
     assert preflight_page.exit_status(pages) == 0
+
+
+async def test_asking_may_wait_until_all_are_go(fleet: FleetConfig, bus: Any, client: FleetClient) -> None:
+    for name in fleet.enabled_names:
+        bus.tell(name, config_hash=fleet.config_hash)
+        bus.on_message[Topic.PREFLIGHT](Topic.PREFLIGHT, name, report(name, BAD))
+    assert preflight_page.exit_status(await preflight_page.ask(client, fleet.enabled_names, 5.0, 0.05)) == 1
+    asked = asyncio.ensure_future(preflight_page.ask(client, fleet.enabled_names, 5.0, 30.0))
+    await asyncio.sleep(0.0)
+    assert not asked.done()
+    for name in fleet.enabled_names:
+        bus.on_message[Topic.PREFLIGHT](Topic.PREFLIGHT, name, report(name, FINE, sequence=2))
+    assert preflight_page.exit_status(await asked) == 0
 
 
 async def test_a_mission_says_each_advice_once_with_whom_it_concerns(
