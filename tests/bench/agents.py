@@ -110,7 +110,9 @@ class Counts:
             self.followed[name] = len(message.ticks[-1].neighbour_ages_s)
 
 
-async def measure(count: int, seconds: float, folder: Path, *, is_realtime: bool = True) -> Result:
+async def measure(
+    count: int, seconds: float, folder: Path, *, is_realtime: bool = True, has_keys: bool = False
+) -> Result:
     """Fly ``count`` agents and measure for ``seconds``.
 
     Raises:
@@ -118,7 +120,7 @@ async def measure(count: int, seconds: float, folder: Path, *, is_realtime: bool
     """
     before = processor_times()
     try:
-        return await _measure(count, seconds, folder, is_realtime=is_realtime)
+        return await _measure(count, seconds, folder, is_realtime=is_realtime, has_keys=has_keys)
     except (NotReady, OrderFailed) as error:
         share = busy_share(before, processor_times())
         if share < _FULL:
@@ -127,7 +129,7 @@ async def measure(count: int, seconds: float, folder: Path, *, is_realtime: bool
         raise ProcessError(f"{sentence} {error}") from error
 
 
-async def _measure(count: int, seconds: float, folder: Path, *, is_realtime: bool) -> Result:
+async def _measure(count: int, seconds: float, folder: Path, *, is_realtime: bool, has_keys: bool) -> Result:
     spacing_m = NEAR_SPACING_M if count <= 10 else FAR_SPACING_M
     data = fleet_data(count, spacing_m, "agents")
     extra = ["--realtime"] if is_realtime and leaves_room(count) else []
@@ -135,7 +137,7 @@ async def _measure(count: int, seconds: float, folder: Path, *, is_realtime: boo
     def command(path: str, name: str) -> list[str]:
         return ["onboard", "--fleet", path, "--vehicle", name, "--apply-params", *extra]
 
-    bench_fleet = BenchFleet(data, folder, command=command, has_record=True)
+    bench_fleet = BenchFleet(data, folder, command=command, has_record=True, has_keys=has_keys)
     counter = Counts()
     bench_fleet.client.add_sink(counter.put)
     async with bench_fleet:
@@ -240,6 +242,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--no-realtime", action="store_true", help="agents do not ask for real-time priority, as installed ones do"
     )
+    parser.add_argument("--keys", action="store_true", help="with a locked bus: mutual TLS on every link")
     parser.add_argument("--keep", type=Path, help="folder for logs and record")
     parser.add_argument("--json", action="store_true", help="figures as JSON on stdout")
     options = parser.parse_args(argv)
@@ -250,7 +253,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         folder = options.keep or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
         try:
-            result = asyncio.run(measure(options.agents, options.seconds, folder, is_realtime=not options.no_realtime))
+            run = measure(
+                options.agents,
+                options.seconds,
+                folder,
+                is_realtime=not options.no_realtime,
+                has_keys=options.keys,
+            )
+            result = asyncio.run(run)
         except (ProcessError, NotReady, OrderFailed) as error:
             print(f"bench agents: {error}", file=sys.stderr)
             return EXIT_WRONG_INPUT

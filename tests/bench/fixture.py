@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import datetime
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -10,6 +11,7 @@ from types import TracebackType
 from typing import Any
 
 from groundstation.client.client import FleetClient
+from groundstation.keys.secured_fleet import secure_fleet
 from groundstation.missions.api import Fleet
 from groundstation.processes.free_ports import toml_text, with_free_ports
 from groundstation.processes.supervisor import Processes, agent_command
@@ -68,6 +70,7 @@ class BenchFleet:
         emulator_data: of the emulator's, where it is another one.
         command: starts an agent.
         has_record: whether the ground writes everything on the bus, as in a flight.
+        has_keys: whether the bus is locked: mutual TLS on every link, signed orders.
         say: progress in words.
     """
 
@@ -79,6 +82,7 @@ class BenchFleet:
         emulator_data: Mapping[str, Any] | None = None,
         command: Command = agent_command,
         has_record: bool = False,
+        has_keys: bool = False,
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
         self.path = folder / "fleet.toml"
@@ -87,7 +91,11 @@ class BenchFleet:
         if emulator_data is not None:
             self._emulator_path = folder / "emulator.toml"
             self._emulator_path.write_text(toml_text(dict(emulator_data)), encoding="utf-8")
-        self.config: FleetConfig = fleet_from_mapping(dict(data), path=str(self.path))
+        self.config: FleetConfig = (
+            secure_fleet(str(self.path), datetime.datetime.now(datetime.UTC))
+            if has_keys
+            else fleet_from_mapping(dict(data), path=str(self.path))
+        )
         self.processes = Processes(folder)
         self.client = FleetClient(self.config, extra_topics=RECORDED if has_record else ())
         self.fleet = Fleet(self.client, say=say)
