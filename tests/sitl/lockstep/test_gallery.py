@@ -14,8 +14,14 @@ ROOT = Path(__file__).parents[3]
 FLOWN_ELSEWHERE = ("paper", "above")  # in test_flight, and in test_above_each_other
 
 
+MISSIONS = [name for name in GALLERY if name not in FLOWN_ELSEWHERE]
+LONG = ("thirty",)
+
+
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("name", [name for name in GALLERY if name not in FLOWN_ELSEWHERE])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long) if name in LONG else name for name in MISSIONS]
+)
 def test_a_mission_of_the_gallery_passes(name: str, lockstep: Callable[..., Lockstep], tmp_path: Path) -> None:
     mission = gallery_mission(name, tmp_path)
     assert mission.expect.min_separation_m is not None
