@@ -33,7 +33,6 @@ class OwnLawPipeline:
     def __init__(self, law: OwnLaw, clock: Callable[[], float] | None = None) -> None:
         self.law = law
         self.refusal = ""  # why Covey's law flies the rest of this flight; empty: it does not
-        self.busy_s, self.calls = 0.0, 0  # of the law alone, by the clock
         self._clock = clock
         self._memory: Any = None
         self._slow_ticks = 0
@@ -92,7 +91,6 @@ class OwnLawPipeline:
 
     def _slow(self, took_s: float) -> str:
         """Return why a law that took so long is refused; empty if it is not."""
-        self.busy_s, self.calls = self.busy_s + took_s, self.calls + 1
         self._slow_ticks = self._slow_ticks + 1 if took_s > SLOW_S else 0
         if took_s <= STOPPED_S and self._slow_ticks < SLOW_TICKS:
             return ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -24,7 +24,6 @@ class OwnLawFleet:
         params: N of them.
         start_enu_m: (F, N, 3), where the vehicles hover [m].
         obstacles: the same for all.
-        clock: seconds, by which the law's time is summed up and a slow one refused; None: it may take any time.
     """
 
     def __init__(
@@ -33,14 +32,10 @@ class OwnLawFleet:
         params: Sequence[pipeline.PipelineParams],
         start_enu_m: Array,
         obstacles: Sequence[Capsule] = (),
-        clock: Callable[[], float] | None = None,
     ) -> None:
         self._params, self._obstacles = params, tuple(obstacles)
         self._flights = [
-            [
-                (OwnLawPipeline(law, clock), pipeline.initial(own, Vec3(*spot)))
-                for own, spot in zip(params, spots, strict=True)
-            ]
+            [(OwnLawPipeline(law), pipeline.initial(own, Vec3(*spot))) for own, spot in zip(params, spots, strict=True)]
             for spots in start_enu_m.tolist()
         ]
         self._numbers = list(range(len(self._flights)))
