@@ -72,8 +72,9 @@ class Radio:
         if tracked is not None:
             is_silent = age_s > self._late * TICK_S + _TRACKED_AFTER_S
             is_tracked = is_silent | self._is_stranger[:, None, :]
-            inbox = np.where(is_tracked, tracked[:, None], inbox)
-            age_s, is_cooperative = np.where(is_tracked, _TRACKED_AGE_S, age_s), is_cooperative & ~is_tracked
+            if is_tracked.any():  # hardly ever: the inbox of a large fleet is long to copy
+                inbox = np.where(is_tracked, tracked[:, None], inbox)
+                age_s, is_cooperative = np.where(is_tracked, _TRACKED_AGE_S, age_s), is_cooperative & ~is_tracked
         return batch.received(inbox, age_s, self._heard, is_cooperative)
 
     def vehicle(self, neighbour: IntArray) -> IntArray:
