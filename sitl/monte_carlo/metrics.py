@@ -17,11 +17,11 @@ from sitl.monte_carlo.clutter import clearances_m
 from sitl.monte_carlo.scenarios import Plan
 from sitl.monte_carlo.settings import ErrorClass
 from sitl.monte_carlo.vehicles import TICK_S, Truth
+from sitl.physics.contacts import HEIGHT_OF_DIAMETER
 
 HOLD_S = 0.5  # everybody has arrived when all have been near their goals and slow for this long
 _RECENT_S = 3.0
 _STUCK_M_S = 0.10
-_TOUCH_HEIGHT = 0.5  # bodies touch that are nearer in height than this part of a diameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +131,7 @@ class FlightMetrics:
         if self._height_share > 0.0:
             height = np.abs(offset[..., 2])
             distance = np.maximum(distance, self._height_share * height)
-            touches &= height < _TOUCH_HEIGHT * self._body_m
+            touches &= height < HEIGHT_OF_DIAMETER * self._body_m
         if self._obstacles:
             self._clearance = np.minimum(self._clearance, clearances_m(position_enu_m, self._obstacles, self._body_m))
         self._has_touched |= np.asarray(touches.any(-1)) | (self._clearance < 0.0)

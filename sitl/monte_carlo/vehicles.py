@@ -12,7 +12,7 @@ from onboard.config.fleet import Vehicle
 from sitl.monte_carlo.noise import Noise
 from sitl.monte_carlo.settings import Perturbation
 from sitl.physics import frames
-from sitl.physics.contacts import Downwash
+from sitl.physics.contacts import Downwash, pushed_down_each
 from sitl.physics.vehicle import STEP_S, Commands, VehicleProfile, Vehicles
 
 TICK_S = 0.02
@@ -111,13 +111,7 @@ class Physics:
         if diameter_m <= 0.0:
             return 0.0
         place = self._of(self._vehicles.states.position_ned_m)
-        offset = place[:, :, None] - place[:, None]
-        gap = np.maximum(offset[..., 2], 0.0)  # of each below each
-        radius = 0.5 * diameter_m + wash.spread * gap
-        onset = np.minimum(1.0, gap / (0.5 * diameter_m))
-        fade = diameter_m / (diameter_m + gap)
-        square = (offset[..., :2] ** 2).sum(-1)
-        return np.asarray((wash.push_m_s2 * onset * fade**2 * np.exp(-square / radius**2)).sum(-1))
+        return pushed_down_each(place, diameter_m, wash.push_m_s2, wash.spread)
 
     def _move_scripted(self) -> None:
         s = self._vehicles.states

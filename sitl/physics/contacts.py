@@ -20,7 +20,7 @@ from sitl.physics.vehicle import STEP_S, Commands, VehicleProfile, Vehicles
 from sitl.physics.wind import Wind, WindSettings
 
 # Two vehicles touch when their discs overlap and their centres are closer in height than this part of a diameter.
-_HEIGHT_OF_DIAMETER = 0.5
+HEIGHT_OF_DIAMETER = 0.5
 _MOST_AT_ONCE = 64  # collisions reported in one step
 
 
@@ -134,6 +134,41 @@ class World:
 
 
 @compiled
+def pushed_down_m_s2(square_m2: float, gap_m: float, diameter_m: float, wash_m_s2: float, wash_spread: float) -> float:
+    """Acceleration downwards of a vehicle below one that hovers, see :class:`Downwash`.
+
+    Args:
+        square_m2: of the horizontal offset. gap_m: height of the upper one above the lower one. diameter_m: of a body.
+        wash_m_s2, wash_spread: see :class:`Downwash`.
+    """
+    radius = 0.5 * diameter_m + wash_spread * gap_m
+    if gap_m <= 0.0 or square_m2 > 9.0 * radius * radius:
+        return 0.0
+    onset = min(1.0, gap_m / (HEIGHT_OF_DIAMETER * diameter_m))
+    fade = diameter_m / (diameter_m + gap_m)
+    return wash_m_s2 * onset * fade * fade * math.exp(-square_m2 / (radius * radius))
+
+
+@compiled
+def pushed_down_each(place_ned_m: Array, diameter_m: float, wash_m_s2: float, wash_spread: float) -> Array:
+    """Accelerations downwards (F, N) of all vehicles of many flights by those above them, all of which hover.
+
+    Args:
+        place_ned_m: (F, N, 3). diameter_m: of a body.
+        wash_m_s2, wash_spread: see :class:`Downwash`.
+    """
+    flights, count = place_ned_m.shape[:2]
+    push = np.zeros((flights, count))
+    for f in range(flights):
+        for i in range(count):
+            for j in range(count):
+                north, east, gap = place_ned_m[f, i] - place_ned_m[f, j]
+                square = north * north + east * east
+                push[f, i] += pushed_down_m_s2(square, gap, diameter_m, wash_m_s2, wash_spread)
+    return push
+
+
+@compiled
 def meet(
     motion: Records,
     touched: NDArray[np.bool_],
@@ -152,7 +187,7 @@ def meet(
     Returns:
         number of new collisions.
     """
-    n, count, half_height_m = motion.shape[0], 0, _HEIGHT_OF_DIAMETER * diameter_m
+    n, count, half_height_m = motion.shape[0], 0, HEIGHT_OF_DIAMETER * diameter_m
     push[:] = 0.0
     for i in range(n):
         for j in range(i + 1, n):
@@ -168,13 +203,9 @@ def meet(
                     pairs[count, 0], pairs[count, 1] = i, j
                 count += 1
             upper, lower, gap = (i, j, -dd) if dd < 0.0 else (j, i, dd)
-            radius = 0.5 * diameter_m + wash_spread * gap
             lift_share = motion[upper].lift_share
-            if gap <= 0.0 or square > 9.0 * radius * radius or lift_share == 0.0:
-                continue
-            onset = min(1.0, gap / half_height_m)
-            fade = diameter_m / (diameter_m + gap)
-            push[lower, 2] += wash_m_s2 * lift_share * onset * fade * fade * math.exp(-square / (radius * radius))
+            if lift_share != 0.0:
+                push[lower, 2] += lift_share * pushed_down_m_s2(square, gap, diameter_m, wash_m_s2, wash_spread)
     return count
 
 
@@ -182,7 +213,7 @@ def _check_spawn(start_enu_m: Array, body_diameter_m: float, names: Sequence[str
     for (i, first), (j, second) in itertools.combinations(enumerate(names), 2):
         a, b = start_enu_m[i], start_enu_m[j]
         distance_m, height_m = math.hypot(a[0] - b[0], a[1] - b[1]), abs(float(a[2] - b[2]))
-        if distance_m < body_diameter_m and height_m < _HEIGHT_OF_DIAMETER * body_diameter_m:
+        if distance_m < body_diameter_m and height_m < HEIGHT_OF_DIAMETER * body_diameter_m:
             raise SpawnError(
                 f"{first} and {second} would start inside each other: {distance_m:.2f} m between centres, and a body "
                 f"measures {body_diameter_m:.2f} m. Move one of their starts (start_enu_m)."
