@@ -13,6 +13,7 @@ from onboard.config.fleet import FleetConfig, Vec3
 
 FAR_PERIOD_TICKS = 10  # of the slow messages: 5 Hz
 FAR_SILENT_S = 0.75  # three of them missing
+FAR_UNSEEN_S = FAR_SILENT_S + 0.35  # then its body is followed in the mocap, and should have been seen
 SELECT_TICKS = 10  # between two choices
 ALWAYS_FOLLOWED = 4
 _NOTICE_S = 0.8  # a slow message, the choice, the subscription, and the law's prediction over its lag

@@ -111,7 +111,10 @@ class NeighbourTable:
         is_known = self.arrays.flags[KNOWN].tolist()
         distances_m = {name: far for name, far, known in zip(self.names, far_m, is_known, strict=True) if known}
         unknown = {name for name in self._telemetry if name not in distances_m}
-        unknown.update(self.silent(now_ns), self.invalid())
+        silent = {self.indices[name] for name in self.silent(now_ns)}
+        watched, is_followed = self.watched, self.arrays.is_followed
+        watched.far_silent = {index for index in silent if index in watched.far_silent or not is_followed[index]}
+        unknown.update((self.names[index] for index in silent), self.invalid())
         selected = subscription.select(distances_m, frozenset(unknown), self.followed, *self._follow_limits)
         if selected == self.followed:
             return False
@@ -161,6 +164,7 @@ class NeighbourTable:
         announces = message.is_cooperative
         flags = message.is_airborne, announces and index not in self.distrusted, announces
         arrays.set_state(index, stamp_ns, numbers, flags)
+        self.watched.seen.discard(index)
         self.forget_ages()
         return True
 
@@ -192,6 +196,7 @@ class NeighbourTable:
         is_airborne = tracker.position_enu_m[2] > floor_m + _ON_FLOOR_M
         stamp_ns = min(tracker.stamp_ns, received_ns)
         arrays.set_state(index, stamp_ns, tracked_numbers(tracker), (is_airborne, False, False))
+        self.watched.seen.add(index)
         self.forget_ages()
         return True
 
@@ -292,7 +297,7 @@ class NeighbourTable:
 
     def heard_ages_s(self, now_ns: int) -> Array:
         """Return the age (K,) of each newest message; it grows while only mocap poses come; inf when never heard."""
-        if not self._trackers:
+        if not self.watched.seen:
             return np.array(self.ages_s(now_ns))
         heard_ns = self.arrays.heard_ns
         return np.where(heard_ns > 0, np.maximum(now_ns - heard_ns, 0) * 1e-9, np.inf)
@@ -315,20 +320,25 @@ class NeighbourTable:
     def silent(self, now_ns: int) -> tuple[str, ...]:
         """Return vehicles that were in the air when last heard and have been silent too long."""
         self.ages_s(now_ns)
-        if not self._ages.has_silent and not self._trackers:
+        if not self._ages.has_silent and not self.watched.seen:
             return ()
         return self._named(self.arrays.flags[AIRBORNE] & (self.heard_ages_s(now_ns) > self.arrays.silent_after_s))
 
     def unseen(self, now_ns: int) -> tuple[str, ...]:
-        """Return silent vehicles without mocap poses: nobody knows where they are."""
-        limit_s = self.arrays.silent_after_s
+        """Return silent vehicles without mocap poses: nobody knows where they are.
+
+        Poses of one that was not followed are asked for only when it has fallen silent, and have their time to come.
+        """
+        is_far = ~self.arrays.is_followed
+        is_far[list(self.watched.far_silent)] = True
+        limit_s = np.where(is_far, subscription.FAR_UNSEEN_S + self.watched.late_s, self.arrays.silent_after_s)
         is_old = (np.array(self.ages_s(now_ns)) > limit_s) & (self.heard_ages_s(now_ns) > limit_s)
         return self._named(self.arrays.flags[AIRBORNE] & is_old)
 
     def stale(self, now_ns: int) -> tuple[str, ...]:
         """Return vehicles in the air that are followed and whose messages are old, though not yet silent."""
         self.ages_s(now_ns)
-        if self._ages.oldest_s <= STALE_S + self.watched.late_s and not self._trackers:
+        if self._ages.oldest_s <= STALE_S + self.watched.late_s and not self.watched.seen:
             return ()
         ages_s = self.heard_ages_s(now_ns)
         is_stale = (ages_s > STALE_S + self.watched.late_s) & (ages_s <= self.silent_s)

@@ -20,6 +20,8 @@ class WatchedBodies:
 
     late_s: float = 0.0  # by which the radio makes states later than usual
     reason_ns: dict[int, int] = field(default_factory=dict)  # index -> when there was a reason last
+    seen: set[int] = field(default_factory=set)  # whose newest state is the mocap's, not their own word
+    far_silent: set[int] = field(default_factory=set)  # who was not followed when it fell silent
     _first_ns: int = 0
 
     def update(

@@ -71,6 +71,24 @@ def test_one_lost_slow_message_is_no_silence_but_three_are() -> None:
     assert set(table.silent(S + 800_000_000)) == set(table.names)
 
 
+def test_one_out_of_reach_that_falls_silent_has_time_to_be_seen() -> None:
+    fleet = square_fleet(12)
+    table = NeighbourTable(fleet, "mav0")
+    for place, name in enumerate(table.names):
+        table.hear(_state(name, 3.0 * (1 + place)), S)
+    table.select_followed(ZERO, S)
+    near = set(table.followed)
+    assert table.unseen(S + 800_000_000) == tuple(name for name in table.names if name in near)
+    table.select_followed(ZERO, S + 800_000_000)  # from here on all are followed and looked for
+    assert set(table.unseen(S + 1_000_000_000)) == near
+    table.select_followed(ZERO, S + 1_000_000_000)
+    assert set(table.unseen(S + 1_150_000_000)) == set(table.names)
+    table.hear(_state("mav11", 33.0, 11, 2 * S), 2 * S)
+    table.select_followed(ZERO, 2 * S)
+    table.select_followed((31.0, 0.0, 1.0), 2 * S)  # near it now
+    assert "mav11" in table.unseen(2 * S + 260_000_000)
+
+
 @pytest.mark.parametrize("sequence", [11, 20])
 def test_many_tables_hear_at_once_what_each_would_hear_alone(sequence: int) -> None:
     fleet = square_fleet(12)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from onboard.bus.schema import StateMessage
+from onboard.bus.schema import MocapPose, StateMessage
 from onboard.neighbours.table import SILENT_S, NeighbourTable
 from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M_S
 from sitl.lockstep.neighbour_tables import Round, Tables
@@ -163,6 +163,23 @@ def test_a_round_of_messages_is_heard_like_one_after_the_other(rounds: list[tupl
         assert single.distances_m((0.0, 0.0, 0.0), now_ns) == whole.distances_m((0.0, 0.0, 0.0), now_ns)
         assert single.followed_ages_s(now_ns) == whole.followed_ages_s(now_ns)
         assert (single.counts, single.last_heard_ns) == (whole.counts, whole.last_heard_ns)
+
+
+def test_who_is_seen_only_is_silent_also_while_poses_are_late() -> None:
+    table = _table()
+    for name in ("mav1", "mav2"):
+        table.hear(_state(vehicle=name), 5 * S)
+    table.bodies_to_watch(2 * S, 0.02)
+    table.bodies_to_watch(6 * S, 0.02)
+    for tick in range(5):
+        pose = MocapPose(
+            body="mav1", boot_id=1, sequence=tick, stamp_ns=6 * S + tick * S // 50, is_tracked=True,
+            position_enu_m=(2.0 + 0.001 * tick, 0.0, 1.0), quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
+        )  # fmt: skip
+        assert table.hear_pose(pose, 6 * S + tick * S // 50)
+    assert table.bodies_to_watch(6 * S + 100_000_000, 0.2) == ()  # the own pose is late: no others are received
+    assert table.silent(6 * S + 100_000_000) == ("mav1", "mav2")
+    assert table.heard_ages_s(6 * S + 100_000_000).tolist() == pytest.approx([1.1, 1.1])
 
 
 def test_the_body_of_a_silent_neighbour_is_watched_until_its_messages_have_come_regularly_for_a_while() -> None:
