@@ -33,6 +33,7 @@ _QUAD = {
 }
 
 Command = Callable[[str, str], list[str]]
+Start = Callable[[str, list[str]], list[str]]
 
 
 def fleet_data(count: int, spacing_m: float, name: str = "stage") -> dict[str, Any]:
@@ -71,6 +72,7 @@ class BenchFleet:
         command: starts an agent.
         has_record: whether the ground writes everything on the bus, as in a flight.
         has_keys: whether the bus is locked: mutual TLS on every link, signed orders.
+        start: of the words that start the process of this name, those that start it where it belongs.
         say: progress in words.
     """
 
@@ -83,6 +85,7 @@ class BenchFleet:
         command: Command = agent_command,
         has_record: bool = False,
         has_keys: bool = False,
+        start: Start = lambda _name, words: words,
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
         self.path = folder / "fleet.toml"
@@ -100,12 +103,13 @@ class BenchFleet:
         self.client = FleetClient(self.config, extra_topics=RECORDED if has_record else ())
         self.fleet = Fleet(self.client, say=say)
         self._record = RecordWriter(folder) if has_record else None
-        self._command = command
+        self._command, self._start = command, start
 
     async def __aenter__(self) -> BenchFleet:
         """Start everything and wait until every vehicle is ready; ProcessError or NotReady when that fails."""
         try:
-            self.processes.start(EMULATOR, ["sitl", "--fleet", str(self._emulator_path), "--no-gcs"])
+            words = ["sitl", "--fleet", str(self._emulator_path), "--no-gcs"]
+            self.processes.start(EMULATOR, self._start(EMULATOR, words))
             for name in self.config.enabled_names:
                 self.start_agent(name)
             if self._record is not None:
@@ -126,7 +130,7 @@ class BenchFleet:
 
     def start_agent(self, name: str) -> None:
         """Start the agent of one vehicle."""
-        self.processes.start(name, self._command(str(self.path), name))
+        self.processes.start(name, self._start(name, self._command(str(self.path), name)))
 
     async def _ready(self) -> None:
         waiting = asyncio.create_task(self.fleet.ready(READY_TIMEOUT_S))

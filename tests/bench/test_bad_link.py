@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import itertools
 import socket
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tests.bench.network.bad_link import BadLink, Direction, LinkQuality
-from tests.bench.network.bench import measure
+from tests.bench.network.bench import main, measure
+from tests.bench.network.crossing import conditions
+from tests.bench.network.hub import Hub
+from tests.bench.network.partition import HALVES, Flight, fly
 
 
 @pytest.mark.parametrize("burst", [1.0, 3.0])
@@ -52,6 +57,80 @@ def test_a_link_carries_packets_both_ways() -> None:
         two.send(b"back")
         assert one.recv(100) == b"back"
         link.stop()
+
+
+def test_a_hub_carries_to_the_address_and_nothing_between_the_sides_while_they_are_cut(tmp_path: Path) -> None:
+    addresses = [socket.inet_aton(f"10.77.0.{number}") for number in (1, 2, 3)]
+    with ExitStack() as stack:
+        stack.enter_context(Hub(tmp_path / "hub", ["10.77.0.1"], ["10.77.0.2"]))
+        hosts, lines = [], []
+        for address in addresses:
+            host, tun = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            line = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET))
+            tun.setblocking(False)
+            line.connect(str(tmp_path / "hub"))
+            socket.send_fds(line, [address], [tun.fileno()])
+            tun.close()
+            assert line.recv(1) == b"g"
+            host.settimeout(5.0)
+            hosts.append(stack.enter_context(host))
+            lines.append(line)
+
+        def received(sender: int, receiver: int) -> bytes:
+            """What arrives first, of a packet to the receiver and one to it from the third host."""
+            hosts[sender].send(bytes(16) + addresses[receiver] + b"x")
+            hosts[2].send(bytes(16) + addresses[receiver] + b"third")
+            first = hosts[receiver].recv(100)
+            return first[20:] if first[20:] == b"third" else first[20:] + hosts[receiver].recv(100)[20:]
+
+        assert received(0, 1) == b"xthird"
+        lines[0].send(b"cut")
+        while received(0, 1) != b"third":
+            continue
+        assert received(1, 0) == b"third"
+        lines[0].send(b"heal")
+        while received(0, 1) == b"third":
+            continue
+
+
+def _flown() -> Flight:
+    first, second = HALVES
+    told = {}
+    for half, others in (HALVES, HALVES[::-1]):
+        lost = "" if half is first else "12:00:00,000 mav5 INFO Ground station lost: going on.\n"
+        names = ", ".join(others)
+        log = f"INFO Neighbour silent ({names}): going on.\n{lost}INFO Neighbour heard again ({names}): going on.\n"
+        told |= dict.fromkeys(half, conditions(log))
+    done = dict.fromkeys((*first, *second), "")
+    return Flight(3.0, 0.9, done, done, True, told)
+
+
+def test_the_verdict_of_a_partition_knows_what_is_wrong() -> None:
+    good = _flown()
+    assert good.problems() == []
+    assert "0.79 m" in replace(good, nearest_m=0.79).problems()[0]
+    assert "mav4: no end" in replace(good, ends={k: v for k, v in good.ends.items() if k != "mav4"}).problems()[0]
+    assert "mav1 did not fly back" in replace(good, returns={**good.returns, "mav1": "late"}).problems()[0]
+    assert replace(good, has_landed=False).problems() == ["not all have landed"]
+    unheard = good.told["mav5"][:-1]
+    assert len(replace(good, told={**good.told, "mav5": unheard}).problems()) == 3
+    hold = [*good.told["mav0"], *conditions("INFO Neighbour silent and not seen (mav3): holding.\n")]
+    assert "holding" in replace(good, told={**good.told, "mav0": hold}).problems()[0]
+
+
+def test_nonsense_is_refused_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--flights", "0"]) == 2
+    assert "give" in capsys.readouterr().err
+
+
+@pytest.mark.long
+@pytest.mark.timeout(240)
+def test_a_flying_fleet_that_is_cut_in_two_keeps_its_distance_and_goes_on(tmp_path: Path) -> None:
+    try:
+        flight = fly(2.5, 10.0, tmp_path)
+    except OSError as error:
+        pytest.skip(str(error))
+    assert flight.problems() == []
 
 
 @pytest.mark.long

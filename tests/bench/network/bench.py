@@ -1,7 +1,8 @@
-"""``make bench-network``: how old a neighbour's state is over a bad link, with each transport of the bus.
+"""``make bench-network``: ages of states over a bad link, a fleet cut in two in flight, agents on a locked bus.
 
-Two processes in network namespaces of their own, one publishing its state at 50 Hz, one looking at the newest one 50
-times a second, as an agent does. Between them lies a link that delays, and loses packets of every kind, TCP's included.
+For the ages two processes in network namespaces of their own, one publishing its state at 50 Hz, one looking at the
+newest one 50 times a second, as an agent does. Between them lies a link that delays, and loses packets of every kind,
+TCP's included. The flights are in ``partition.py``, the agents are those of ``make bench-agents``.
 """
 
 from __future__ import annotations
@@ -21,8 +22,11 @@ from pathlib import Path
 
 from groundstation.keys.secured_fleet import secure_fleet
 from groundstation.processes.free_ports import toml_text
+from tests.bench import agents
 from tests.bench.fixture import fleet_data
+from tests.bench.network import partition
 from tests.bench.network.bad_link import BadLink, LinkQuality
+from tests.bench.peers.pages import insert
 
 EXIT_OK, EXIT_FAILED, EXIT_WRONG_INPUT = 0, 1, 2
 SCHEMES = ("quic", "udp", "tls", "tcp")
@@ -121,25 +125,52 @@ def table(ages: Sequence[Age]) -> str:
     return "\n".join(lines)
 
 
+def _bench_ages(options: argparse.Namespace) -> int:
+    with tempfile.TemporaryDirectory(prefix="covey-network-") as scratch:
+        schemes = options.transports.split(",")
+        ages = [measure(one, link, options.seconds, Path(scratch)) for link in LINKS for one in schemes]
+    print(json.dumps([asdict(age) for age in ages]) if options.json else table(ages))
+    insert(options.page, "ages", table(ages))
+    return EXIT_FAILED if any(age.bound_ms is not None and age.p99_ms > age.bound_ms for age in ages) else EXIT_OK
+
+
+def _bench_partition(options: argparse.Namespace) -> int:
+    flights = partition.fly_all(options.flights, options.cut_s, lambda line: print(line, file=sys.stderr))
+    print(json.dumps([asdict(flight) for flight in flights]) if options.json else partition.table(flights))
+    insert(options.page, "partition", partition.table(flights))
+    return EXIT_FAILED if any(flight.problems() for flight in flights) else EXIT_OK
+
+
+def _bench_agents(options: argparse.Namespace) -> int:
+    return agents.main(["--keys", "--agents", str(options.agents), *(["--json"] if options.json else [])])
+
+
+PARTS = {"ages": _bench_ages, "partition": _bench_partition, "agents": _bench_agents}
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry of ``make bench-network``; exit status 0 when everything is as asked."""
     parser = argparse.ArgumentParser(prog="make bench-network", description=__doc__.partition("\n")[0])
-    parser.add_argument("--seconds", type=float, default=20.0, help="measured time of each (default 20)")
-    parser.add_argument("--transports", default=",".join(SCHEMES), help="of quic,udp,tls,tcp")
-    parser.add_argument("--json", action="store_true", help="figures as JSON on stdout")
+    parser.add_argument("--only", choices=PARTS, action="append", help="this part; may be given several times")
+    parser.add_argument("--seconds", type=float, default=20.0, help="ages: measured time of each (default 20)")
+    parser.add_argument("--transports", default=",".join(SCHEMES), help="ages: of quic,udp,tls,tcp")
+    parser.add_argument("--flights", type=int, default=10, help="partition: how many, of a minute each (default 10)")
+    parser.add_argument("--cut-s", type=float, default=10.0, help="partition: how long (default 10)")
+    parser.add_argument("--agents", type=int, default=10, help="agents: how many (default 10)")
+    parser.add_argument("--page", type=Path, default=Path(), help="page that gets the tables: docs/network-bench.md")
+    parser.add_argument("--json", action="store_true", help="figures as JSON on stdout, a line for each part")
     options = parser.parse_args(argv)
-    schemes = options.transports.split(",")
-    if not set(schemes) <= set(SCHEMES) or not 1.0 <= options.seconds <= 600.0:
-        print("bench network: give transports of quic,udp,tls,tcp and 1 to 600 seconds.", file=sys.stderr)
+    is_sound = 1.0 <= options.seconds <= 600.0 and 1 <= options.flights <= 100 and 1.0 <= options.cut_s <= 60.0
+    if not set(options.transports.split(",")) <= set(SCHEMES) or not is_sound:
+        print(
+            "bench network: give transports of quic,udp,tls,tcp, 1 to 600 seconds, 1 to 100 flights.", file=sys.stderr
+        )
         return EXIT_WRONG_INPUT
-    with tempfile.TemporaryDirectory(prefix="covey-network-") as scratch:
-        try:
-            ages = [measure(one, link, options.seconds, Path(scratch)) for link in LINKS for one in schemes]
-        except (OSError, RuntimeError) as error:
-            print(f"bench network: {error}", file=sys.stderr)
-            return EXIT_WRONG_INPUT
-    print(json.dumps([asdict(age) for age in ages]) if options.json else table(ages))
-    return EXIT_FAILED if any(age.bound_ms is not None and age.p99_ms > age.bound_ms for age in ages) else EXIT_OK
+    try:
+        return max(PARTS[part](options) for part in options.only or PARTS)
+    except (OSError, RuntimeError) as error:
+        print(f"bench network: {error}", file=sys.stderr)
+        return EXIT_WRONG_INPUT
 
 
 if __name__ == "__main__":

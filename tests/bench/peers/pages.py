@@ -38,7 +38,7 @@ class Run:
 
 def insert(page: Path, name: str, text: str) -> None:
     """Replace what stands between ``<!-- bench: name -->`` and ``<!-- end -->`` in a page that may not exist."""
-    if page.exists():
+    if page.is_file():
         words, begin, end = page.read_text(encoding="utf-8"), f"<!-- bench: {name} -->", "<!-- end -->"
         before, found, rest = words.partition(begin)
         if found:
