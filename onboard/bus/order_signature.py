@@ -8,6 +8,7 @@ fleet and the vehicle: an order for one vehicle is none for another.
 from __future__ import annotations
 
 import datetime
+from collections import Counter
 
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
@@ -21,7 +22,8 @@ from onboard.bus.roles import Role
 from onboard.bus.schema import Message, Order
 
 _CONTEXT = b"covey order 1\0"  # no signature for another purpose is one of an order
-_MAX_KNOWN = 16  # certificates that have been checked; each ground has one
+_MAX_KNOWN = 16  # certificates that have been checked, and grounds that have signed; each ground has one
+MOST_FALSE_PER_S = 20  # of each ground that has signed before, and of all others together; then none is looked at
 
 
 class OrderSeal(Message, frozen=True, array_like=True, kw_only=True):
@@ -65,6 +67,9 @@ class SealCheck:
     def __init__(self, authority: str) -> None:
         self._authority = read_certificate(authority)
         self._known: dict[bytes, x509.Certificate] = {}  # issued by the authority
+        self._true_nodes: dict[str, None] = {}  # nodes whose signature was right before
+        self._false_counts = Counter[str]()  # of this second, by node; "" for all that never signed rightly
+        self._second = 0
 
     def refusal(self, key_expression: str, order: bytes, seal: bytes, now: datetime.datetime) -> UntrustedOrder | None:
         """Judge an order.
@@ -77,14 +82,36 @@ class SealCheck:
         Returns:
             None when a ground of this fleet has signed exactly this, for this vehicle; otherwise what is wrong.
         """
-        found = self._fault(key_expression, order, seal, now)
+        read = decode(order, Order)
+        node = "" if isinstance(read, Malformed) or read.node not in self._true_nodes else read.node
+        found = self._fault_unless_flood(node, key_expression, order, seal, now)
         if found is None:
+            if not isinstance(read, Malformed):
+                self._remember(read.node)
             return None
         code, sentence = found
-        read = decode(order, Order)
         if isinstance(read, Malformed):
             return UntrustedOrder(code, f"An order that cannot be read {sentence}")
         return UntrustedOrder(code, f"Order {read.text} {sentence}", read.order_id)
+
+    def _remember(self, node: str) -> None:
+        if node not in self._true_nodes and len(self._true_nodes) >= _MAX_KNOWN:
+            self._true_nodes.pop(next(iter(self._true_nodes)))
+        self._true_nodes[node] = None
+
+    def _fault_unless_flood(
+        self, node: str, key_expression: str, order: bytes, seal: bytes, now: datetime.datetime
+    ) -> tuple[RefusalCode, str] | None:
+        """Judge an order unless too many false ones came within this second: each costs a verification."""
+        second = int(now.timestamp())
+        if second != self._second:
+            self._second = second
+            self._false_counts.clear()
+        if self._false_counts[node] >= MOST_FALSE_PER_S:
+            return "flood", f"was not looked at: more than {MOST_FALSE_PER_S} false ones came within a second."
+        found = self._fault(key_expression, order, seal, now)
+        self._false_counts[node] += found is not None and found[0] != "unsigned"
+        return found
 
     def _fault(
         self, key_expression: str, order: bytes, seal: bytes, now: datetime.datetime

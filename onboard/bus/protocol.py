@@ -13,7 +13,7 @@ from onboard.bus.topics import Topic
 LEASE_MS = 1000  # a node whose connection is silent for so long is gone
 MAX_COLLECTED = 1000  # messages of one collected topic that wait for delivery, by default
 
-RefusalCode = Literal["unsigned", "forged", "foreign", "role", "replayed", "late", "other start"]
+RefusalCode = Literal["unsigned", "forged", "foreign", "role", "replayed", "late", "other start", "flood"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import shutil
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from msgspec.structs import replace
 
 from groundstation.keys.secured_fleet import secure_fleet
 from onboard.bus.codec import encode
-from onboard.bus.order_signature import OrderSeal, OrderSigner, SealCheck
+from onboard.bus.order_signature import MOST_FALSE_PER_S, OrderSeal, OrderSigner, SealCheck
 from onboard.bus.schema import Order
 from onboard.config.fleet import FleetConfig
 
@@ -85,3 +86,22 @@ def test_an_order_that_cannot_be_read_has_no_author(fleet: FleetConfig) -> None:
     found = SealCheck(f"{fleet.keys_folder}/ca.pem").refusal(KEY, b"\xff" * 40, b"", NOW)
     assert found is not None
     assert found.sentence.startswith("An order that cannot be read is not signed")
+
+
+def test_false_orders_in_a_flood_are_not_looked_at_and_keep_no_true_ground_from_ordering(fleet: FleetConfig) -> None:
+    check, signer = SealCheck(f"{fleet.keys_folder}/ca.pem"), _signer(fleet, "ground")
+    order = encode(LAND)
+    seal = signer.seal(KEY, order)
+    assert check.refusal(KEY, order, seal, NOW) is None
+    codes = Counter[str]()
+    for number in range(1000):
+        false = check.refusal(KEY, encode(replace(LAND, node=f"g-{number}", kind="kill")), seal, NOW)
+        assert false is not None
+        codes[false.code] += 1
+    assert codes == {"forged": MOST_FALSE_PER_S, "flood": 1000 - MOST_FALSE_PER_S}
+    assert check.refusal(KEY, order, seal, NOW) is None  # this ground has signed before
+    new = encode(replace(LAND, node="new"))
+    refused = check.refusal(KEY, new, signer.seal(KEY, new), NOW)
+    assert refused is not None
+    assert "not looked at" in refused.sentence
+    assert check.refusal(KEY, new, signer.seal(KEY, new), NOW + datetime.timedelta(seconds=1)) is None
