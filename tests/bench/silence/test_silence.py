@@ -18,7 +18,8 @@ from tests.bench.silence.bench import CASES, LIMIT_S, Case, judge, main
 MS = 1_000_000
 FAULT_NS, END_NS = 10_000 * MS, 12_000 * MS
 HANG = CASES[0]
-GO_ON = next(case for case in CASES if case.limit_s is None)
+GO_ON = next(case for case in CASES if case.limit_s is None and not case.lands)
+LANDS = next(case for case in CASES if case.lands)
 
 
 def setpoints(*ranges: tuple[int, int]) -> list[wire.Passed]:
@@ -27,7 +28,8 @@ def setpoints(*ranges: tuple[int, int]) -> list[wire.Passed]:
 
 
 def heartbeats(is_armed: bool) -> list[wire.Passed]:
-    return [wire.Passed(at * MS, "mav0", False, is_armed) for at in range(9000, 20_000, 1000)]
+    """Once a second, armed or not from 13 s on."""
+    return [wire.Passed(at * MS, "mav0", False, is_armed or at < 13_000) for at in range(9000, 20_000, 1000)]
 
 
 @pytest.mark.parametrize(
@@ -41,6 +43,8 @@ def heartbeats(is_armed: bool) -> list[wire.Passed]:
         (HANG, setpoints((8000, 10_000)) + heartbeats(True), False),  # never landed
         (GO_ON, setpoints((8000, 20_000)) + heartbeats(True), True),
         (GO_ON, setpoints((8000, 10_500), (11_000, 20_000)) + heartbeats(True), False),
+        (LANDS, setpoints((8000, 14_000)) + heartbeats(False), True),
+        (LANDS, setpoints((8000, 20_000)) + heartbeats(True), False),  # never landed
     ],
 )
 def test_the_verdict_knows_what_is_wrong(case: Case, passed: list[wire.Passed], is_right: bool) -> None:
