@@ -16,7 +16,6 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
-import zenoh
 from msgspec.structs import replace
 
 from groundstation.cli import main
@@ -248,11 +247,56 @@ time.sleep(60)
         assert until(lambda: alive.get("mav0"))
 
 
-def test_zenoh_takes_the_printed_configuration(locked: FleetConfig, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["router", locked.path, "--print-config"]) == 0
-    printed = zenoh.Config.from_json5(capsys.readouterr().out)
-    assert printed.get_json("mode") == '"router"'
-    assert "mav1" in printed.get_json("access_control/subjects")
+@pytest.mark.parametrize("source", ["printed", "written in the docs"])
+def test_a_router_without_a_line_of_covey_serves_a_fleet(
+    locked: FleetConfig, source: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if source == "printed":
+        assert main(["router", locked.path, "--print-config"]) == 0
+        text = capsys.readouterr().out.replace(*(one.fleet.routers[0] for one in (load_fleet(locked.path), locked)))
+    else:
+        page = (PAPER.parents[2] / "docs" / "network.md").read_text(encoding="utf-8")
+        text = page.partition("<!-- zenohd -->")[2].partition("```json5\n")[2].partition("```")[0]
+        text = text.replace("quic/10.0.0.5:7447", locked.fleet.routers[0]).replace('"keys/', f'"{locked.keys_folder}/')
+    (tmp_path / "router.json5").write_text(text, encoding="utf-8")
+    bare = "import sys, time, zenoh; s = zenoh.open(zenoh.Config.from_file(sys.argv[1])); print('up', flush=True)"
+    heard: set[str] = set()
+    alive: set[str] = set()
+    answered: list[str] = []
+    with ExitStack() as stack:
+        command = [sys.executable, "-c", f"{bare}; time.sleep(60)", str(tmp_path / "router.json5")]
+        process = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        stack.callback(process.kill)
+        assert process.stdout is not None
+        assert process.stdout.readline() == "up\n"
+        first, second, ground = (stack.enter_context(_node(locked, holder)) for holder in ("mav0", "mav1", "ground"))
+        first.subscribe(Topic.STATE, "*", lambda _topic, name, _: heard.add(name))
+        ground.subscribe(Topic.STATE, "*", lambda _topic, name, _: heard.add(f"{name} on the ground"))
+        ground.watch_alive(lambda name, _: alive.add(name))
+        second.serve_orders("mav1", lambda order, reply: reply(_accepted(order)))
+
+        def tell() -> bool:
+            second.publish(Topic.STATE, "mav2", state_message())  # in another's name
+            second.publish(Topic.STATE, "mav1", state_message())
+            first.publish(Topic.STATE, "mav0", state_message())
+            return {"mav1", "mav0 on the ground", "mav1 on the ground"} <= heard and {"mav0", "mav1"} <= alive
+
+        assert until(tell), (heard, alive)
+
+        def order() -> bool:
+            ground.order(
+                "mav1", LAND, timeout_s=0.5, on_reply=lambda reply: answered.append(str(reply)), on_end=lambda: None
+            )
+            return bool(answered)
+
+        assert until(order)
+    assert "is_accepted=True" in answered[0]
+    assert not {"mav2", "mav2 on the ground"} & heard
+
+
+def _accepted(order: object) -> OrderReply:
+    """Accept what is believed."""
+    return OrderReply(order_id="g-1", vehicle="mav1", is_accepted=isinstance(order, Order), reason="")
 
 
 def test_what_cannot_be_a_router_is_refused_in_a_sentence(locked: FleetConfig, tmp_path: Path) -> None:
