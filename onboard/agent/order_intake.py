@@ -18,6 +18,7 @@ from onboard.supervision.failsafe_executor import FailsafeExecutor
 
 _MOST_REPLIES = 200
 _CONFLICT_CHECK_NS = 600_000_000  # until then all vehicles of the same order have announced their goals
+_CONFLICT_STAYS_NS = 1_000_000_000  # on a channel that is full the announcements come later
 _TELL_AGAIN_NS = 1_000_000_000  # after an event about a refused order, one of the same kind
 _ALLOWED_WHILE_STOPPING = ("kill", "land", "disarm")
 
@@ -98,16 +99,18 @@ class OrderIntake:
             self._conflict_check_ns = view.now_ns + _CONFLICT_CHECK_NS
 
     def check_conflict(self, view: FlightView, telemetries: Callable[[], Mapping[str, Telemetry]]) -> None:
-        """Give up a move whose goal is too near to another's: once, some time after its begin.
+        """Give up a move whose goal is too near to another's: some time after its begin, if that does not change.
 
         At its begin two vehicles that swap would look like a conflict.
         """
         flight = self._flight
         if not self._conflict_check_ns or view.now_ns < self._conflict_check_ns:
             return
-        self._conflict_check_ns = 0
-        if flight.step is not Step.LEG or flight.order is None:
+        sentence = None
+        if flight.step is Step.LEG and flight.order is not None:
+            sentence = order_checks.goal_conflict(flight.goal_position_enu_m, telemetries(), flight.fleet.fleet)
+        if sentence is not None and view.now_ns < self._conflict_check_ns + _CONFLICT_STAYS_NS:
             return
-        sentence = order_checks.goal_conflict(flight.goal_position_enu_m, telemetries(), flight.fleet.fleet)
+        self._conflict_check_ns = 0
         if sentence is not None:
             state_machine.begin_failsafe(flight, view, Action.HOLD, sentence, "refused")

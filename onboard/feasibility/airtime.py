@@ -66,15 +66,16 @@ def _data_us(frame_bytes: float, rate_mbit_s: float, phy: Phy) -> float:
     return data_us
 
 
-def turn_s(packets: int, size_bytes: float, rate_mbit_s: float) -> float:
+def turn_s(packets: int, size_bytes: float, rate_mbit_s: float, phy: Phy = OFDM) -> float:
     """Return the time [s] of one turn of a station: packets for one receiver in one aggregate, answered by one frame.
 
     Args:
         packets: of the aggregate.
         size_bytes: of all of them, with the headers of all layers above 802.11.
         rate_mbit_s: of the data.
+        phy: times of the physical layer.
     """
-    return frame_s(size_bytes + (packets - 1) * (_MAC_BYTES + _DELIMITER_BYTES), rate_mbit_s)
+    return frame_s(size_bytes + (packets - 1) * (_MAC_BYTES + _DELIMITER_BYTES), rate_mbit_s, phy)
 
 
 def message_packets(message_bytes: int) -> int:
@@ -156,6 +157,7 @@ def airtime_finding(fleet: FleetConfig, radio: RadioConfig, near: int) -> Findin
         f"{radio.rate_mbit_s:g} Mbit/s{twice} they take {{value}} of one channel's time, of which the fleet may take "
         "{bound}",
         "Lower [radio] states_hz or law.max_neighbours, stand farther apart, use a faster radio ([radio] rate_mbit_s), "
-        "or spread the fleet over several channels: docs/radio.md.",
+        "or spread the fleet over several channels. States are up to 0.1 s old on a channel so full: declare it "
+        "([radio] expected_delay_s = 0.1). See docs/radio.md.",
         refuse_above=100.0,
     )

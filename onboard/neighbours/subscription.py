@@ -1,7 +1,9 @@
 """Choice of the neighbours whose states are received at full rate. Pure.
 
 Every vehicle publishes its state twice: 50 times a second for its followers and 5 times a second for all. A vehicle
-follows the neighbours in reach, and in any case the nearest few. From all others it receives the slow messages only.
+follows the neighbours in reach, and in any case the nearest few. From all others it receives the slow messages only,
+also from whoever is silent or has no position yet: the first slow message that comes says where it is, and following
+them all would fill a radio channel that has just lost their messages because it is full.
 """
 
 from __future__ import annotations
@@ -40,14 +42,11 @@ def reach_m(fleet: FleetConfig, name: str) -> float:
     return min(fleet.law.range_m, fleet.fleet.safety_distance_m + sum(distances))
 
 
-def select(
-    distances_m: Mapping[str, float], unknown: frozenset[str], followed: frozenset[str], reach_m: float, most: int
-) -> frozenset[str]:
+def select(distances_m: Mapping[str, float], followed: frozenset[str], reach_m: float, most: int) -> frozenset[str]:
     """Select the neighbours to follow from now on.
 
     Args:
         distances_m: neighbour -> distance, of all that ever published a position.
-        unknown: neighbours that are there without a position: they could be anywhere.
         followed: so far; a neighbour that is followed is dropped a little farther away than it was added.
         reach_m: from :func:`reach_m`.
         most: so many of those in reach, the nearest: the law uses no more, and the radio may not carry more.
@@ -57,7 +56,7 @@ def select(
     near = sorted(distances_m, key=distances_m.__getitem__)
     reduced_m = {name: far_m / _STAY_FRAC if name in followed else far_m for name, far_m in distances_m.items()}
     inside = sorted((name for name in near if reduced_m[name] < reach_m), key=reduced_m.__getitem__)
-    return frozenset(inside[:most]).union(near[:ALWAYS_FOLLOWED], unknown)
+    return frozenset(inside[:most]).union(near[:ALWAYS_FOLLOWED])
 
 
 def most_near(fleet: FleetConfig, spots: Mapping[str, Vec3]) -> int:

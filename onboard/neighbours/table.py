@@ -87,7 +87,8 @@ class NeighbourTable:
         most = max(subscription.ALWAYS_FOLLOWED, int(fleet.law.max_neighbours))
         self._follow_limits = subscription.reach_m(fleet, own_name), most
         self._ages = _Ages([math.inf] * len(self.names))
-        self._follow(frozenset(self.names))
+        at_first = frozenset(self.names if len(self.names) <= subscription.ALWAYS_FOLLOWED else ())
+        self._follow(at_first, at_first)
 
     # -- selection -----------------------------------------------------------------------------------------------------
 
@@ -98,7 +99,7 @@ class NeighbourTable:
 
     @property
     def followed(self) -> frozenset[str]:
-        """Neighbours whose states are to be received at full rate; all of them at first."""
+        """Neighbours whose states are to be received at full rate; in a large fleet nobody at first."""
         return frozenset(self._followed)
 
     def select_followed(self, position_enu_m: Vec3, now_ns: int) -> bool:
@@ -110,25 +111,21 @@ class NeighbourTable:
         far_m = np.hypot(ahead[:, 0] - position_enu_m[0], ahead[:, 1] - position_enu_m[1]).tolist()
         is_known = self.arrays.flags[KNOWN].tolist()
         distances_m = {name: far for name, far, known in zip(self.names, far_m, is_known, strict=True) if known}
-        unknown = {name for name in self._telemetry if name not in distances_m}
-        silent = {self.indices[name] for name in self.silent(now_ns)}
-        watched, is_followed = self.watched, self.arrays.is_followed
-        watched.far_silent = {index for index in silent if index in watched.far_silent or not is_followed[index]}
-        unknown.update((self.names[index] for index in silent), self.invalid())
-        selected = subscription.select(distances_m, frozenset(unknown), self.followed, *self._follow_limits)
-        if selected == self.followed:
-            return False
-        self._follow(selected)
-        return True
+        before = self.followed
+        selected = subscription.select(distances_m, before, *self._follow_limits)
+        self._follow(selected, selected & before)
+        return selected != before
 
-    def _follow(self, names: frozenset[str]) -> None:
+    def _follow(self, names: frozenset[str], settled: frozenset[str]) -> None:
+        """Follow these; of those not settled yet the newest state may still be one of the slow ones."""
         self._followed = [name for name in self.names if name in names]
         self._followed_indices = [self.indices[name] for name in self._followed]
         arrays = self.arrays
         arrays.is_followed[:] = False
         arrays.is_followed[self._followed_indices] = True
+        self._is_settled = [name in settled for name in self.names]
         arrays.silent_after_s[:] = np.where(
-            arrays.is_followed, self.silent_s, subscription.FAR_SILENT_S + self.watched.late_s
+            self._is_settled, self.silent_s, subscription.FAR_SILENT_S + self.watched.late_s
         )
         self._silent_after_s = arrays.silent_after_s.tolist()
         self.set_ages(self._ages.all_s, -1, True)
@@ -218,13 +215,14 @@ class NeighbourTable:
     def bodies_to_watch(self, now_ns: int, own_age_s: float) -> tuple[str, ...] | None:
         """Return the mocap bodies whose poses are wanted from now on; None while they stay the same.
 
-        They are those of followed vehicles that are silent or doubtful, until neither has been so for a while.
+        They are those of vehicles that are silent, or doubtful and followed, until neither has been so for a while.
         """
         has_started, doubtful = self.watched.begin(now_ns), self.unbelieved.doubtful
         self.ages_s(now_ns)
-        if self._ages.oldest_s < SILENT_AFTER_S + self.watched.late_s and not doubtful and not self.watched.reason_ns:
+        is_late = self._ages.has_silent or self._ages.oldest_s >= SILENT_AFTER_S + self.watched.late_s
+        if not is_late and not doubtful and not self.watched.reason_ns:
             return None
-        ages_s, is_followed = self.heard_ages_s(now_ns).tolist(), self.arrays.is_followed.tolist()
+        ages_s, is_followed = self.heard_ages_s(now_ns).tolist(), self._is_settled
         vehicles = [self.fleet.vehicles[name] for name in self.names]
         silent = [
             index
@@ -329,9 +327,8 @@ class NeighbourTable:
 
         Poses of one that was not followed are asked for only when it has fallen silent, and have their time to come.
         """
-        is_far = ~self.arrays.is_followed
-        is_far[list(self.watched.far_silent)] = True
-        limit_s = np.where(is_far, subscription.FAR_UNSEEN_S + self.watched.late_s, self.arrays.silent_after_s)
+        far_s = subscription.FAR_UNSEEN_S + self.watched.late_s
+        limit_s = np.where(self._is_settled, self.arrays.silent_after_s, far_s)
         is_old = (np.array(self.ages_s(now_ns)) > limit_s) & (self.heard_ages_s(now_ns) > limit_s)
         return self._named(self.arrays.flags[AIRBORNE] & is_old)
 

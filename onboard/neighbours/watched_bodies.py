@@ -21,7 +21,6 @@ class WatchedBodies:
     late_s: float = 0.0  # by which the radio makes states later than usual
     reason_ns: dict[int, int] = field(default_factory=dict)  # index -> when there was a reason last
     seen: set[int] = field(default_factory=set)  # whose newest state is the mocap's, not their own word
-    far_silent: set[int] = field(default_factory=set)  # who was not followed when it fell silent
     _first_ns: int = 0
 
     def update(
@@ -60,6 +59,5 @@ class WatchedBodies:
             is_followed: whether its states are received at full rate.
             is_expected: whether it must be there.
         """
-        if index in self.reason_ns:
-            return age_s > self.late_s + (SILENT_AFTER_S if is_followed else FAR_SILENT_S)
-        return is_followed and age_s > self.late_s + SILENT_AFTER_S and (is_expected or age_s < math.inf)
+        is_silent = age_s > self.late_s + (SILENT_AFTER_S if is_followed else FAR_SILENT_S)
+        return is_silent and (index in self.reason_ns or is_expected or age_s < math.inf)

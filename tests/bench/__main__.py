@@ -20,6 +20,7 @@ BENCHMARKS = {
     "tick": ("tests.bench.tick", "processor time of one control tick with 0 to 12 neighbours"),
     "gallery": ("tests.bench.gallery", "fly and draw the missions of the gallery"),
     "network": ("tests.bench.network.bench", "states over a bad link, a fleet cut in two in flight, agents with keys"),
+    "radio": ("tests.bench.radio", "fleets that change places over the model of one radio channel"),
     "law": ("tests.bench.peers.bench", "the law beside other methods, and without each of its ideas"),
     "worst-case": ("tests.bench.worst_case", "search the settings in which vehicles come nearest"),
     "law-map": ("tests.bench.law_map", "the page, the picture and the summary of a map that was flown"),

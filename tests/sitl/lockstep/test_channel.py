@@ -12,10 +12,11 @@ import pytest
 from groundstation.commands.check import examine
 from groundstation.processes.free_ports import toml_text
 from onboard.config.fleet import ConfigError, RadioConfig, fleet_from_mapping
-from onboard.feasibility.airtime import airtime_finding
-from sitl.lockstep.channel import Channel
+from onboard.feasibility.airtime import OFDM, OVERHEAD_BYTES, airtime_finding, turn_s
+from sitl.lockstep.channel import FIRST_WINDOW, MOST_DOUBLED, Channel
 from sitl.lockstep.connections import BusSettings, Losses
 from sitl.lockstep.flight import Lockstep
+from tests.bench import radio as bench_radio
 from tests.bench.fixture import fleet_data
 
 _MS = 1_000_000
@@ -31,13 +32,46 @@ def test_losses_have_their_share_and_their_mean_length(loss: float, burst: float
 
 
 def test_a_packet_between_vehicles_goes_over_the_access_point_and_takes_its_time_twice() -> None:
-    arrivals: dict[str, list[int]] = {}
-    for link in ("access point", "direct"):
-        channel = Channel(RadioConfig(link=link), frozenset(("a", "b")), lambda: 0, seed=1)  # type: ignore[arg-type]
-        channel.send(("a", "b"), (), arrivals.setdefault(link, []).append, True)
+    arrivals: dict[str, list[int]] = {"access point": [], "direct": []}
+    for link, seed in itertools.product(arrivals, range(200)):
+        channel = Channel(RadioConfig(link=link), frozenset(("a", "b")), lambda: 0, seed=seed)  # type: ignore[arg-type]
+        channel.send(("a", "b"), (), arrivals[link].append, True)
         channel.advance(10 * _MS)
-        assert channel.busy_ns == arrivals[link][0]
-    assert arrivals["access point"][0] == 2 * arrivals["direct"][0] < _MS
+        assert channel.busy_ns == arrivals[link][-1] < _MS
+    assert np.mean(arrivals["access point"]) == pytest.approx(2.0 * np.mean(arrivals["direct"]), rel=0.03)
+
+
+@pytest.mark.parametrize("stations", [2, 10, 30])
+def test_stations_that_always_have_something_to_send_get_what_bianchi_computes(stations: int) -> None:
+    """Bianchi, "Performance Analysis of the IEEE 802.11 Distributed Coordination Function", 2000, equations 7 to 9."""
+    window, doubled, rate = FIRST_WINDOW, MOST_DOUBLED, 65.0
+
+    def attempts(collided: float) -> float:
+        series = sum((2.0 * collided) ** k for k in range(doubled))
+        return 2.0 / (1.0 + window + collided * window * series)
+
+    low, high = 0.0, 1.0
+    for _ in range(60):  # the share of its attempts that collide, of a station that sends with that probability
+        collided = 0.5 * (low + high)
+        is_less = 1.0 - (1.0 - attempts(collided)) ** (stations - 1) > collided
+        low, high = (collided, high) if is_less else (low, collided)
+    tau = attempts(collided)
+    any_sends = 1.0 - (1.0 - tau) ** stations
+    one_sends = stations * tau * (1.0 - tau) ** (stations - 1)
+    exchange_s = turn_s(1, 100 + OVERHEAD_BYTES, rate, OFDM._replace(backoff_slots=0.0))
+    computed = one_sends / ((1.0 - any_sends) * OFDM.slot_us * 1e-6 + any_sends * exchange_s)
+
+    now, names = [0], [f"mav{k}" for k in range(stations)]
+    channel = Channel(RadioConfig(rate_mbit_s=rate), frozenset(names), lambda: now[0], seed=1)
+
+    def send_again(name: str, at_ns: int) -> None:
+        now[0] = at_ns
+        channel.send((name, "ground-1"), (), lambda end_ns: send_again(name, end_ns), False)
+
+    for name in names:
+        send_again(name, 0)
+    channel.advance(3_000 * _MS)
+    assert channel.packets / 3.0 == pytest.approx(computed, rel=0.05)
 
 
 def test_a_channel_that_is_full_drops_states_and_carries_orders() -> None:
@@ -45,7 +79,7 @@ def test_a_channel_that_is_full_drops_states_and_carries_orders() -> None:
     channel = Channel(RadioConfig(), frozenset(("a", "b", "c")), lambda: now[0], seed=1)
     for step in range(100):
         now[0] = step * 4 * _MS
-        for _ in range(200):
+        for _ in range(300):
             channel.send(("a", "b"), (), states.append, True)
         channel.send(("c", "b"), (), orders.append, False)
         channel.advance(now[0])
@@ -129,3 +163,12 @@ def test_a_fleet_that_is_cut_in_two_on_its_crossing_holds_and_goes_on_afterwards
 @pytest.mark.parametrize("half_seconds", range(16))
 def test_a_fleet_is_cut_in_two_at_any_time_of_a_crossing(half_seconds: int) -> None:
     _partition(0.5 * half_seconds, 10.0, seed=half_seconds)
+
+
+@pytest.mark.long
+def test_thirty_vehicles_share_one_channel() -> None:
+    case = next(case for case in bench_radio.CASES if case.vehicles == 30)
+    flown = bench_radio.fly(case, seed=2)
+    assert not flown.failure
+    assert flown.min_separation_m > bench_radio.fleet_of(case).fleet.safety_distance_m
+    assert flown.age_p99_ms < 101.0
