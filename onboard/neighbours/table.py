@@ -102,6 +102,11 @@ class NeighbourTable:
         """Neighbours whose states are to be received at full rate; in a large fleet nobody at first."""
         return frozenset(self._followed)
 
+    @property
+    def _is_settled(self) -> BoolArray:
+        """Return who (K,) is followed, and was at the last choice too: its newest state is no slow one."""
+        return np.asarray(self.arrays.silent_after_s <= self.silent_s)
+
     def select_followed(self, position_enu_m: Vec3, now_ns: int) -> bool:
         """Select anew the neighbours to follow; whether that changed anything."""
         if len(self.names) <= subscription.ALWAYS_FOLLOWED:
@@ -123,10 +128,8 @@ class NeighbourTable:
         arrays = self.arrays
         arrays.is_followed[:] = False
         arrays.is_followed[self._followed_indices] = True
-        self._is_settled = [name in settled for name in self.names]
-        arrays.silent_after_s[:] = np.where(
-            self._is_settled, self.silent_s, subscription.FAR_SILENT_S + self.watched.late_s
-        )
+        is_settled = [name in settled for name in self.names]
+        arrays.silent_after_s[:] = np.where(is_settled, self.silent_s, subscription.FAR_SILENT_S + self.watched.late_s)
         self._silent_after_s = arrays.silent_after_s.tolist()
         self.set_ages(self._ages.all_s, -1, True)
 
@@ -222,7 +225,7 @@ class NeighbourTable:
         is_late = self._ages.has_silent or self._ages.oldest_s >= SILENT_AFTER_S + self.watched.late_s
         if not is_late and not doubtful and not self.watched.reason_ns:
             return None
-        ages_s, is_followed = self.heard_ages_s(now_ns).tolist(), self._is_settled
+        ages_s, is_followed = self.heard_ages_s(now_ns).tolist(), self._is_settled.tolist()
         vehicles = [self.fleet.vehicles[name] for name in self.names]
         silent = [
             index
