@@ -194,16 +194,19 @@ class OpenOrders:
 
     async def _watch_for_lost_end(self, result: OrderResult, vehicle: str) -> None:
         """End an accepted order that its vehicle does not follow any more: a link that broke has lost how it ended."""
-        order_id, last_ns = result.planned.orders[vehicle].order_id, 0
+        order_id, has_followed, without_ns = result.planned.orders[vehicle].order_id, False, 0
         while not result.results[vehicle].is_final:
             await asyncio.sleep(0.1 * LOST_END_S)
             view, now_ns = self._views()[vehicle], self._feed.now_ns()
             told = view.telemetry
             if told is None or not view.is_fresh(now_ns):
+                without_ns = 0  # a vehicle that is heard again tells ends that were missed, a second later
                 continue
             if told.order_id == order_id:
-                last_ns = now_ns
-            elif last_ns and (now_ns - last_ns) * 1e-9 >= LOST_END_S:
+                has_followed, without_ns = True, 0
+                continue
+            without_ns = without_ns or now_ns
+            if has_followed and (now_ns - without_ns) * 1e-9 >= LOST_END_S:
                 doing = f"it is {told.state}. {told.reason}".strip()
                 sentence = f"{vehicle} does not follow this order any more, and how it ended was not heard: {doing}"
                 result.update(vehicle, "failed", sentence)

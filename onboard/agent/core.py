@@ -196,7 +196,7 @@ class AgentCore:
 
     def _node_changed(self, event: NodeChanged, now_ns: int) -> list[Command]:
         self.preflight.hear(event)
-        self.nodes.update(event.node, event.is_alive)
+        self.nodes.update(event.node, event.is_alive, now_ns)
         return []
 
     def _loop_timed(self, event: LoopTimed, now_ns: int) -> list[Command]:
@@ -275,7 +275,8 @@ class AgentCore:
             tick, view, self._context.period_s, self._is_airborne, self._distances_m, self.preflight.not_ready
         )
         messages = self._publisher.every_tick(result)
-        out = [*self._publisher.telemetry(result), *self.flight.take_commands(), *setpoint, *messages]
+        told = self.nodes.lost_ends.pass_on(self.flight.take_commands(), view.now_ns)
+        out = [*self._publisher.telemetry(result), *told, *setpoint, *messages]
         out.extend(self._follower.due(view.position_enu_m if view.has_position else None, view.now_ns))
         bodies = self.neighbours.bodies_to_watch(view.now_ns, self.own.age_s)
         if bodies is not None:

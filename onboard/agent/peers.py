@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from onboard.agent.lost_ends import LostEnds
 from onboard.autopilot import Vec3
 from onboard.bus.authority import GROUND, ROLES, Roles
 from onboard.config.fleet import FleetConfig
@@ -18,6 +19,7 @@ class BusNodes:
 
     def __init__(self, fleet: FleetConfig, vehicle_name: str) -> None:
         self.roles = Roles()
+        self.lost_ends = LostEnds()
         self._has_peers = len(fleet.enabled_names) > 1 or fleet.vehicles[vehicle_name].mocap_required
         self._grounds: set[str] = set()
 
@@ -26,9 +28,10 @@ class BusNodes:
         """Whether a ground is on the bus."""
         return bool(self._grounds)
 
-    def update(self, node: str, is_alive: bool) -> None:
+    def update(self, node: str, is_alive: bool, now_ns: int) -> None:
         """Take a node's appearance or end."""
         if node.startswith(GROUND):  # whoever may order, operator or not; who only watches has another name
+            self.lost_ends.see(node, is_alive, now_ns)
             (self._grounds.add if is_alive else self._grounds.discard)(node)
         else:
             self.roles.see(node, is_alive)

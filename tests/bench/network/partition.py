@@ -50,6 +50,7 @@ class Flight:
                 found += [f"{name}: {what}: {action}" for what, _, action in self.told[name] if action != _MILD]
         lost = [name for name in HALVES[1] if not any(_is(what, "ground") for what, *_ in self.told[name])]
         found += [f"{name} did not miss the ground" for name in lost]
+        found += [f"{name} did not arrive: {end}" for name, end in self.ends.items() if end]
         found += [f"{name} did not fly back: {end}" for name, end in self.returns.items() if end]
         return found if self.has_landed else [*found, "not all have landed"]
 

@@ -146,7 +146,7 @@ def _partition(at_s: float, lasts_s: float, seed: int) -> None:
         flight.at(begin_s + at_s, lambda: flight.bus.partition([*names[:3], "ground-1"], names[3:], bridging=["sitl"]))
         flight.at(begin_s + at_s + lasts_s, flight.bus.heal)
         answers = flight.wait_for(_crossing(flight, back=False)())
-        assert len(answers) == 6  # every order has ended, well or in words
+        assert not [one for one in answers if isinstance(one, Exception)]  # every order's end is heard, also later
         flight.run(max(0.0, begin_s + at_s + lasts_s + 3.0 - flight.time_s))
         again = flight.wait_for(_crossing(flight, back=True)())
         assert not [one for one in again if isinstance(one, Exception)]

@@ -80,6 +80,20 @@ def test_without_the_ground_the_order_is_finished_and_the_vehicle_stays(lockstep
     assert all(result.is_done for result in flight.land().values())
 
 
+def test_the_end_of_an_order_that_its_ground_missed_is_told_when_it_is_back(lockstep, paper):
+    flight = lockstep(paper, seed=3)
+    flight.takeoff(1.0)
+    flight.run(1.5)
+    begin_s, (x, y, _) = flight.time_s, paper.vehicles["mav0"].start_enu_m
+    flight.at(begin_s + 0.3, lambda: flight.bus.partition(["ground-1"]))
+    flight.at(begin_s + 5.0, flight.bus.heal)
+    results = flight.wait_for(flight.fleet["mav0"].move((x, y - 0.4, 1.0)))
+    assert flight.time_s > begin_s + 5.0
+    assert results["mav0"].is_done
+    ends = [event for event in flight.events if event.code == "order-takeoff"]
+    assert len(ends) == len(paper.enabled_names)  # what was heard is not told twice
+
+
 def test_without_the_ground_for_long_all_land_under_the_law(lockstep, paper):
     section = msgspec.structs.replace(paper.fleet, ground_lost_land_s=2.0)
     flight = lockstep(msgspec.structs.replace(paper, fleet=section), seed=8)
