@@ -94,8 +94,12 @@ class Hearing:
 
 
 def peer(method: Method, values: Mapping[str, float] | None = None) -> Contestant:
-    """A method of other people with its chosen values, or others to be tried."""
-    return Contestant(method.title, step=method.step, values=method.chosen if values is None else values)
+    """A method of other people with its chosen values, or others to be tried.
+
+    Where it is refused the flight does not count, so that no law of Covey's needs to be computed beside it.
+    """
+    chosen = method.chosen if values is None else values
+    return Contestant(method.title, built_in="off", step=method.step, values=chosen)
 
 
 def combinations(grid: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:
@@ -122,9 +126,8 @@ def ring(values: Mapping[str, float] = RING_CHOSEN) -> Contestant:
 
 
 COVEY = Contestant("Covey")
-PEERS = {"covey": COVEY, "off": peer(METHODS["off"]), "ring": ring()} | {
-    name: peer(method) for name, method in METHODS.items() if name != "off"
-}
+OFF = Contestant("no avoidance", built_in="off")
+PEERS = {"covey": COVEY, "off": OFF, "ring": ring()} | {name: peer(method) for name, method in METHODS.items()}
 
 
 def named(name: str) -> Contestant:

@@ -19,7 +19,8 @@ class Encounter:
 
     wanted_m_s2 (M, 2): net acceleration that the baseline asks for. velocity_m_s (M, 2): own. gap_m and
     closing_m_s (M, K, 2): own minus neighbour's position and velocity. is_on (M, K): who counts. reach_m_s2 (M,):
-    largest horizontal acceleration. d_m (M, K): design distances. speed_m_s: top speed.
+    largest horizontal acceleration. d_m (M, K): design distances. speed_m_s: top speed. age_s (M, K): of the
+    neighbours' messages.
     """
 
     wanted_m_s2: Array
@@ -30,6 +31,7 @@ class Encounter:
     reach_m_s2: Array
     d_m: Array
     speed_m_s: float
+    age_s: Array
 
     @property
     def distance_m(self) -> Array:

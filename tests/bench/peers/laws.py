@@ -6,6 +6,7 @@ from tests.bench.peers.methods import METHODS
 from tests.bench.peers.stage import covey as covey
 from tests.bench.peers.stage import law_of
 
-orca, cells, certificate, potential = (
-    law_of(METHODS[name].step, METHODS[name].chosen) for name in ("orca", "cells", "certificate", "potential")
+orca, cells, certificate, robust_certificate, potential = (
+    law_of(METHODS[name].step, METHODS[name].chosen)
+    for name in ("orca", "cells", "certificate", "robust_certificate", "potential")
 )

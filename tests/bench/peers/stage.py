@@ -25,6 +25,7 @@ _UNTIMED_CALLS = 5  # memory that is allocated or cached on first use is none of
 def encounter_of(inputs: LawInputs) -> Encounter:
     """One vehicle with its nearest neighbours as Covey's law would have them; there must be one at least."""
     near = inputs.neighbours
+    ages_s = {one.table_index: one.age_s for one in inputs.received}
     return Encounter(
         wanted_m_s2=np.array([inputs.baseline.thrust_enu_m_s2[:2]]),
         velocity_m_s=np.array([inputs.predicted.velocity_enu_m_s[:2]]),
@@ -34,6 +35,7 @@ def encounter_of(inputs: LawInputs) -> Encounter:
         reach_m_s2=np.array([inputs.largest_m_s2]),
         d_m=np.array([[one.d_m for one in near]]),
         speed_m_s=_PURSUIT_SHARE * inputs.vehicle.max_speed_m_s,
+        age_s=np.array([[ages_s[one.table_index] for one in near]]),
     )
 
 
