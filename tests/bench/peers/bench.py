@@ -34,9 +34,9 @@ DELAY_SEEDS = (1000, 1010)
 QUICK = ("form3", "swap4")
 _PART = 10  # flights of a cell that is kept by itself
 TYPES = {"ablation": "sih,ardrone"}  # a mixed fleet shows what an idea is worth; the others fly type sih
-COMPARISON = ("form3", "swap4x", "swap8x", "rand8")
+COMPARISON = ("form3", "swap4x", "swap8x", "rand4")
 ABLATION = ("swap8x",)
-TUNING = ("form3", "swap4x", "rand8")
+TUNING = ("form3", "swap8x", "rand8")
 
 
 @dataclass(frozen=True, slots=True)
