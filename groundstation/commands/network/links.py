@@ -16,12 +16,14 @@ from onboard.bus.codec import Malformed
 from onboard.bus.schema import ClockMessage, Message, StateMessage, Telemetry, TickBatch
 from onboard.bus.topics import TOPICS, Topic
 from onboard.config.fleet import FleetConfig
+from onboard.feasibility.pair_checks import message_age_s
 from onboard.message_counts import in_words
+from onboard.neighbours.table import SILENT_S
 
 _STEP_S = 0.02
 _STATES_HZ = TOPICS[Topic.STATE].rate_hz
 _WELL_SHARE, _LEAST_SHARE = 0.95, 0.5  # of the states that arrive
-_OLD_S, _SILENT_S = 0.1, 0.25  # age of a state: the law keeps its promise up to the first; then it counts as silent
+_OLD_S = 0.1  # age of a state, and what [radio] expects where that is more
 _LONG_S = 0.1  # a round trip
 _CLOCK_S = 0.02  # error of another computer's clock
 
@@ -107,7 +109,7 @@ def judged(fleet: FleetConfig, heard: Heard) -> Iterator[Diagnosis]:
         if name not in heard.last:
             yield _silent(name, fleet, heard)
             continue
-        yield _arrivals(name, heard)
+        yield _arrivals(name, fleet, heard)
         yield from _neighbours(name, fleet, heard)
         yield from _unused(name, heard)
     yield from _round_trips(heard)
@@ -132,7 +134,12 @@ def _silent(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
     return Diagnosis(name, Grade.FAIL, f"Nobody answers at {endpoint}.", remedy)
 
 
-def _arrivals(name: str, heard: Heard) -> Diagnosis:
+def _old_s(fleet: FleetConfig) -> float:
+    """Return the age of a state from which on it is older than the fleet's margin is for."""
+    return max(_OLD_S, message_age_s(fleet) + _STEP_S)
+
+
+def _arrivals(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
     numbers = heard.sequences[name]
     sent = (max(numbers) - min(numbers)) // heard.state_ticks + 1 if numbers else 1
     share = len(numbers) / sent
@@ -141,7 +148,7 @@ def _arrivals(name: str, heard: Heard) -> Diagnosis:
     text += f"their age is {1e3 * age_s:.0f} ms (p99)."
     bad = Grade.FAIL if share < _LEAST_SHARE or not numbers else Grade.WARN
     remedy = "Too much of its radio is lost: a better place or channel, fewer on it; quic/ instead of tcp/."
-    return graded(name, share >= _WELL_SHARE and age_s < _OLD_S, text, remedy, bad=bad)
+    return graded(name, share >= _WELL_SHARE and age_s < _old_s(fleet), text, remedy, bad=bad)
 
 
 def _neighbours(name: str, fleet: FleetConfig, heard: Heard) -> Iterator[Diagnosis]:
@@ -149,11 +156,15 @@ def _neighbours(name: str, fleet: FleetConfig, heard: Heard) -> Iterator[Diagnos
     known = {other: _p99(ages) for other, ages in ages_s.items() if ages}
     if not known:
         return
-    old = {other: age_s for other, age_s in known.items() if age_s >= _OLD_S}
+    old_s, silent_s = _old_s(fleet), SILENT_S + fleet.expected_radio.lateness_s
+    old = {other: age_s for other, age_s in known.items() if age_s >= old_s}
     told = ", ".join(f"{other} {1e3 * age_s:.0f} ms" for other, age_s in sorted((old or known).items()))
-    bad = Grade.FAIL if any(age_s >= _SILENT_S for age_s in old.values()) else Grade.WARN
+    bad = Grade.FAIL if any(age_s >= silent_s for age_s in old.values()) else Grade.WARN
     text = f"Age of the others' states (p99): {told}."
-    remedy = "Older than 100 ms the law slows down, older than 250 ms they count as silent: improve the radio there."
+    remedy = (
+        f"The fleet's margin is for {1e3 * old_s:.0f} ms, and older than {1e3 * silent_s:.0f} ms they count as silent: "
+        "improve the radio there, or declare it ([radio] expected_delay_s, docs/radio.md)."
+    )
     yield graded(f"{name} hears", not old, text, remedy, bad=bad)
 
 

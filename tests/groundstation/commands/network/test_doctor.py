@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from groundstation.cli import main
@@ -14,6 +15,7 @@ from groundstation.commands.network.diagnosis import Diagnosis, Grade, as_text
 from groundstation.commands.network.links import Heard, judged
 from groundstation.commands.network.machine import interfaces, machine
 from onboard.config.fleet import load_fleet
+from onboard.config.radio import RadioConfig
 
 PAPER = Path(__file__).parents[4] / "configs" / "fleets" / "paper.toml"
 SECONDS = 4.0
@@ -55,6 +57,14 @@ def test_a_big_fleet_that_sends_every_second_state_loses_none(heard: Heard) -> N
     for name in heard.sequences:
         heard.sequences[name] = set(range(100, 300, 2))
     assert not _bad(heard)
+
+
+def test_a_fleet_that_expects_a_slow_radio_gets_no_advice_for_it(heard: Heard) -> None:
+    fleet = load_fleet(PAPER)
+    heard.ages_there_s["mav1", "mav2"] = [0.2] * 100
+    assert "mav1 hears" in _bad(heard)
+    slow = msgspec.structs.replace(fleet, radio=RadioConfig(expected_delay_s=0.18))
+    assert not [one for one in judged(slow, heard) if one.grade is not Grade.OK]
 
 
 def test_each_fault_of_a_link_is_said_with_a_remedy(heard: Heard, make_telemetry: Any) -> None:
