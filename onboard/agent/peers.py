@@ -31,6 +31,8 @@ class BusNodes:
     def update(self, node: str, is_alive: bool, now_ns: int) -> None:
         """Take a node's appearance or end."""
         if node.startswith(GROUND):  # whoever may order, operator or not; who only watches has another name
+            if is_alive and node in self._grounds:  # its link broke and is back: the end in between was not noticed
+                self.lost_ends.see(node, False, now_ns)
             self.lost_ends.see(node, is_alive, now_ns)
             (self._grounds.add if is_alive else self._grounds.discard)(node)
         else:
@@ -43,7 +45,7 @@ class BusNodes:
 
 
 class NeighbourFollower:
-    """Chooses from time to time the neighbours that are heard at full rate; all, until the own position is known."""
+    """Chooses from time to time the neighbours that are heard at full rate; in a large fleet nobody at first."""
 
     def __init__(self, table: NeighbourTable) -> None:
         self._table = table

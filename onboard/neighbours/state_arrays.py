@@ -56,7 +56,7 @@ class NeighbourArrays:
 
 
 def empty(count: int, silent_after_s: float) -> NeighbourArrays:
-    """Return the arrays of neighbours that were never heard, all followed."""
+    """Return the arrays of neighbours that were never heard."""
     return NeighbourArrays(
         numbers=np.zeros((count, WIDTH)),
         stamp_ns=np.zeros(count, dtype=np.int64),

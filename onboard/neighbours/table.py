@@ -104,7 +104,7 @@ class NeighbourTable:
 
     @property
     def _is_settled(self) -> BoolArray:
-        """Return who (K,) is followed, and was at the last choice too: its newest state is no slow one."""
+        """Return who (K,) is followed, and has been heard so since an earlier choice."""
         return np.asarray(self.arrays.silent_after_s <= self.silent_s)
 
     def select_followed(self, position_enu_m: Vec3, now_ns: int) -> bool:
@@ -118,11 +118,13 @@ class NeighbourTable:
         distances_m = {name: far for name, far, known in zip(self.names, far_m, is_known, strict=True) if known}
         before = self.followed
         selected = subscription.select(distances_m, before, *self._follow_limits)
-        self._follow(selected, selected & before)
+        has_fast = self._is_settled | (np.array(self.ages_s(now_ns)) <= self.silent_s)
+        settled = {name for name, has in zip(self.names, has_fast.tolist(), strict=True) if has and name in before}
+        self._follow(selected, selected & settled)
         return selected != before
 
     def _follow(self, names: frozenset[str], settled: frozenset[str]) -> None:
-        """Follow these; of those not settled yet the newest state may still be one of the slow ones."""
+        """Follow these; of those not settled yet the newest state is still one of the slow ones, or late."""
         self._followed = [name for name in self.names if name in names]
         self._followed_indices = [self.indices[name] for name in self._followed]
         arrays = self.arrays
@@ -226,13 +228,12 @@ class NeighbourTable:
         if not is_late and not doubtful and not self.watched.reason_ns:
             return None
         ages_s, is_followed = self.heard_ages_s(now_ns).tolist(), self._is_settled.tolist()
-        vehicles = [self.fleet.vehicles[name] for name in self.names]
+        is_airborne = self.arrays.flags[AIRBORNE].tolist()
+        is_expected = [has_started and self.fleet.vehicles[name].enabled is not False for name in self.names]
         silent = [
             index
             for index in self._bodies.values()
-            if self.watched.is_silent(
-                index, ages_s[index], is_followed[index], has_started and vehicles[index].enabled is not False
-            )
+            if self.watched.is_silent(index, ages_s[index], is_followed[index], is_expected[index], is_airborne[index])
         ]
         in_reach = [index for index in doubtful if is_followed[index]]
         indices = self.watched.update(silent, in_reach, now_ns, own_age_s)

@@ -37,7 +37,7 @@ class WatchedBodies:
             now_ns: our clock.
             own_age_s: age of the own position.
         """
-        before, is_late = set(self.reason_ns), own_age_s > _OWN_LATE_S
+        before, is_late = set(self.reason_ns), own_age_s > self.late_s + _OWN_LATE_S
         if not is_late:
             self.reason_ns.update(dict.fromkeys([*silent, *doubtful], now_ns))
         for index in before:
@@ -50,14 +50,16 @@ class WatchedBodies:
         self._first_ns = self._first_ns or now_ns
         return now_ns - self._first_ns > _START_UP_NS
 
-    def is_silent(self, index: int, age_s: float, is_followed: bool, is_expected: bool) -> bool:
-        """Whether a vehicle gives a reason to watch its body.
+    def is_silent(self, index: int, age_s: float, is_followed: bool, is_expected: bool, is_airborne: bool) -> bool:
+        """Whether a vehicle gives a reason to watch its body: of those out of reach only one that flew gives any.
 
         Args:
             index: of the vehicle.
             age_s: of its newest message; inf when never heard.
-            is_followed: whether its states are received at full rate.
+            is_followed: whether its states have been received at full rate for a while.
             is_expected: whether it must be there.
+            is_airborne: whether it flew when it was last heard or seen.
         """
-        is_silent = age_s > self.late_s + (SILENT_AFTER_S if is_followed else FAR_SILENT_S)
-        return is_silent and (index in self.reason_ns or is_expected or age_s < math.inf)
+        if not is_followed:
+            return is_airborne and age_s > self.late_s + FAR_SILENT_S
+        return age_s > self.late_s + SILENT_AFTER_S and (index in self.reason_ns or is_expected or age_s < math.inf)

@@ -92,6 +92,18 @@ def test_one_out_of_reach_that_falls_silent_has_time_to_be_seen() -> None:
     assert "mav11" in table.unseen(2 * S + 260_000_000)
 
 
+def test_who_stands_far_away_and_falls_silent_is_not_looked_for() -> None:
+    fleet = square_fleet(12)
+    table = NeighbourTable(fleet, "mav0")
+    table.bodies_to_watch(0, 0.02)  # an agent that has just started knows nobody
+    for place, name in enumerate(table.names[:10]):
+        table.hear(_state(name, 3.0 * (1 + place), is_airborne=place < 4), S)
+    for _ in range(2):
+        table.select_followed(ZERO, S)
+    near = [fleet.vehicles[name].body for name in table.names[:4]]
+    assert table.bodies_to_watch(4 * S, 0.02) == tuple(near)
+
+
 @pytest.mark.parametrize("sequence", [11, 20])
 def test_many_tables_hear_at_once_what_each_would_hear_alone(sequence: int) -> None:
     fleet = square_fleet(12)
