@@ -46,7 +46,7 @@ def trail(timeline: Timeline) -> list[OrderTrace]:
                 known.answer = "accepted" if message.is_accepted else f"refused: {message.reason}"
         elif isinstance(message, Event):
             known = own.get((one.name, message.order_id))
-            if known is not None and message.order_outcome:
+            if known is not None and message.order_outcome and not known.end:  # ends are told again after a cut
                 known.end = f"{message.order_outcome} at {at_s:.1f} s: {message.sentence}"
             elif message.code == _NOT_BELIEVED:
                 traces.append(OrderTrace(at_s, one.name, message.sentence, "not believed"))

@@ -188,11 +188,12 @@ class AgentCore:
             lambda: self.preflight.reasons_in_air(view, self.control.hover_frac),
         )
         reply = self._orders.take(event.order, facts, is_stopping=self._context.is_stopping)
-        return [Reply(reply), *self.flight.take_commands()]
+        return [Reply(reply), *self.nodes.lost_ends.pass_on(self.flight.take_commands(), now_ns)]
 
     def _order_untrusted(self, event: OrderUntrusted, now_ns: int) -> list[Command]:
         reply = self._orders.refuse(event.order, replace(self._view, now_ns=now_ns))
-        return [Reply(reply), *self.flight.take_commands()]
+        answers = [Reply(reply)] if event.order.is_answered else []
+        return [*answers, *self.flight.take_commands()]
 
     def _node_changed(self, event: NodeChanged, now_ns: int) -> list[Command]:
         self.preflight.hear(event)

@@ -147,7 +147,8 @@ class AgentProcess:
             answer = OrderReply(order_id="", vehicle=self._name, is_accepted=False, reason="The order is not readable.")
             self._executor.reliable.submit(reply, answer)
             return
-        self._executor.expect_reply(message.order_id, reply)
+        if not isinstance(message, UntrustedOrder) or message.is_answered:
+            self._executor.expect_reply(message.order_id, reply)
         if isinstance(message, UntrustedOrder):
             self._executor.execute(self._core.handle(ev.OrderUntrusted(message), now_ns))
             return

@@ -27,7 +27,8 @@ class LostEnds:
         if not is_alive:
             if len(self._lost_ns) >= _MOST_GROUNDS:
                 self._lost_ns.pop(next(iter(self._lost_ns)))
-            self._lost_ns[ground] = now_ns
+            # lost again before anything was told: what it missed before is still to be told
+            self._lost_ns[ground] = min(now_ns, self._from_ns + _NOTICED_NS) if self._tell_ns else now_ns
         elif ground in self._lost_ns:
             lost_ns = self._lost_ns.pop(ground) - _NOTICED_NS
             self._from_ns = min(self._from_ns, lost_ns) if self._tell_ns else lost_ns
@@ -40,8 +41,10 @@ class LostEnds:
             self._tell_ns = 0
             out += [command for stamp_ns, command in self._ends if stamp_ns >= self._from_ns]
         for command in out:
-            if isinstance(command, Publish) and isinstance(command.message, Event) and command.message.order_outcome:
-                end = command.message.stamp_ns, command
-                if end not in self._ends:
-                    self._ends.append(end)
+            if not isinstance(command, Publish) or not isinstance(command.message, Event):
+                continue
+            message = command.message
+            end = message.stamp_ns, command
+            if message.order_outcome and message.severity != "debug" and end not in self._ends:
+                self._ends.append(end)
         return out
