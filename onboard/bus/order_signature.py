@@ -23,7 +23,7 @@ from onboard.bus.schema import Message, Order
 
 _CONTEXT = b"covey order 1\0"  # no signature for another purpose is one of an order
 _MAX_KNOWN = 16  # certificates that have been checked, and grounds that have signed; each ground has one
-MOST_FALSE_PER_S = 20  # of each ground that has signed before, and of all others together; then none is looked at
+MOST_FALSE_PER_S = 200  # of each ground that has signed before, and of all others together; then none is looked at
 
 
 class OrderSeal(Message, frozen=True, array_like=True, kw_only=True):
@@ -95,8 +95,9 @@ class SealCheck:
         return UntrustedOrder(code, f"Order {read.text} {sentence}", read.order_id)
 
     def _remember(self, node: str) -> None:
-        if node not in self._true_nodes and len(self._true_nodes) >= _MAX_KNOWN:
-            self._true_nodes.pop(next(iter(self._true_nodes)))
+        self._true_nodes.pop(node, None)
+        if len(self._true_nodes) >= _MAX_KNOWN:
+            self._true_nodes.pop(next(iter(self._true_nodes)))  # who has not ordered for longest
         self._true_nodes[node] = None
 
     def _fault_unless_flood(

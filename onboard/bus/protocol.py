@@ -18,11 +18,20 @@ RefusalCode = Literal["unsigned", "forged", "foreign", "role", "replayed", "late
 
 @dataclass(frozen=True, slots=True)
 class UntrustedOrder:
-    """An order that a fleet with keys does not believe: it is counted and answered, and nothing else."""
+    """An order that a fleet with keys does not believe: it is counted and answered, and nothing else.
+
+    In a flood nobody is answered. A true order may be among these: its ground hears nothing, and land and kill then go
+    straight to PX4.
+    """
 
     code: RefusalCode
     sentence: str
     order_id: str = ""  # as far as it could be read
+
+    @property
+    def is_answered(self) -> bool:
+        """Whether its sender hears that it was refused."""
+        return self.code != "flood"
 
 
 OnMessage = Callable[[Topic, str, Message | Malformed], None]
