@@ -23,7 +23,7 @@ from groundstation.keys.secured_fleet import secure_fleet
 from onboard.bus.credentials import credentials_of
 from onboard.bus.protocol import NoRouterError, UntrustedOrder
 from onboard.bus.router import Router, router_settings
-from onboard.bus.schema import Order, OrderReply
+from onboard.bus.schema import MocapPose, MocapPoses, Order, OrderReply
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
@@ -34,6 +34,10 @@ PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
 NOW = datetime.datetime.now(datetime.UTC)
 NAMES = {"ground": "ground-1-a", "viewer": "watcher-1-a"}
 LAND = Order(order_id="g-1", author="ann", kind="land", stamp_ns=1, deadline_ns=0, node="ground-1-a")
+POSE = MocapPose(
+    body="mav1", boot_id=1, sequence=1, stamp_ns=1, is_tracked=True, position_enu_m=(0.0, 0.0, 1.0),
+    quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
+)  # fmt: skip
 
 
 def _free_ports(count: int) -> list[int]:
@@ -273,10 +277,14 @@ def test_a_router_without_a_line_of_covey_serves_a_fleet(
         first.subscribe(Topic.STATE, "*", lambda _topic, name, _: heard.add(name))
         ground.subscribe(Topic.STATE, "*", lambda _topic, name, _: heard.add(f"{name} on the ground"))
         ground.watch_alive(lambda name, _: alive.add(name))
+        for topic in (Topic.MOCAP, Topic.ALL_POSES):
+            first.subscribe(topic, "*", lambda topic, name, _: heard.add(f"{topic.value} of {name}"))
         second.serve_orders("mav1", lambda order, reply: reply(_accepted(order)))
 
         def tell() -> bool:
             second.publish(Topic.STATE, "mav2", state_message())  # in another's name
+            second.publish(Topic.MOCAP, "mav1", POSE)  # its own body's, which only the motion capture may
+            second.publish(Topic.ALL_POSES, "mav1", MocapPoses(poses=(POSE,)))
             second.publish(Topic.STATE, "mav1", state_message())
             first.publish(Topic.STATE, "mav0", state_message())
             return {"mav1", "mav0 on the ground", "mav1 on the ground"} <= heard and {"mav0", "mav1"} <= alive
@@ -291,7 +299,7 @@ def test_a_router_without_a_line_of_covey_serves_a_fleet(
 
         assert until(order)
     assert "is_accepted=True" in answered[0]
-    assert not {"mav2", "mav2 on the ground"} & heard
+    assert heard == {"mav1", "mav0 on the ground", "mav1 on the ground"}
 
 
 def _accepted(order: object) -> OrderReply:
