@@ -75,6 +75,25 @@ def distances(flights: Mapping[str, Sequence[Outcome]], path: Path, title: str) 
         figure.savefig(path)
 
 
+def by_delay(delays_s: Sequence[float], rows: Mapping[str, Sequence[Summary]], path: Path, title: str) -> None:
+    """Violations and time over the delay, a line for each method."""
+    delays_ms = [1e3 * delay_s for delay_s in delays_s]
+    with styled():
+        figure = new_figure(11.0, 4.4, title)
+        low, fast = figure.subplots(1, 2)
+        for place, (name, figures) in enumerate(rows.items()):
+            width = 2.6 if place == 0 else 1.3
+            shares = [100.0 * s.violations / s.flights for s in figures]
+            low.plot(delays_ms, shares, "o-", color=colour(place), linewidth=width, label=name)
+            fast.plot(delays_ms, [s.ratio for s in figures], "o-", color=colour(place), linewidth=width)
+        low.set_ylabel("flights below 0.80 m, %")
+        fast.set_ylabel("time / time alone")
+        for axis in (low, fast):
+            axis.set_xlabel("age of a message when it arrives, ms")
+        figure.legend(*low.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8.5)
+        figure.savefig(path)
+
+
 def paths(traces: Mapping[str, Array], path: Path, title: str, columns: int = 4) -> None:
     """Paths from above, a panel for each: positions (T, N, 3)."""
     with styled():

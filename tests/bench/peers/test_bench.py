@@ -16,7 +16,7 @@ from tests.bench.peers.contestants import COVEY, PEERS, named, same
 from tests.bench.peers.report import Outcome, interval, summary, table
 
 ROOT = Path(__file__).parents[3]
-PAGES = ["law.md", "law-bench.md", "law-ablation.md", "law-tuning.md"]
+PAGES = ["law.md", "law-bench.md", "law-delay.md", "law-ablation.md", "law-tuning.md"]
 
 
 def rows_of(markdown: str) -> dict[str, list[str]]:
