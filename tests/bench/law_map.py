@@ -64,6 +64,7 @@ def page(cells: list[Cell], rows: dict[tuple[str, int], Row], version: str) -> s
             "(figures/law_map.png)",
             "",
             _HOW.format(commands="\n".join(law_map_cells.commands(some))),
+            "",
             "## Every cell",
             "",
             f"Law {version}, digest {digest(rows)}. 95 %: the share of flights below 0.80 m is under it, by Clopper "
@@ -136,7 +137,7 @@ _HOW = """\
 ## Flown by
 
 ```
-covey simulate --map --jobs 2                               # can be interrupted; the same command goes on
+covey simulate --map --jobs 2                               # about an hour; interrupted, it goes on
 make bench-law-map ARGS="law-map.jsonl --out docs"          # this page, its picture, and what covey check reads
 # one cell alone, 8 vehicles, 200 ms, 30 %:
 {commands}
