@@ -9,6 +9,7 @@
 # make bench-NAME       one benchmark, with options in ARGS; make bench lists them
 SHELL := bash
 export PYTHON ?=
+unexport PYTHONDONTWRITEBYTECODE  # each process of the tests would compile everything anew
 .PHONY: demo test test-realtime test-long test-px4 lint bench wheel docs pins clean
 DEMO_ARGS ?=
 ARGS ?=
