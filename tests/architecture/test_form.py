@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
-
 from tests.architecture import form
 
-FIGURES = form.figures()
 
-
-@pytest.mark.parametrize("figure", FIGURES, ids=[figure.name.replace(" ", "-") for figure in FIGURES])
-def test_the_form_of_the_code_stays_within_its_limits(figure: form.Figure) -> None:
-    assert len(figure.places) <= figure.limit, "\n".join([figure.name, *figure.places])
+def test_the_form_of_the_code_stays_within_its_limits() -> None:
+    past = [figure for figure in form.figures() if len(figure.places) > figure.limit]
+    assert not past, "\n".join(line for figure in past for line in (figure.name, *figure.places))
 
 
 def test_circles_are_seen() -> None:
