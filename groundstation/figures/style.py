@@ -36,5 +36,6 @@ def save(figure: Any, folder: Path, name: str) -> list[Path]:
     """Write PNG and SVG, and return their paths."""
     paths = [folder / f"{name}.png", folder / f"{name}.svg"]
     figure.savefig(paths[0])
+    figure.set_layout_engine("none")  # everything has its place now; to find it again takes as long as to draw
     figure.savefig(paths[1], metadata={"Date": None})
     return paths
