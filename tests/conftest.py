@@ -41,7 +41,7 @@ _ONE_IN_REAL_TIME = (  # one emulated vehicle or one server each
     "sitl/test_server.py",
 )
 # Long and in simulated time: they run in the same call, in the worker that those of real time leave idle.
-_BESIDE_REAL_TIME = ("sitl/lockstep/test_gallery.py",)
+_BESIDE_REAL_TIME = ("sitl/lockstep/test_gallery.py", "sitl/conformance/test_facts.py")
 # files that take longest, which begin first, so that no worker has one of them left when all others are done
 _LONGEST = (
     "sitl/lockstep/test_flight.py",

@@ -93,13 +93,6 @@ def test_all_figures_are_drawn_as_png_and_svg(tmp_path: Path, capsys: pytest.Cap
     assert len(capsys.readouterr().out.splitlines()) == 8
 
 
-def test_figures_go_where_out_says(tmp_path: Path) -> None:
-    write_flight(tmp_path)
-    assert main(["plot", str(tmp_path / "flight.mcap"), "--out", str(tmp_path / "a" / "b")]) == 0
-    assert len(list((tmp_path / "a" / "b").iterdir())) == 8
-    assert not (tmp_path / "figures").exists()
-
-
 def test_the_arrays_are_what_was_flown(tmp_path: Path) -> None:
     write_flight(tmp_path)
     flight = flight_of(tmp_path)
@@ -145,10 +138,12 @@ def test_time_counts_from_when_the_first_leaves_the_ground_and_not_from_its_moto
     assert f"at {flight.take_off_s:.1f} s of the record" in flight.title
 
 
-def test_without_truth_the_estimates_are_drawn(tmp_path: Path) -> None:
+def test_without_truth_the_estimates_are_drawn_and_figures_go_where_out_says(tmp_path: Path) -> None:
     write_flight(tmp_path, has_truth=False)
     assert flight_of(tmp_path).source == "the vehicles' estimates"
-    assert main(["plot", str(tmp_path)]) == 0
+    assert main(["plot", str(tmp_path / "flight.mcap"), "--out", str(tmp_path / "a" / "b")]) == 0
+    assert len(list((tmp_path / "a" / "b").iterdir())) == 8
+    assert not (tmp_path / "figures").exists()
 
 
 def test_a_missing_record_is_a_sentence_and_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -51,11 +51,11 @@ def crossing(seconds: int = 4) -> list[tuple[Topic, str, Message]]:
 
 
 def test_a_flipped_bit_never_ends_figures_or_report_with_an_exception(tmp_path: Path) -> None:
-    write(tmp_path, crossing())
+    write(tmp_path, crossing(2))
     path = tmp_path / "flight.mcap"
     whole = path.read_bytes()
     dice = random.Random(5)
-    for attempt in range(300):
+    for attempt in range(150):
         damaged = bytearray(whole)
         for _ in range(1 + attempt % 3):
             damaged[dice.randrange(len(whole))] ^= 1 << dice.randrange(8)
@@ -88,7 +88,7 @@ def test_one_absurd_stamp_does_not_stretch_the_flight(tmp_path: Path) -> None:
         flight = from_samples(read(folder, TOPICS), title="x", safety_distance_m=0.8)
         assert flight is not None
         assert len(flight.grid_s) < 1000
-        assert draw(folder)[1]
+    assert draw(folder)[1]
 
 
 def shifted(message: Message) -> Message:

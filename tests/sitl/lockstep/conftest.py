@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[3]
 PAPER = ROOT / "configs" / "fleets" / "paper.toml"
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def hop() -> Mission:
     """Up, a step forward in formation, and down."""
     return mission_from_mapping(
