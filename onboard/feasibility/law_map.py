@@ -6,7 +6,7 @@ summary.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from onboard.config.fleet import ConfigError, FleetConfig
@@ -132,11 +132,10 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
         0.0,
     )
     promised = [cell for cell in law_map.cells if cell.is_promised]
-    nearest = min(promised, key=lambda cell: _distance(here, cell), default=None)
-    remedy = f"Nearest cell that holds: {nearest}. {_DOCS}" if nearest else f"No cell of the map holds. {_DOCS}"
     failed = [cell for cell in law_map.cells if cell.has_failed and cell.is_within(here)]
     if failed:
         worst = max(failed, key=lambda cell: cell.below / cell.flights)
+        remedy = _remedy(here, promised)
         sentence = (
             f"The fleet is {here}. In simulation {worst.below} of {worst.flights} flights of an easier or equal cell "
             f"came below {law_map.safety_distance_m:.2f} m ({worst}, worst {worst.worst_m:.2f} m). {remedy}"
@@ -152,6 +151,7 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
             f"{law_map.safety_distance_m:.2f} m with {cell} (worst {cell.worst_m:.2f} m)."
         )
         return Finding("map of the law", "ok", 0.0, 0.0, "flights", "at most", sentence, "Nothing to do.")
+    remedy = _remedy(here, harder or promised)
     if covering:
         reason = f"the map was flown with {differences}"
     elif harder:
@@ -161,6 +161,11 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
         reason = "nothing that hard was flown often enough"
     sentence = f"The fleet is {here}: no cell of the map of the law promises that; {reason}. {remedy}"
     return Finding("map of the law", "warning", 0.0, PROMISED_FLIGHTS, "flights", "at least", sentence, remedy)
+
+
+def _remedy(here: MapCell, cells: Sequence[MapCell]) -> str:
+    nearest = min(cells, key=lambda cell: _distance(here, cell), default=None)
+    return f"Nearest cell that holds: {nearest}. {_DOCS}" if nearest else f"No cell of the map holds. {_DOCS}"
 
 
 def _distance(here: MapCell, cell: MapCell) -> float:

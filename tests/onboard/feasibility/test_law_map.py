@@ -69,6 +69,16 @@ def test_another_law_or_a_slower_vehicle_is_named_as_the_reason():
     assert "a command 0.15 s later" in slow.sentence
 
 
+def test_a_harder_cell_that_holds_is_named_before_an_easier_one_that_is_nearer():
+    slow = map_finding(
+        load_fleet("sih").with_law("covey"),
+        MOCAP,
+        LawMap("a", 0.8, 0.0, {}, (cell(3, delay=0.02), cell(16, margin=0.1))),
+    )
+    assert slow.status == "warning"
+    assert "Nearest cell that holds: 16 vehicles" in slow.remedy
+
+
 def test_without_any_cell_that_holds_the_sentence_says_so():
     assert "No cell of the map holds." in found(cell(flights=21)).sentence
 
