@@ -27,7 +27,7 @@ from groundstation.commands.fly import fly_mission
 from groundstation.commands.parameters import BusOptions, File, FlightOptions
 from groundstation.keys.secured_fleet import secure_fleet
 from groundstation.missions.files import Mission, load_mission, with_fleet
-from groundstation.processes.free_ports import toml_text, with_free_ports
+from groundstation.processes.free_ports import in_another_folder, toml_text, with_free_ports
 from groundstation.processes.supervisor import most_agents
 from groundstation.starter.files import Answers, starter
 from onboard.config.fleet import ConfigError
@@ -48,19 +48,31 @@ def demo(
     Args:
         mission: fly this mission instead
         vehicles: as many of the same drones form a ring instead
-        secure: with keys of its own: every link of the bus encrypted, both ends of it proven
+        secure: with keys of its own: every link of the bus encrypted, both ends of it proven; so flies a fleet that
+            has keys anyway
     """
     flown = mission or "paper" if vehicles is None else _made(mission, vehicles, options)
-    if not secure:
-        return fly_mission(flown, options, bus, is_simulated=True, has_free_ports=True)
-    if options.lockstep:
+    if secure and options.lockstep:
         raise ConfigError("--secure is for the bus of real processes, and --lockstep has none. Leave one of them out.")
     loaded = load_mission(flown, options.fleet) if isinstance(flown, str) else flown
+    if options.lockstep or not (secure or loaded.fleet.has_keys):
+        return fly_mission(loaded, options, bus, is_simulated=True, has_free_ports=True)
     with tempfile.TemporaryDirectory(prefix="covey-demo-") as folder:
-        file = Path(folder) / "fleet.toml"
-        file.write_text(toml_text(with_free_ports(tomllib.loads(loaded.fleet.text), loaded.fleet)), encoding="utf-8")
-        locked = with_fleet(loaded, secure_fleet(str(file), datetime.datetime.now(datetime.UTC)))
+        locked = locked_copy(loaded, Path(folder))
         return fly_mission(locked, options, bus, is_simulated=True, has_free_ports=False)
+
+
+def locked_copy(mission: Mission, folder: Path) -> Mission:
+    """Return a mission with a copy of its fleet on free ports and with keys of its own.
+
+    Args:
+        mission: stays as it is, and so do its fleet file and the keys of that.
+        folder: of the copy, there already.
+    """
+    fleet, file = mission.fleet, folder / "fleet.toml"
+    data = with_free_ports(in_another_folder(tomllib.loads(fleet.text), fleet), fleet)
+    file.write_text(toml_text(data), encoding="utf-8")
+    return with_fleet(mission, secure_fleet(str(file), datetime.datetime.now(datetime.UTC)))
 
 
 def _made(mission: str | None, vehicles: int, options: FlightOptions) -> Mission:

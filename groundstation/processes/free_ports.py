@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import socket
 from collections.abc import Iterator
@@ -58,6 +59,20 @@ def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
     if fleet.fleet.routers:
         section["routers"] = [f"tcp/127.0.0.1:{_next(ports)}" for _ in fleet.fleet.routers]
     return {**data, "fleet": section, "vehicles": vehicles}
+
+
+def in_another_folder(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
+    """Return the data of a fleet file for a copy elsewhere: an own law stays where it is, and keys do not come along.
+
+    Args:
+        data: the file's content; not changed.
+        fleet: the same, resolved.
+    """
+    section = {key: value for key, value in data["fleet"].items() if key != "keys"}
+    if "law" not in data:
+        return {**data, "fleet": section}
+    folder = os.path.join(os.path.dirname(os.path.abspath(fleet.path)), data["law"].get("folder", "."))
+    return {**data, "fleet": section, "law": {**data["law"], "folder": folder}}
 
 
 def is_local(fleet: FleetConfig) -> bool:

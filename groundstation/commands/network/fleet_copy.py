@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import datetime
 import math
-import os
 import tomllib
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass, field
@@ -17,7 +16,7 @@ from groundstation.client.client import FleetClient
 from groundstation.commands.shared.flight import EMULATOR, start_fleet
 from groundstation.keys.secured_fleet import secure_fleet
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S
-from groundstation.processes.free_ports import toml_text, with_free_ports
+from groundstation.processes.free_ports import in_another_folder, toml_text, with_free_ports
 from groundstation.processes.supervisor import ProcessError, Processes
 from onboard.config.fleet import FleetConfig, fleet_from_mapping, load_fleet
 
@@ -51,12 +50,10 @@ def copy_of(fleet: FleetConfig, folder: Path, *, is_locked: bool) -> FleetConfig
         "home": _slots(names, starts),
         "there": _slots(names, [*starts[1:], *starts[:1]]),  # everybody across to where another one started
     }
-    data["fleet"] = {key: value for key, value in data["fleet"].items() if key not in ("keys", "simulator", "routers")}
+    data["fleet"] = {key: value for key, value in data["fleet"].items() if key not in ("simulator", "routers")}
     data["vehicles"] = vehicles
     data.pop("shapes", None)
-    if "law" in data:  # a law of somebody's own stays where it is
-        data["law"]["folder"] = os.path.join(os.path.dirname(os.path.abspath(fleet.path)), fleet.law.folder)
-    data = with_free_ports(data, fleet_from_mapping(data, path=fleet.path))
+    data = with_free_ports(in_another_folder(data, fleet), fleet_from_mapping(data, path=fleet.path))
     folder.mkdir()
     file = folder / "fleet.toml"
     file.write_text(toml_text(data, "An emulated copy, made by covey attack"), encoding="utf-8")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import sys
 import time
 import tomllib
@@ -22,7 +21,14 @@ from groundstation.missions.final_verdict import final_verdict
 from groundstation.missions.findings import refuse_unflyable
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun, load_function
 from groundstation.missions.verdict import Verdict
-from groundstation.processes.free_ports import busy_ports, is_free_endpoint, is_local, toml_text, with_free_ports
+from groundstation.processes.free_ports import (
+    busy_ports,
+    in_another_folder,
+    is_free_endpoint,
+    is_local,
+    toml_text,
+    with_free_ports,
+)
 from groundstation.processes.supervisor import ProcessError, Processes, agent_command, leaves_room
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.writer import FLUSH_PERIOD_S, RECORD_NAME, RecordWriter
@@ -131,9 +137,7 @@ def _own_fleet(fleet: FleetConfig, folder: Path, law: str | None, has_free_ports
         vehicle.pop("emulated", None)  # here all are
     if law is not None:
         data["law"] = {**data.get("law", {}), "name": law}
-    if "law" in data:  # a law of one's own stays where it is
-        old = os.path.dirname(os.path.abspath(fleet.path))
-        data["law"]["folder"] = os.path.join(old, data["law"].get("folder", "."))
+    data = in_another_folder(data, fleet)
     if has_free_ports:
         data = with_free_ports(data, fleet)
     elif fleet.has_keys or any(vehicle.mavlink_signing for vehicle in fleet.vehicles.values()):
@@ -303,7 +307,7 @@ class MissionFlight:
             dead = self._processes.dead()
             if dead:
                 names = [one.name for one in dead]
-                reason = ". ".join(one.ending for one in dead)
+                reason = ". ".join(one.ending.removesuffix(".") for one in dead)
                 if self._client is not None:
                     self._client.publish_event("critical", "process_ended", reason)
                 run.abort(reason, can_land=EMULATOR not in names)
