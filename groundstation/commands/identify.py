@@ -28,7 +28,7 @@ from groundstation.identification.identify import identify as identify_log
 from groundstation.identification.manoeuvre import BOX_M, manoeuvre, mission_text
 from groundstation.identification.record import logs_of
 from groundstation.identification.report import IdentifiedVehicle, page, rows, toml_of_types
-from groundstation.processes.free_ports import toml_text
+from groundstation.processes.free_ports import in_another_folder, toml_text
 from groundstation.recording.reader import record_path
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
@@ -107,14 +107,14 @@ def _prepare_files(
     path = folder / "fleet.toml" if is_simulated else Path(fleet_path).absolute()
     files = {"mission.py": mission_text(path, vehicle, manoeuvre(fleet, vehicle, half_m=half_m, seed=seed))}
     if is_simulated:
-        files["fleet.toml"] = _alone(fleet, vehicle)
+        files["fleet.toml"] = one_alone(fleet, vehicle)
     open_folder(folder, files, is_headless=is_headless)
     return path
 
 
-def _alone(fleet: FleetConfig, name: str) -> str:
-    """The fleet file with the others out of it."""
-    data = tomllib.loads(fleet.text)
+def one_alone(fleet: FleetConfig, name: str) -> str:
+    """Return the fleet file with the others out of it."""
+    data = in_another_folder(tomllib.loads(fleet.text), fleet)
     for other, table in data["vehicles"].items():
         table["enabled"] = other == name
     return toml_text(data, f"Made from {fleet.path}: only {name} takes part.")

@@ -38,7 +38,7 @@ def is_free_endpoint(endpoint: str) -> bool:
 
 
 def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
-    """Return the fleet file's data with every endpoint on a free loopback port; all else stays as it is.
+    """Return the fleet file's data with every endpoint on a free loopback port, without keys; all else stays as it is.
 
     Args:
         data: the file's content; not changed.
@@ -58,21 +58,24 @@ def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
     section = {**data["fleet"], "simulator": f"tcp/127.0.0.1:{_next(ports)}"}
     if fleet.fleet.routers:
         section["routers"] = [f"tcp/127.0.0.1:{_next(ports)}" for _ in fleet.fleet.routers]
+    section.pop("keys", None)
     return {**data, "fleet": section, "vehicles": vehicles}
 
 
 def in_another_folder(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
-    """Return the data of a fleet file for a copy elsewhere: an own law stays where it is, and keys do not come along.
+    """Return the data of a fleet file for a copy elsewhere: a law of somebody's own and the keys stay where they are.
 
     Args:
         data: the file's content; not changed.
         fleet: the same, resolved.
     """
-    section = {key: value for key, value in data["fleet"].items() if key != "keys"}
-    if "law" not in data:
-        return {**data, "fleet": section}
-    folder = os.path.join(os.path.dirname(os.path.abspath(fleet.path)), data["law"].get("folder", "."))
-    return {**data, "fleet": section, "law": {**data["law"], "folder": folder}}
+    copied = dict(data)
+    if "law" in data:
+        folder = os.path.join(os.path.dirname(os.path.abspath(fleet.path)), data["law"].get("folder", "."))
+        copied["law"] = {**data["law"], "folder": folder}
+    if fleet.has_keys or any(vehicle.mavlink_signing for vehicle in fleet.vehicles.values()):
+        copied["fleet"] = {**data["fleet"], "keys": fleet.keys_folder}
+    return copied
 
 
 def is_local(fleet: FleetConfig) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from groundstation.paths.checks import bound_m, limits_of, sample
 from groundstation.paths.files import write_path
-from groundstation.processes.free_ports import toml_text
+from groundstation.processes.free_ports import in_another_folder, toml_text
 from groundstation.shows.conversion import Converted, converted
 from groundstation.shows.show import Show
 from groundstation.starter.files import Answers, endpoint_lines, law_lines, type_lines
@@ -78,7 +78,7 @@ def _fleet_text(
     homes = made.homes if made is not None else {name: (10.0 * k, 0.0, 0.0) for k, name in enumerate(vehicles)}
     spots = {name: [round(x, 3), round(y, 3), 0.0] for name, (x, y, _) in homes.items()}
     if fleet is not None:
-        data = tomllib.loads(fleet.text)
+        data = in_another_folder(tomllib.loads(fleet.text), fleet)
         for name in data["vehicles"]:
             data["vehicles"][name]["start_enu_m"] = spots.get(name, data["vehicles"][name].get("start_enu_m"))
             if name not in spots:

@@ -140,8 +140,6 @@ def _own_fleet(fleet: FleetConfig, folder: Path, law: str | None, has_free_ports
     data = in_another_folder(data, fleet)
     if has_free_ports:
         data = with_free_ports(data, fleet)
-    elif fleet.has_keys or any(vehicle.mavlink_signing for vehicle in fleet.vehicles.values()):
-        data["fleet"] = {**data["fleet"], "keys": fleet.keys_folder}  # they stay where they are
     text = toml_text(
         data, f"Made from {fleet.path} for this flight; attach with: covey tui --fleet {folder}/fleet.toml"
     )
