@@ -40,11 +40,11 @@ def copy_of(fleet: FleetConfig, folder: Path, *, is_locked: bool) -> FleetConfig
     vehicles = {name: _plain(data["vehicles"][name]) for name in names}
     ids = {vehicle.system_id for vehicle in fleet.vehicles.values()}
     own_id = next(number for number in range(250, 0, -1) if number not in ids)
-    spare = {"system_id": own_id, "enabled": False, "mocap_body": SPARE, "autopilot": "udpin://127.0.0.1:2"}
+    spare = {"system_id": own_id, "enabled": False, "mocap_body": SPARE}
     vehicles[SPARE] = {**vehicles[names[0]], **spare}
     vehicles[SPARE].pop("direct", None)
     for port, table in enumerate(vehicles.values(), start=1000):  # of this machine; the ports are chosen below
-        table["agent"] = f"tcp/127.0.0.1:{port}"
+        table |= {"agent": f"tcp/127.0.0.1:{port}", "autopilot": f"udpin://127.0.0.1:{port}"}
     starts = [fleet.vehicles[name].start_enu_m[:2] for name in names]
     data["formations"] = {
         "home": _slots(names, starts),

@@ -60,6 +60,15 @@ def test_a_fleet_of_any_endpoints_is_copied(endpoint: str, tmp_path: Path) -> No
         assert copy.has_keys is is_locked
 
 
+@pytest.mark.parametrize("position", ["gps", "bus", "optitrack"])
+def test_a_fleet_of_real_companions_is_copied(position: str, tmp_path: Path) -> None:
+    options = ["--vehicles", "3", "--position", position, "--companions", "192.168.7.11"]
+    assert main(["init", str(tmp_path / "lab"), *options]) == 0
+    assert main(["secure", str(tmp_path / "lab" / "fleet.toml")]) == 0
+    copy = copy_of(load_fleet(tmp_path / "lab" / "fleet.toml"), tmp_path / "copy", is_locked=True)
+    assert is_local(copy)
+
+
 def test_the_packets_of_an_attack_are_packets_of_mavlink() -> None:
     reader = common.MAVLink(None)
     kinds = [
