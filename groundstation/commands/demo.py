@@ -30,9 +30,10 @@ from groundstation.missions.files import Mission, load_mission, with_fleet
 from groundstation.processes.free_ports import in_another_folder, toml_text, with_free_ports
 from groundstation.processes.supervisor import most_agents
 from groundstation.starter.files import Answers, starter
-from onboard.config.fleet import ConfigError
+from onboard.config.fleet import ConfigError, load_fleet
 
 _OPTIONS, _BUS = FlightOptions(), BusOptions()
+_FORMATION = "triangle"  # of the paper's mission
 
 
 def demo(
@@ -52,6 +53,13 @@ def demo(
             has keys anyway
     """
     flown = mission or "paper" if vehicles is None else _made(mission, vehicles, options)
+    if flown == "paper" and options.fleet is not None:
+        own = load_fleet(options.fleet)
+        if _FORMATION not in {**own.formations, **own.shapes}:
+            raise ConfigError(
+                f"The demo's mission flies the formation '{_FORMATION}', which {options.fleet} has not. Name a mission "
+                f"for this fleet: covey demo --fleet {options.fleet} --mission FILE"
+            )
     if secure and options.lockstep:
         raise ConfigError("--secure is for the bus of real processes, and --lockstep has none. Leave one of them out.")
     loaded = load_mission(flown, options.fleet) if isinstance(flown, str) else flown

@@ -49,6 +49,11 @@ def test_keys_in_a_folder_that_the_fleet_file_names_stay_there(tmp_path: Path) -
     assert Path(copy.keys_folder) == tmp_path / "copy" / "keys"
 
 
+def test_a_fleet_that_the_demos_mission_does_not_fit_needs_a_mission(lab: Path, capsys) -> None:
+    assert main(["demo", "--headless", "--fleet", str(lab / "fleet.toml")]) == 2
+    assert f"covey demo --fleet {lab}/fleet.toml --mission FILE" in capsys.readouterr().err.replace("\n", " ")
+
+
 def test_one_vehicle_alone_and_an_imported_show_find_law_and_keys_where_they_are(lab: Path, tmp_path: Path) -> None:
     fleet = load_fleet(lab / "fleet.toml")
     (tmp_path / "alone").mkdir()
