@@ -108,6 +108,8 @@ class AgentProcess:
             if self._is_realtime:
                 self._upkeep.start_threads()
                 self._executor.start_threads()
+                if self._fleet.own_law is not None:
+                    realtime.end_when_hung()
                 log.info("%s", realtime.take_precedence())
             self._ticker.start(loop)
             self._upkeep.start()

@@ -133,7 +133,7 @@ def _excess(thrust: Vec3, inputs: LawInputs) -> str:
     limits, s = inputs.vehicle, inputs.compensation_enu_m_s2
     if not LEAST_THRUST_G * GRAVITY_M_S2 <= thrust.z <= limits.max_thrust_m_s2:
         return (
-            f"asked for a vertical thrust of {thrust.z:.1f} m/s^2, and a vehicle flies with "
+            f"asked for a vertical thrust of {thrust.z:.3g} m/s^2, and a vehicle flies with "
             f"{LEAST_THRUST_G * GRAVITY_M_S2:.1f} to {limits.max_thrust_m_s2:.1f} m/s^2"
         )
     across = math.hypot(thrust.x + s.x, thrust.y + s.y)
@@ -142,7 +142,7 @@ def _excess(thrust: Vec3, inputs: LawInputs) -> str:
         most = math.degrees(limits.max_tilt_rad)
         return f"tilted by {math.degrees(tilt):.0f} degrees, and max_tilt_deg is {most:.0f}"
     if across > horizontal_limit(thrust.z, limits) + math.tan(_TILT_SLACK_RAD) * thrust.z:
-        return f"asked for {math.hypot(across, thrust.z):.1f} m/s^2, and the motors give {limits.max_thrust_m_s2:.1f}"
+        return f"asked for {math.hypot(across, thrust.z):.3g} m/s^2, and the motors give {limits.max_thrust_m_s2:.1f}"
     return ""
 
 

@@ -82,9 +82,10 @@ class OwnLawPipeline:
         began_s = self._clock() if self._clock is not None else 0.0
         try:
             memory, thrust, refusal = judged(self.law.function(self._memory, given), given)
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever somebody's law does
-            said = " ".join(str(error).split())[:_LONGEST_WORDS]
-            memory, thrust, refusal = None, given.baseline.thrust_enu_m_s2, f"raised {type(error).__name__}: {said}"
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # noqa: BLE001 - whatever somebody's law does
+            memory, thrust, refusal = None, given.baseline.thrust_enu_m_s2, f"raised {_words(error)}"
         if self._clock is not None and not refusal:
             refusal = self._slow(self._clock() - began_s)
         return memory, thrust, refusal
@@ -96,3 +97,12 @@ class OwnLawPipeline:
             return ""
         often = f" in {SLOW_TICKS} ticks in a row" if took_s <= STOPPED_S else ""
         return f"took {1e3 * took_s:.0f} ms{often}, and may take {1e3 * SLOW_S:.0f} ms of a tick"
+
+
+def _words(error: BaseException) -> str:
+    """Return type and words of an exception, which may have none, or raise when it is asked for them."""
+    try:
+        said = " ".join(str(error).split())[:_LONGEST_WORDS]
+    except Exception:  # noqa: BLE001 - its author's code
+        said = ""
+    return ": ".join(filter(None, (type(error).__name__, said)))

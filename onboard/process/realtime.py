@@ -7,11 +7,14 @@ Python's lock changes hands quickly. On a drone's own computer the loop's thread
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import gc
 import logging
 import logging.handlers
 import os
 import queue
+import resource
+import signal
 import stat
 import sys
 import threading
@@ -24,6 +27,7 @@ _MAX_LINES = 2000
 _SWITCH_S = 0.002
 _REALTIME_PRIORITY, _HELPERS_PRIORITY = 10, 5
 _LEAST_FREE_BYTES = 50_000_000
+_HUNG_US = 1_000_000  # of computing without a pause; the control loop pauses in each tick
 
 
 class _Lines(logging.handlers.QueueHandler):
@@ -89,3 +93,15 @@ def take_precedence() -> str:
     except (OSError, AttributeError) as error:
         return f"The loop runs without real-time priority ({error}): allow it with LimitRTPRIO={_REALTIME_PRIORITY}."
     return f"The loop runs with real-time priority {_REALTIME_PRIORITY}."
+
+
+def end_when_hung() -> None:
+    """Let the kernel end this process once a thread that has precedence computes for a second without a pause.
+
+    Somebody's own law that never returns would take a processor from everybody else on this machine, for instance from
+    the emulator. Where it was is written to stderr.
+    """
+    with contextlib.suppress(OSError, ValueError, AttributeError):  # only Linux has this limit
+        faulthandler.register(signal.SIGXCPU, all_threads=False, chain=True)
+        _, highest = resource.getrlimit(resource.RLIMIT_RTTIME)
+        resource.setrlimit(resource.RLIMIT_RTTIME, (_HUNG_US, highest))

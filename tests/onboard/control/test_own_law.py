@@ -35,13 +35,27 @@ def leaving(memory, inputs):
     raise SystemExit(3)
 
 
+class Unspeakable(Exception):
+    def __str__(self):
+        raise RuntimeError
+
+
+def raising(error):
+    def law(memory, inputs):
+        raise error
+
+    return law
+
+
 HOSTILE = {
+    "raised GeneratorExit": raising(GeneratorExit()),
+    "raised Unspeakable": raising(Unspeakable()),
     "raised KeyError: 'no such thing'": failing,
     "raised SystemExit: 3": leaving,
     "not finite": lambda memory, inputs: (None, (math.nan, 0.0, 9.81)),
     "tilted by 80 degrees, and max_tilt_deg is": tilted,
-    "vertical thrust of 0.0 m/s^2": lambda memory, inputs: (None, (0.0, 0.0, 0.0)),
-    "vertical thrust of 99.0 m/s^2": lambda memory, inputs: (None, (0.0, 0.0, 99.0)),
+    "vertical thrust of 0 m/s^2, and": lambda memory, inputs: (None, (0.0, 0.0, 0.0)),
+    "vertical thrust of 1e+300 m/s^2": lambda memory, inputs: (None, (0.0, 0.0, 1e300)),
     "returned nothing instead of the pair": lambda memory, inputs: None,
     "returned a Thrust instead of the pair": lambda memory, inputs: inputs.baseline,
     "returned a str instead of a thrust": lambda memory, inputs: (None, "up!"),

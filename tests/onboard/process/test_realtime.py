@@ -178,3 +178,20 @@ print(own == os.SCHED_FIFO, is_next, found == [os.SCHED_OTHER], said)
     assert others_do_not == "True"
     assert helpers_are_next == has_it
     assert said.startswith("The loop runs with real-time priority" if has_it == "True" else "The loop runs without")
+
+
+def test_a_loop_that_goes_first_and_never_pauses_is_ended_and_its_log_says_where() -> None:
+    program = """
+import time
+from onboard.process import realtime as process
+process.end_when_hung()
+if "without" not in process.take_precedence():
+    end_s = time.monotonic() + 10.0
+    while time.monotonic() < end_s: pass
+    print("still there")
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=30.0, check=False)
+    assert ended.stdout == ""
+    if ended.returncode != 0:  # otherwise precedence is not allowed here
+        assert ended.returncode == -signal.SIGXCPU
+        assert 'File "<string>", line 7 in <module>' in ended.stderr
