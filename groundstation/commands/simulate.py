@@ -33,15 +33,17 @@ Scenarios: {scenarios.KNOWN}
 Laws: {", ".join(BUILT_IN)}, or your own as module:function. Classes of errors: {", ".join(settings.ERRORS)}.
 Keys of --set: {", ".join(settings.keys(with_aliases=True))}."""
 
+_FLOWN = ("0:10", "mocap", 1.0)  # seeds, errors and scale where none are named
+
 
 def simulate(
     *scenario: Annotated[str, Parameter(name="SCENARIO")],
-    seeds: Annotated[str, Parameter(metavar="A:B")] = "0:10",
+    seeds: Annotated[str, Parameter(metavar="A:B")] = _FLOWN[0],
     law: Annotated[str | None, Parameter(metavar="NAME")] = None,
-    errors: Annotated[str, Parameter(metavar="CLASS")] = "mocap",
+    errors: Annotated[str, Parameter(metavar="CLASS")] = _FLOWN[1],
     type: Annotated[str | None, Parameter(metavar="NAME[,NAME]")] = None,
     fleet: File | None = None,
-    scale: float = 1.0,
+    scale: float = _FLOWN[2],
     set: Annotated[tuple[str, ...], Parameter(metavar="KEY=VALUE")] = (),
     jobs: Annotated[int, Parameter(metavar="N")] = 1,
     json: bool = False,
@@ -82,8 +84,11 @@ def simulate(
     if jobs < 1:
         raise ConfigError(f"--jobs is {jobs}; it must be 1 or more.")
     if map:
-        if scenario or set or law or type or fleet or trace or plot or json:
-            raise ConfigError("--map flies its own scenarios and values; of the other options it takes --jobs.")
+        if scenario or set or law or type or fleet or trace or plot or json or (seeds, errors, scale) != _FLOWN:
+            raise ConfigError(
+                "--map flies its own scenarios and values; of the other options it takes --jobs. Its cells are chosen "
+                "with --cells, for instance --cells errors=vision."
+            )
         is_whole = fly_map(
             map_file, selection=cells, least_flights=flights, jobs=jobs, scheduler=scheduler, is_anew=anew
         )

@@ -49,6 +49,8 @@ def fly_map(
 
 def _stages(least_flights: int, cell: Cell) -> int:
     """Return how many stages have so many flights together."""
+    if least_flights < 1:
+        raise ConfigError(f"--flights is {least_flights}; it must be 1 or more.")
     flown = 0
     for stage in range(len(STAGES)):
         flown += Unit(cell, stage).flights

@@ -12,6 +12,9 @@ from types import TracebackType
 from onboard.config.fleet import ConfigError
 from sitl.monte_carlo.law_map.flights import SCHEMA, Row
 
+_BEGIN = b'{"law_map": '
+_COUNTS = ("flights", "below", "collisions", "arrived", "worst_m", "speed_m_s")  # of a row, all numbers
+
 
 class ResultsFile:
     """Rows of a map, held for writing by one run at a time; a context manager."""
@@ -58,12 +61,14 @@ class ResultsFile:
         """Return the rows that are complete, and cut off what a killed run left unfinished."""
         data = self.path.read_bytes()
         complete = data[: data.rfind(b"\n") + 1]
+        if data and not data.startswith(_BEGIN[: len(data)]):  # somebody's other file: it stays as it is
+            raise ConfigError(f"{self.path}: this is no file of `covey simulate --map`. Name another one.")
+        head, rows = parsed(complete.decode("utf-8", "replace"), self.path) if complete else ({}, {})
         if len(complete) < len(data):
             os.ftruncate(self._descriptor, len(complete))
         if not complete:
             self._append({"law_map": SCHEMA, "version": self.version})
             return {}
-        head, rows = parsed(complete.decode("utf-8", "replace"), self.path)
         if head["version"] != self.version:
             raise ConfigError(
                 f"{self.path} was flown by another version of the law, its vehicles, or on another kind of processor "
@@ -80,28 +85,40 @@ class ResultsFile:
             self._append(row)
 
     def _append(self, row: Row) -> None:
-        os.write(self._descriptor, (json.dumps(row) + "\n").encode())
-        os.fsync(self._descriptor)
+        line = (json.dumps(row) + "\n").encode()
+        try:
+            is_whole = os.write(self._descriptor, line) == len(line)
+            os.fsync(self._descriptor)
+        except OSError:
+            is_whole = False
+        if not is_whole:
+            raise ConfigError(
+                f"{self.path}: a result could not be written; is the disk full? Make room; the same command goes on."
+            )
 
 
 def parsed(text: str, path: Path) -> tuple[Row, dict[tuple[str, int], Row]]:
     """Return the first line and the rows of a file of results.
 
     Raises:
-        ConfigError: it is none, or of a schema that is not known here.
+        ConfigError: it is none, damaged, or of a schema that is not known here.
     """
     try:
         head, *lines = (json.loads(line) for line in text.splitlines())
-        if head["law_map"] != SCHEMA:
-            raise ConfigError(
-                f"{path}: a map of schema {head['law_map']}; this version of Covey reads {SCHEMA}. Begin anew."
-            )
+        schema, version = head["law_map"], str(head["version"])
         rows: dict[tuple[str, int], Row] = {}
         for row in lines:
+            if not all(isinstance(row[name], int | float) for name in _COUNTS) or "ratio" not in row:
+                raise TypeError(f"numbers are missing in {row['cell']}")
             rows.setdefault((str(row["cell"]), int(row["stage"])), row)
     except (ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{path}: this is no file of `covey simulate --map` ({error}). Name another one.") from None
-    return {"version": str(head["version"])}, rows
+        raise ConfigError(
+            f"{path}: this is no file of `covey simulate --map`, or it is damaged ({error}). Name another, or begin "
+            "anew with --anew, which keeps it as .old."
+        ) from None
+    if schema != SCHEMA:
+        raise ConfigError(f"{path}: a map of schema {schema}; this version of Covey reads {SCHEMA}. Begin with --anew.")
+    return {"version": version}, rows
 
 
 def digest(rows: dict[tuple[str, int], Row]) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import multiprocessing
 import os
 import sys
@@ -27,6 +29,8 @@ from sitl.monte_carlo.law_map.results_file import ResultsFile
 
 Say = Callable[[str], None]
 _SAY_EVERY_S = 5.0
+_LOST = (BrokenExecutor, CancelledError, OSError)  # what flies is gone, not wrong
+_WORKERS_S, _ANSWER_S = 15.0, 180.0  # until a worker of a cluster is there, and until all have compiled the law
 
 
 def say(sentence: str) -> None:
@@ -68,12 +72,13 @@ def run(
             for row in _flown(executor, width, cells, stages, file):
                 file.add(row)
                 progress.tell()
-        except (BrokenExecutor, CancelledError, OSError) as error:
+        except BaseException as error:
+            _stop(executor)
+            is_lost = isinstance(error, _LOST) or (scheduler is not None and isinstance(error, Exception))
+            if not is_lost or isinstance(error, ConfigError):
+                raise
             tell(f"{_reason(error, scheduler)} what was in the air is flown again; nothing counts twice")
-            executor, width = next(executors)
-        except BaseException:
-            executor.shutdown(wait=False, cancel_futures=True)
-            raise
+            (executor, width), scheduler = next(executors), None
     executor.shutdown()
     progress.tell(is_last=True)
 
@@ -96,10 +101,20 @@ def _flown(executor: Executor, width: int, cells: list[Cell], stages: int, file:
             yield future.result()
 
 
+def _stop(executor: Executor) -> None:
+    """Fly nothing more; what a cluster that is gone says to that does not matter."""
+    if isinstance(executor, ProcessPoolExecutor):
+        executor.shutdown(wait=False, cancel_futures=True)
+    else:
+        with contextlib.suppress(Exception):
+            executor.shutdown(wait=False)
+
+
 def _reason(error: BaseException, scheduler: str | None) -> str:
     if scheduler is None:
         return "a process of the map has ended before its time (out of memory?);"
-    return f"the scheduler at {scheduler} is gone ({type(error).__name__}); the map goes on with processes here, and"
+    what = "is gone" if isinstance(error, _LOST) else "has lost its workers"
+    return f"the scheduler at {scheduler} {what} ({type(error).__name__}); the map goes on with processes here, and"
 
 
 def _executors(jobs: int, scheduler: str | None, tell: Say) -> Iterator[tuple[Executor, int]]:
@@ -149,6 +164,7 @@ def _cluster(address: str) -> tuple[Executor, int]:
             f"--scheduler {address}: this needs the package 'distributed', which is not installed. Install it here and "
             "on the workers: pip install distributed"
         ) from None
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # its tracebacks; what they mean is said in words here
     try:
         client: Any = distributed.Client(address, timeout=10)
     except (OSError, ValueError) as error:
@@ -156,6 +172,22 @@ def _cluster(address: str) -> tuple[Executor, int]:
             f"--scheduler {address}: no Dask scheduler answers there ({error}). Start one with 'dask scheduler', "
             "or leave the option out to fly on this machine."
         ) from None
+    try:
+        client.wait_for_workers(1, timeout=_WORKERS_S)
+        tasks = [client.submit(flights.version, workers=[one], pure=False) for one in client.ncores()]
+        distributed.wait(tasks, timeout=_ANSWER_S)
+        others = {*client.gather(tasks)} - {flights.version()}
+    except Exception as error:  # noqa: BLE001 whatever a worker has raised
+        said = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise ConfigError(
+            f"--scheduler {address}: its workers cannot fly ({said}). Start them with 'dask worker {address}', "
+            "with Covey of this version installed where they run."
+        ) from None
+    if others:
+        raise ConfigError(
+            f"--scheduler {address}: a worker flies version {', '.join(sorted(others))} of law, vehicles or "
+            f"processor, and here it is {flights.version()}: such flights are not added up. Install the same there."
+        )
     executor: Executor = client.get_executor(pure=False)
     return executor, 2 * max(1, sum(client.ncores().values()))
 

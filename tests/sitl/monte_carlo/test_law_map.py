@@ -94,14 +94,17 @@ def test_half_a_line_of_a_killed_run_is_cut_off_and_flown_again(tmp_path, monkey
 class Dying(Executor):
     """A cluster whose scheduler dies after some units."""
 
-    def __init__(self, left):
-        self.left = left
+    def __init__(self, left, error=None):
+        self.left, self.error = left, error or BrokenExecutor("gone")
+
+    def shutdown(self, wait=True):  # as Dask's: of no other word
+        pass
 
     def submit(self, fn, /, *args, **kwargs):
         future = Future()
         self.left -= 1
         if self.left < 0:
-            future.set_exception(BrokenExecutor("gone"))
+            future.set_exception(self.error)
         else:
             future.set_result(fn(*args, **kwargs))
         return future
@@ -116,6 +119,20 @@ def test_a_scheduler_that_dies_is_said_in_words_and_its_flights_are_flown_again_
         run.run(cells.cells(SMALL), file, stages=4, scheduler="tcp://there:8786", tell=sentences.append)
         assert digest(file.rows) == digest(whole)
     assert any("scheduler at tcp://there:8786 is gone" in sentence for sentence in sentences)
+
+
+def test_a_cluster_whose_workers_die_is_said_in_words_and_one_can_be_interrupted(tmp_path, monkeypatch):
+    monkeypatch.setattr(flights, "fly", flown)
+    for error, goes_on in ((RuntimeError("KilledWorker"), True), (KeyboardInterrupt(), False)):
+        monkeypatch.setattr(run, "_cluster", lambda _, error=error: (Dying(5, error), 4))
+        sentences = []
+        with ResultsFile(tmp_path / f"{goes_on}.jsonl", "a") as file:
+            try:
+                run.run(cells.cells(SMALL), file, stages=1, scheduler="tcp://there:8786", tell=sentences.append)
+            except KeyboardInterrupt:
+                assert not goes_on
+            assert (len(file.rows) == 9) is goes_on
+        assert any("has lost its workers (RuntimeError)" in sentence for sentence in sentences) is goes_on
 
 
 def test_a_file_of_another_version_another_kind_or_in_use_is_refused_in_words(tmp_path):
@@ -135,6 +152,18 @@ def test_a_file_of_another_version_another_kind_or_in_use_is_refused_in_words(tm
         ResultsFile(tmp_path / "map.jsonl" / "below", "b")
 
 
+@pytest.mark.parametrize("left", [{}, {"below": None}, {"below": "none", "flights": 21}])
+def test_a_damaged_map_is_refused_in_words_and_what_is_no_map_is_left_as_it_is(tmp_path, left):
+    row = {"cell": BAD, "stage": 0, "worst_m": 0.9, "speed_m_s": 1.0, "ratio": None, "collisions": 0, "arrived": 1}
+    damaged = "".join(json.dumps(line) + "\n" for line in ({"law_map": 1, "version": "a"}, row | left))
+    path = tmp_path / "map.jsonl"
+    for text in (damaged, "precious notes", "precious\nnotes"):
+        path.write_text(text)
+        with pytest.raises(ConfigError, match="no file of"):
+            ResultsFile(path, "a")
+        assert path.read_text() == text
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
@@ -142,7 +171,10 @@ def test_a_file_of_another_version_another_kind_or_in_use_is_refused_in_words(tm
         (["--cells", "vehicles=4"], "'4' is not on the map; there are 3, 8, 16"),
         (["--cells", "errors=vision", "--cells", "vehicles=3"], "no such cell"),
         (["--flights", "600"], "up to 504 are flown"),
+        (["--flights", "0"], "--flights is 0"),
         (["swap8"], "--map flies its own scenarios"),
+        (["--errors", "vision"], "--cells errors=vision"),
+        (["--seeds", "0:3"], "--map flies its own scenarios"),
         (["--jobs", "0"], "--jobs is 0"),
     ],
 )
