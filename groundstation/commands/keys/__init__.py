@@ -26,8 +26,8 @@ from groundstation.keys.authority import folder_of, load_authority, make_authori
 from groundstation.keys.mavlink_keys import sign_mavlink
 from groundstation.keys.running import keep_former, running_authorities
 from groundstation.keys.secured_fleet import issue_all, refuse_example, secure_fleet
-from onboard.bus.certificates import check, check_hosts, read_certificate
-from onboard.bus.credentials import files_of, hosts_of
+from onboard.bus.certificates import read_certificate
+from onboard.bus.credentials import credentials_of, files_of, hosts_of
 from onboard.bus.roles import ROUTER, Role
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.config.mavlink_key import key_file
@@ -135,15 +135,16 @@ def list_(fleet: Fleet, /, *, running: bool = False) -> int:
         raise ConfigError(f"{config.path}: the bus of this fleet has no keys. Lock it: covey secure {config.path}")
     folder, is_wrong = folder_of(config), False
     for node in nodes_of(config):
-        authority, certificate, key = (folder / name for name in files_of(node))
+        _, certificate, key = (folder / name for name in files_of(node))
         if not certificate.exists():
             print(f"{node:12s} not on this computer")
             continue
         try:
             if key.exists():
-                check(str(authority), str(certificate), str(key), node, _now())
-                check_hosts(str(certificate), node, hosts_of(config, node))
-            print(f"{node:12s} valid until {read_certificate(str(certificate)).not_valid_after_utc:%Y-%m-%d}")
+                credentials_of(config, node, _now())
+            elsewhere = "" if key.exists() else "; its key is not on this computer"
+            until = read_certificate(str(certificate)).not_valid_after_utc
+            print(f"{node:12s} valid until {until:%Y-%m-%d}{elsewhere}")
         except ConfigError as error:
             is_wrong = True
             print(f"{node:12s} {error}")

@@ -24,8 +24,8 @@ from groundstation.commands.network.machine import interfaces, machine
 from groundstation.commands.parameters import Seconds
 from groundstation.keys.authority import folder_of, nodes_of
 from groundstation.keys.running import running_authorities
-from onboard.bus.certificates import check, read_certificate
-from onboard.bus.credentials import files_of
+from onboard.bus.certificates import read_certificate
+from onboard.bus.credentials import credentials_of, files_of
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
 
@@ -86,10 +86,10 @@ def _keys(fleet: FleetConfig) -> Iterator[Diagnosis]:
     now = datetime.datetime.now(datetime.UTC)
     folder, ends = folder_of(fleet), {}
     for node in nodes_of(fleet):
-        authority, certificate, key = (folder / name for name in files_of(node))
+        _, certificate, key = (folder / name for name in files_of(node))
         if key.exists():
             try:
-                check(str(authority), str(certificate), str(key), node, now)
+                credentials_of(fleet, node, now)
                 ends[node] = read_certificate(str(certificate)).not_valid_after_utc
             except ConfigError as error:
                 yield Diagnosis(f"keys of {node}", Grade.FAIL, str(error))

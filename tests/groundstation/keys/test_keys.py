@@ -109,12 +109,21 @@ def _issued(days: int) -> Callable[[Path], None]:
     ],
 )
 def test_what_does_not_fit_is_refused_at_the_start_with_the_remedy(
-    folder: Path, spoil: Callable[[Path], object], words: str
+    folder: Path, spoil: Callable[[Path], object], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copytree(folder / "keys", folder / "old")
     spoil(folder)
     with pytest.raises(ConfigError, match=words):
         credentials_of(load_fleet(folder / "fleet.toml"), "mav1")
+    if (folder / "keys" / "mav1.pem").exists():  # else it may well be of another computer
+        assert main(["keys", "list", str(folder / "fleet.toml")]) == 1
+        assert words in capsys.readouterr().out
+
+
+def test_a_certificate_whose_key_is_elsewhere_is_listed_so(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "keys" / "mav1.key").unlink()
+    assert main(["keys", "list", str(folder / "fleet.toml")]) == 0
+    assert capsys.readouterr().out.count("its key is not on this computer") == 1
 
 
 def test_a_new_authority_locks_out_every_older_key(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
