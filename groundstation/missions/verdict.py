@@ -21,6 +21,8 @@ from onboard.exit_status import (
     EXIT_WRONG_INPUT,
 )
 
+_LAW_REFUSED = "own-law-refused"  # code of the agents' event
+
 
 class ExpectationResult(msgspec.Struct, frozen=True):
     """One expectation and whether it came true."""
@@ -265,7 +267,9 @@ def judge(
     )
     exit_status = next((status for is_so, status in statuses if is_so), EXIT_OK)
     law = flown_law(state, fleet)
-    summary = _summary(flown, law, checks, broken, exit_status)
+    refused = {one.event.vehicle for one in state.events if one.event.code == _LAW_REFUSED}
+    taken_over = f" (Covey's in its place on {', '.join(sorted(refused))})" if refused else ""
+    summary = _summary(flown, f"'{law}'{taken_over}", checks, broken, exit_status)
     return Verdict(
         passed=exit_status == EXIT_OK,
         exit_status=exit_status,
@@ -325,11 +329,11 @@ def _summary(
     flown: FlightObservations, law: str, checks: Sequence[ExpectationResult], failure: str, exit_status: int
 ) -> str:
     if exit_status == EXIT_OK:
-        return f"PASSED: mission '{flown.mission}' with law '{law}': everything it declares came true."
+        return f"PASSED: mission '{flown.mission}' with law {law}: everything it declares came true."
     if exit_status == EXIT_INTERRUPTED:
         return f"INTERRUPTED: mission '{flown.mission}' was ended by the operator."
     broken = [one.sentence for one in checks if not one.has_come_true]
-    return f"FAILED: mission '{flown.mission}' with law '{law}'. {' '.join([*broken, failure])}".strip()
+    return f"FAILED: mission '{flown.mission}' with law {law}. {' '.join([*broken, failure])}".strip()
 
 
 def _loops(state: FleetState, report: FlightReport | None) -> dict[str, LoopTiming]:

@@ -44,6 +44,7 @@ def test_a_law_that_fails_in_flight_is_named_and_coveys_flies_on(folder, lockste
     flight = lockstep(load_fleet(str(folder / "fleet.toml")).with_law("my_law:failing"), folder=folder)
     verdict = flight.fly(load_mission(str(folder / "mission.toml")))
     assert verdict.closest.distance_m > 0.8
+    assert f"my_law:failing' (Covey's in its place on {', '.join(sorted(flight.agents))})" in verdict.summary
     told = [event for event in flight.events if "own law" in event.sentence.lower()]
     assert {event.vehicle for event in told} == set(flight.agents)
     assert all("my_law:failing raised ValueError: no more" in event.sentence for event in told)
