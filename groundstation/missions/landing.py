@@ -8,9 +8,11 @@ from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
 from groundstation.missions.verdict import is_landed
 from groundstation.orders.grammar import Intent
+from groundstation.orders.result import OrderResult
 
 LAND_AGAIN_S = 6.0
 TELEMETRY_WITHIN_S = 0.3
+SILENT_S = 2.0  # in the air: the agent hangs, or is cut off
 
 
 async def land_all(
@@ -48,18 +50,43 @@ async def land_all(
             continue
         say_once(f"Landing {', '.join(ordered)}.")
         order = await client.submit(Intent("land", ordered))
-        await order.wait((end_ns - client.now_ns()) * 1e-9)
+        await client.wait_for(_has_ended(client, order), (end_ns - client.now_ns()) * 1e-9)
         # An order can end before the vehicle is down: when a failsafe has taken over, PX4 lands by itself.
         # A vehicle that PX4 itself reports as disarmed, on the direct path, has no agent left to send telemetry.
         down = {name for name, result in order.results.items() if result.is_done}
         left = tuple(name for name in left if name not in down)
         if await client.wait_for(_all_down(client, up), LAND_AGAIN_S if left else 1.0):
             return True
+        silent = silent_in_flight(client)
         for name, result in order.results.items():
-            if not result.is_done:
+            if result.phase == "accepted" and name in silent:
+                say_once(f"  {name} accepted it, and fell silent. Landing it again, straight by PX4 if need be.")
+            elif result.sentence and not result.is_done:
                 say_once(f"  {name} {result.phase}: {result.sentence}")
         left = tuple(name for name in left if not _is_down(client, name))
     return not left
+
+
+def silent_in_flight(client: FleetClient) -> list[str]:
+    """Return the vehicles whose last telemetry was armed and is older than SILENT_S, unless this ground has stalled."""
+    now_ns = client.now_ns()
+    if client.state.is_after_stall(now_ns):
+        return []
+    return [
+        name
+        for name, view in client.state.vehicles.items()
+        if view.telemetry is not None and view.telemetry.is_armed and view.age_s(now_ns) > SILENT_S
+    ]
+
+
+def _has_ended(client: FleetClient, order: OrderResult) -> Callable[[FleetState], bool]:
+    """Whether an order has ended, or an agent has accepted it and fallen silent."""
+
+    def has_ended(_: FleetState) -> bool:
+        accepted = {name for name, result in order.results.items() if result.phase == "accepted"}
+        return order.is_final or not accepted.isdisjoint(silent_in_flight(client))
+
+    return has_ended
 
 
 def _all_down(client: FleetClient, names: Sequence[str]) -> Callable[[FleetState], bool]:

@@ -15,6 +15,7 @@ from groundstation.client.preflight_page import advice_of
 from groundstation.fleet.state import FleetState
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
 from groundstation.missions.files import Mission, with_shapes
+from groundstation.missions.landing import SILENT_S, silent_in_flight
 from groundstation.missions.python_file import arguments_of
 from groundstation.missions.step_runner import MissionFailed, StepRunner
 from groundstation.missions.verdict import FlightObservations, Verdict, is_landed, judge
@@ -25,7 +26,6 @@ LAND_TIMEOUT_S = 40.0
 HOME_TIMEOUT_S = 90.0
 READY_TIMEOUT_SIM_S = 60.0  # for the first step, when emulator and agents start with the mission
 LAST_TELEMETRY_S = 0.5
-SILENT_S = 2.0  # without telemetry in flight, after which the mission ends
 
 
 class MissionRun:
@@ -132,14 +132,7 @@ class MissionRun:
             Whether one has.
         """
         self.client.notice_own_stall()
-        now_ns = self.client.now_ns()
-        if self.client.state.is_after_stall(now_ns):
-            return False
-        silent = [
-            name
-            for name, view in self.client.state.vehicles.items()
-            if view.telemetry is not None and view.telemetry.is_armed and view.age_s(now_ns) > SILENT_S
-        ]
+        silent = silent_in_flight(self.client)
         if silent:
             names = ", ".join(silent)
             reason = f"Nothing heard from {names} for {SILENT_S:g} s in flight: the agent hangs or is cut off."

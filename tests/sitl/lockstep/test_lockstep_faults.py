@@ -5,6 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 
+from groundstation.fleet.state import GROUND_STALLED
 from onboard.bus.protocol import LEASE_MS
 from onboard.flight.types import Step
 from sitl.faults.catalogue import Fault
@@ -48,6 +49,17 @@ def test_a_mission_whose_agent_dies_fails_lands_everybody_and_says_who(lockstep,
     assert "mav1" in verdict.summary
     assert all(_down(flight, name) for name in ("mav0", "mav1", "mav2"))
     assert "direct_command" in _codes(flight, "mav1")
+
+
+def test_an_agent_that_accepts_the_last_landing_and_dies_is_landed_straight_by_px4(lockstep, hop):
+    flight = lockstep(hop.fleet, seed=1)
+    flight.at(7.0, flight.agents["mav1"].kill)  # all others are ordered to land two seconds later
+    flight.at(9.6, flight.agents["mav0"].kill)
+    verdict = flight.fly(hop)
+    assert all(verdict.landed.values())
+    assert "direct_disarmed" in _codes(flight, "mav0")
+    assert GROUND_STALLED not in _codes(flight, "ground")
+    assert flight.time_s < 25.0
 
 
 def test_an_agent_that_hangs_for_a_moment_holds_and_one_that_hangs_for_long_leaves_the_landing_to_px4(lockstep, paper):
