@@ -87,6 +87,8 @@ class Lockstep:
         self.fleet = Fleet(self.client, say=self._tell)
         self._runner = asyncio.Runner(loop_factory=lambda: VirtualLoop(self.simulation.clock_ns, self.simulation.step))
         self.wait_for(self.client.start())
+        if self.record is not None:
+            self.client.announce_recording(True)
 
     # -- scripts -----------------------------------------------------------------------------------------------------
 
