@@ -107,7 +107,8 @@ KINDS = (
         "battery_ns",
         2,
         300_000_000,
-        lambda believed, new, _: not _battery_agrees(believed, new),
+        # on the ground it may be exchanged, and a simulated one fills up again
+        lambda believed, new, _: new.landed is not Landed.ON_GROUND and not _battery_agrees(believed, new),
         _battery_agrees,
     ),
 )

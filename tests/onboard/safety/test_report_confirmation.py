@@ -123,3 +123,15 @@ def test_nobody_moves_the_origin_in_flight() -> None:
     for _ in range(5):
         assert reports.believe(moved, FLYING).global_origin == TRUE.global_origin
     assert reports.believe(moved, Expected()).global_origin == moved.global_origin
+
+
+def test_on_the_ground_a_battery_may_be_exchanged_or_fill_up() -> None:
+    reports = ReportConfirmation()
+    landed = replace(TRUE, landed=Landed.ON_GROUND)
+    reports.believe(landed, FLYING)
+    for number, charge in ((1, 0.9), (2, 1.0)):
+        later = replace(
+            landed, battery_ns=S + number * S // 2, battery_frac=charge, battery_voltage_v=14.0 + 2 * charge
+        )
+        assert reports.believe(later, FLYING) == later
+    assert not reports.contradicted
