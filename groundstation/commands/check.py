@@ -34,6 +34,9 @@ from onboard.feasibility.bounds import ACCURACIES
 from onboard.feasibility.finding import Finding, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spacing_finding
 from onboard.neighbours.subscription import most_near
+from onboard.safety.limits import POSITION_LOST_S
+
+_ROUTER_GAP_S = 1.0  # measured with QUIC, docs/network.md
 
 
 def check(
@@ -107,13 +110,16 @@ def examine(
 
 
 def _bus_findings(fleet: FleetConfig) -> list[Finding]:
-    """Return what the radio has to carry, and a warning for a bus without keys that other computers reach."""
+    """Return what the radio has to carry, and warnings: poses over routers, no keys where other computers reach it."""
     reached = [name for name in fleet.enabled_names if not is_loopback(fleet.vehicles[name].host)]
     findings = []
     if len(fleet.enabled_names) > 1 and (fleet.radio is not None or reached):
         starts = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
         near = max(most_near(fleet, spots) for spots in (starts, *fleet.formations.values()) if len(spots) > 1)
         findings.append(airtime_finding(fleet, fleet.radio or RadioConfig(), near))
+    blind = [name for name in fleet.enabled_names if fleet.vehicles[name].mocap_required and not fleet.mocap.direct]
+    if fleet.fleet.routers and blind:
+        findings.append(_router_finding(len(blind)))
     if fleet.has_keys or not reached:
         return findings
     remedy = f"Lock the bus: covey secure {fleet.path} (docs/keys.md)."
@@ -125,6 +131,15 @@ def _bus_findings(fleet: FleetConfig) -> list[Finding]:
         *findings,
         Finding("keys of the bus", "warning", len(reached), 0.0, "vehicles", "at most", sentence, remedy),
     ]
+
+
+def _router_finding(count: int) -> Finding:
+    remedy = "Let each vehicle read the motion capture itself ([mocap] direct = true), or fly without routers."
+    sentence = (
+        f"The poses of {_number(count, 'vehicle')} come over routers. When one dies, nothing comes for up to "
+        f"{_ROUTER_GAP_S:g} s, and who has no poses for {POSITION_LOST_S:g} s lands. {remedy}"
+    )
+    return Finding("poses over routers", "warning", _ROUTER_GAP_S, POSITION_LOST_S, "s", "at most", sentence, remedy)
 
 
 def _page(headline: str, fleet: FleetConfig, findings: Sequence[Finding], errors: ErrorClass | None) -> str:

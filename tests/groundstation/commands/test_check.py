@@ -168,6 +168,20 @@ def test_a_narrow_terminal_breaks_lines_and_loses_no_words(
     assert max(map(len, lines[1:])) <= 80
 
 
+def test_poses_over_routers_are_warned_about_unless_vehicles_read_the_motion_capture(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = PAPER.read_text(encoding="utf-8")
+    text = text.replace("[fleet]", '[fleet]\nrouters = ["tcp/127.0.0.1:7500"]')
+    for more, is_warned in (
+        ("", True),
+        ('\n[mocap]\nsource = "motioncapture"\ntype = "vrpn"\nhostname = "127.0.0.1"\ndirect = true\n', False),
+    ):
+        (tmp_path / "fleet.toml").write_text(text + more, encoding="utf-8")
+        assert cli.main(["check", str(tmp_path / "fleet.toml")]) == 0
+        assert ("poses over routers" in capsys.readouterr().out) is is_warned
+
+
 def test_an_unknown_accuracy_is_status_two(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["check", str(SIH), "--errors", "radar"]) == 2
     assert "radar" in capsys.readouterr().err
