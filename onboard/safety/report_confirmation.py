@@ -71,6 +71,12 @@ def _attitude_agrees(known: Snapshot, new: Snapshot) -> bool:
     return is_near or new.attitude_ns - known.attitude_ns > _TURN_WITHIN_NS
 
 
+def _battery_surprises(believed: Snapshot, new: Snapshot, expected: Expected) -> bool:
+    """Whether it has changed at once. On the ground after a flight it may be exchanged; a simulated one fills up."""
+    may_change = not expected.is_armed and new.landed is Landed.ON_GROUND
+    return not may_change and not _battery_agrees(believed, new)
+
+
 def _battery_agrees(known: Snapshot, new: Snapshot) -> bool:
     voltage_v = max(abs(known.battery_voltage_v), abs(new.battery_voltage_v))
     return _is_near(known.battery_frac, new.battery_frac, _BATTERY_FRAC) and _is_near(
@@ -107,8 +113,7 @@ KINDS = (
         "battery_ns",
         2,
         300_000_000,
-        # on the ground it may be exchanged, and a simulated one fills up again
-        lambda believed, new, _: new.landed is not Landed.ON_GROUND and not _battery_agrees(believed, new),
+        _battery_surprises,
         _battery_agrees,
     ),
 )
