@@ -1,4 +1,4 @@
-"""A fleet on ports of its own: for a demo that must not meet anything else on the machine."""
+"""Copies of a fleet file, in another folder or on ports of their own that meet nothing else on the machine."""
 
 from __future__ import annotations
 

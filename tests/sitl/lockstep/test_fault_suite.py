@@ -1,7 +1,7 @@
 """Whatever breaks at whichever moment: nobody collides, everybody comes down, and the record says why.
 
-`make test` flies a cross-section, each thing that breaks at a moment of its own; `make test-long` flies all of
-them at every half second, with three and with six vehicles.
+`make test` flies a cross-section, some of what can break, each at a moment of its own; `make test-long` flies all of it
+at every half second, with three and with six vehicles.
 """
 
 from __future__ import annotations

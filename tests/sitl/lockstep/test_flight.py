@@ -84,7 +84,7 @@ def test_computing_each_agent_alone_changes_nothing(lockstep, hop, flown, tmp_pa
     lockstep(hop.fleet, seed=3, folder=tmp_path, is_batched=False).fly(hop)
     for one, other in zip(_agents(flown), _agents(tmp_path), strict=True):
         assert one[:2] == other[:2]
-        np.testing.assert_allclose(_flat(one[2]), _flat(other[2]), rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(_flat(one[2]), _flat(other[2]), rtol=5e-10, atol=5e-10)  # which add up
 
 
 def test_what_many_vehicles_say_may_be_heard_all_at_once(lockstep, tmp_path, monkeypatch):
