@@ -10,7 +10,7 @@ from onboard.flight.types import Step
 from onboard.safety.failsafe_table import Condition, Situation
 from sitl.lockstep.flight import Lockstep
 from sitl.px4.modes import Mode
-from tests.sitl.lockstep.injections import WRONG_REPORTS, wrong_report
+from tests.sitl.lockstep.breaking import WRONG_REPORTS, wrong_report
 
 
 def _hover(lockstep: Any, fleet: FleetConfig, seed: int) -> Lockstep:
