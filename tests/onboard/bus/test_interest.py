@@ -177,15 +177,18 @@ from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 session = BusSession(namespace="covey/i", node="hanging", connect=[sys.argv[1]])
 session.start()
-session.subscribe(Topic.TICK, "*", lambda *sample: print("heard", flush=True))
 session.subscribe(Topic.EVENT, "*", lambda *sample: None)
+session.subscribe(Topic.TICK, "*", lambda *sample: print("heard", flush=True))
 time.sleep(120)
 """
 
 
 @pytest.fixture
 def hanging(talker: tuple[BusSession, int]) -> Iterator[subprocess.Popen[str]]:
-    """A node in a process of its own that has heard the talker and then was stopped."""
+    """A node in a process of its own that has heard the talker and then was stopped.
+
+    It asks for events first: whoever hears its ticks has heard of both subscriptions.
+    """
     session, port = talker
     command = [sys.executable, "-c", _HANGING, f"tcp/127.0.0.1:{port}"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
