@@ -80,6 +80,7 @@ class Snapshot(Struct, frozen=True):
     position_accuracy_ns: int = 0
     global_origin: Vec3 | None = None  # of PX4's local frame: latitude [deg], longitude [deg], altitude [m]
     px4_version: Version | None = None
+    is_simulated: bool = False  # by PX4's own identity
     px4_boot_ms: int = 0  # PX4's clock, which shows whether it stands still
     heartbeat_ns: int = 0
     is_armed: bool = False

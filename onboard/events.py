@@ -66,6 +66,7 @@ class ParamsRead(Struct, frozen=True):
     """Sentences about PX4's wrong parameters; empty when all are right."""
 
     problems: tuple[str, ...]
+    battery_floor_frac: float = 0.0  # charge at which PX4's simulated battery stops emptying; 0 for a real one
 
 
 class ClocksCompared(Struct, frozen=True):

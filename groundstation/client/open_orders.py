@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Mapping
 
 from groundstation.client.bus_feed import BusFeed
 from groundstation.client.direct_mavlink import DirectKind, DirectResult
+from groundstation.fleet.descent import descent_s
 from groundstation.fleet.own_stall import OwnStall
 from groundstation.fleet.state import DIRECT_DISARMED, VehicleView
 from groundstation.orders.plan import PlannedOrder
@@ -249,7 +250,7 @@ class OpenOrders:
         sentence = f"{problem}; {kind} goes straight to PX4 at {vehicle.direct}."
         result.update(name, "direct", sentence)
         self._publish_event("warning", "direct_command", sentence, name)
-        watch_s = _WATCH_KILL_S if kind == "kill" else _WATCH_LAND_S
+        watch_s = _WATCH_KILL_S if kind == "kill" else _WATCH_LAND_S + descent_s(vehicle, self._views()[name])
         key = {"key": self._mavlink_keys[name]} if name in self._mavlink_keys else {}
         answer = await asyncio.to_thread(
             self._send_direct, vehicle.direct, vehicle.system_id, kind, **key, timeout_s=3.0, watch_s=watch_s

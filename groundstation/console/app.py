@@ -116,7 +116,7 @@ class ConsoleApp(App[int]):
         self.orders = OrderEntry(self, fleet, client, self.panels, forecaster=forecaster, refresh=self.refresh_fleet)
         self.mission = MissionRun(self, self.panels, mission=mission, connect=connect, progress=progress)
         self.orders.missions = MissionOrders(client, self.mission.begin)
-        self.shutdown = Shutdown(self, client, self.orders, self.mission, self.terminal, self._warn)
+        self.shutdown = Shutdown(self, fleet, client, self.orders, self.mission, self.terminal, self._warn)
         self._newest_event: LoggedEvent | None = None  # of those that stand in the log
 
     def compose(self) -> ComposeResult:

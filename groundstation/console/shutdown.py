@@ -15,6 +15,8 @@ from groundstation.console.mission_run import MissionRun
 from groundstation.console.order_entry import OrderEntry
 from groundstation.console.priority_keys import TerminalHooks
 from groundstation.console.screens.dialogs import QuitScreen
+from groundstation.fleet.descent import longest_descent_s
+from onboard.config.fleet import FleetConfig
 
 INTERRUPTED = 130
 LAND_WAIT_S = 90.0
@@ -32,13 +34,14 @@ class Shutdown:
     def __init__(
         self,
         app: App[int],
+        fleet: FleetConfig,
         client: ConsoleClient,
         orders: OrderEntry,
         mission: MissionRun,
         terminal: TerminalHooks,
         warn: Callable[[str], None],
     ) -> None:
-        self._app, self._client, self._orders, self._mission = app, client, orders, mission
+        self._app, self._fleet, self._client, self._orders, self._mission = app, fleet, client, orders, mission
         self._terminal, self._warn = terminal, warn
         self._status: int | None = None  # to leave with when all are down
         self._deadline_ns = 0  # by which they are down, or are left
@@ -96,7 +99,8 @@ class Shutdown:
 
     async def _land_and_leave(self, status: int) -> None:
         self._mission.cancel()
-        self._status, self._deadline_ns = status, self._client.now_ns() + int(LAND_WAIT_S * 1e9)
+        wait_s = LAND_WAIT_S + longest_descent_s(self._fleet, self._client.state)
+        self._status, self._deadline_ns = status, self._client.now_ns() + int(wait_s * 1e9)
         await self._orders.order_all("land")
 
     # -- signals -----------------------------------------------------------------------------------------------------

@@ -201,7 +201,7 @@ class Fleet(Group):
         """Land all vehicles that are not down yet. A landing under way goes on: no new order replaces an operator's.
 
         Args:
-            timeout_s: longest wait [s].
+            timeout_s: longest wait beyond twice the time that the descent from their heights takes [s].
 
         Returns:
             Whether all are landed and disarmed.

@@ -36,8 +36,9 @@ from groundstation.orders.plan import HeldFormation, PlannedOrder, held_slots, p
 from onboard.config.fleet import ConfigError, FleetConfig, Vec3
 from onboard.control.path import Path, point_at
 from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
+from onboard.control.vertical import vertical_s
 
-_CLIMB_M_S, _START_S, _SETTLE_S = 0.4, 3.0, 1.0
+_START_S, _SETTLE_S = 3.0, 1.0
 _PEAK = 1.875  # of a move's speed, times its mean
 _GROUND = TakeoffStep | LandStep | HomeStep
 
@@ -236,7 +237,7 @@ def _stage(fleet: FleetConfig, step: Step, key: str, now: _Fleet, paths_of: Path
         above_m = max(before[2], goal[2], 1.0) if isinstance(step, _GROUND) else 0.0
         across = (before[0], before[1], goal[2]) if above_m else before
         alone_s[name] = _move_s(fleet, name, across, goal, intent.duration_s) if across != goal else 0.0
-        alone_s[name] += _START_S + above_m / _CLIMB_M_S if above_m else 0.0
+        alone_s[name] += _START_S + vertical_s(above_m, fleet.vehicles[name].max_speed_m_s) if above_m else 0.0
     return replace(
         stage, planned=planned, goals=goals, alone_s=alone_s, expected_s=max(alone_s.values(), default=0.0) + _SETTLE_S
     )

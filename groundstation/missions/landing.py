@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from groundstation.client.client import FleetClient
+from groundstation.fleet.descent import longest_descent_s
 from groundstation.fleet.state import FleetState
 from groundstation.missions.verdict import is_landed
 from groundstation.orders.grammar import Intent
 from groundstation.orders.result import OrderResult
 
 LAND_AGAIN_S = 6.0
+_PATIENCE = 2.0  # times the descent: who lands waits for others below, and goes aside for others
 TELEMETRY_WITHIN_S = 0.3
 SILENT_S = 2.0  # in the air: the agent hangs, or is cut off
 
@@ -23,14 +25,15 @@ async def land_all(
     Args:
         client: started.
         superseded: vehicles whose last order another ground has replaced; that may have been by a landing.
-        timeout_s: longest wait [s].
+        timeout_s: longest wait beyond twice the time that the descent from their heights takes [s].
         say: progress in words.
 
     Returns:
         Whether all are landed and disarmed.
     """
     up = tuple(name for name in client.fleet.enabled_names if _may_fly(client, name))
-    end_ns = client.now_ns() + int(timeout_s * 1e9)
+    descent_s = longest_descent_s(client.fleet, client.state)
+    end_ns = client.now_ns() + int((timeout_s + _PATIENCE * descent_s) * 1e9)
     if superseded:  # the next telemetry shows whether the new order is to land
         await client.wait_for(lambda _: all(_is_landing(client, name) for name in superseded), TELEMETRY_WITHIN_S)
     left = up

@@ -209,6 +209,10 @@ class AgentCore:
         self.preflight.hear(event)
         return []
 
+    def _params_read(self, event: ParamsRead, now_ns: int) -> list[Command]:
+        self._context.battery_floor_frac = event.battery_floor_frac
+        return self._preflight_input(event, now_ns)
+
     def _disk_checked(self, event: DiskChecked, now_ns: int) -> list[Command]:
         self._context.is_disk_full = event.is_full
         return []
@@ -358,7 +362,7 @@ _RECEIVERS: dict[type, Callable[[AgentCore, Any, int], list[Command]]] = {
     OrderReceived: AgentCore._order_received,
     NodeChanged: AgentCore._node_changed,
     LoopTimed: AgentCore._loop_timed,
-    ParamsRead: AgentCore._preflight_input,
+    ParamsRead: AgentCore._params_read,
     ClocksCompared: AgentCore._preflight_input,
     DiskChecked: AgentCore._disk_checked,
     MessagesCounted: AgentCore._messages_counted,

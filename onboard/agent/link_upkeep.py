@@ -15,7 +15,7 @@ from onboard.config.fleet import Vehicle
 from onboard.flight.context import FlightContext
 from onboard.process import realtime
 from onboard.px4.mavsdk_link import Px4Link
-from onboard.px4.required_params import differences, required_params
+from onboard.px4.required_params import BATTERY_FLOOR, differences, required_params
 from onboard.safety.failsafe_table import Situation
 
 _REPEAT_S, _LOOK_S = 5.0, 1.0
@@ -122,10 +122,12 @@ class LinkUpkeep:
                 return
 
     async def _read_params(self, has_origin: bool) -> tuple[str, ...]:
-        self._required = required_params(self._vehicle, self._link.snapshot().px4_version)
-        actual = await self._in_thread(self._link.read_params, self._required)
+        px4 = self._link.snapshot()
+        self._required = required_params(self._vehicle, px4.px4_version)
+        floor = {BATTERY_FLOOR: 0.0} if px4.is_simulated else {}
+        actual = await self._in_thread(self._link.read_params, self._required | floor)
         problems = differences(self._required, actual) + (() if has_origin else (_NO_ORIGIN,))
-        self._notify(ev.ParamsRead(problems))
+        self._notify(ev.ParamsRead(problems, 0.01 * float(actual.get(BATTERY_FLOOR) or 0.0)))
         for sentence in problems:
             log.warning("%s", sentence)
         return problems

@@ -6,6 +6,7 @@ import math
 
 from onboard.autopilot import Vec3
 from onboard.bus.schema import Order
+from onboard.control.vertical import vertical_s
 from onboard.flight.arrival import stop_point
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
@@ -13,8 +14,7 @@ from onboard.types import Goal
 from onboard.vectors import Vec3 as Point
 
 DEFAULT_HEIGHT_M = 1.0
-_CLIMB_SPEED_M_S, _LEAST_CLIMB_S = 0.40, 1.5
-_SINK_SPEED_M_S, _LEAST_DESCENT_S = 0.4, 1.0
+_LEAST_CLIMB_S, _LEAST_DESCENT_S = 1.5, 1.0
 _SLOW_SHARE = 0.25  # of the top speed on average
 _PEAK_OF_MEAN = 1.9  # speed of a quintic: its peak over its mean
 _UNDER_GROUND_M, _LOWER_BY_M = 0.10, 0.3
@@ -42,7 +42,7 @@ def climb(flight: FlightContext, view: FlightView) -> None:
     x, y, z = view.position_enu_m
     flight.ground_z_m = z
     top_m = takeoff_height_m(flight.order)
-    _set_goal(flight, (x, y, top_m), max(_LEAST_CLIMB_S, (top_m - z) / _CLIMB_SPEED_M_S))
+    _set_goal(flight, (x, y, top_m), max(_LEAST_CLIMB_S, vertical_s(top_m - z, flight.vehicle.max_speed_m_s)))
 
 
 def fly_leg(flight: FlightContext, view: FlightView) -> None:
@@ -110,9 +110,9 @@ def descend(flight: FlightContext, view: FlightView) -> None:
     """Brake, and go straight down to below the ground."""
     expect_contact(flight, view)
     x, y, _ = stop_point(view, flight.vehicle, flight.fleet)
-    height_m = max(0.0, view.position_enu_m[2] - flight.ground_z_m)
+    down_s = vertical_s(view.position_enu_m[2] - flight.ground_z_m, flight.vehicle.max_speed_m_s)
     braking_s = 2.0 * math.hypot(*view.velocity_enu_m_s) / flight.vehicle.max_acceleration_m_s2
-    duration_s = max(_LEAST_DESCENT_S, height_m / _SINK_SPEED_M_S) + braking_s
+    duration_s = max(_LEAST_DESCENT_S, down_s) + braking_s
     ground_m = min(flight.ground_z_m, view.position_enu_m[2])  # a height that reads too low must not make it climb
     _set_goal(flight, (x, y, ground_m - _UNDER_GROUND_M), duration_s)
     _limit(flight, view, _LANDING_LIMIT_S + _PATIENCE * duration_s)
@@ -136,8 +136,9 @@ def resume(flight: FlightContext, view: FlightView) -> None:
         if flight.is_slow:
             slow_down(flight, view)
     else:
-        climb_m = takeoff_height_m(order) - view.position_enu_m[2]
-        _set_goal(flight, (x, y, takeoff_height_m(order)), max(_LEAST_CLIMB_S, climb_m / _CLIMB_SPEED_M_S))
+        top_m = takeoff_height_m(order)
+        up_s = vertical_s(top_m - view.position_enu_m[2], flight.vehicle.max_speed_m_s)
+        _set_goal(flight, (x, y, top_m), max(_LEAST_CLIMB_S, up_s))
 
 
 def descend_further(flight: FlightContext, view: FlightView) -> None:

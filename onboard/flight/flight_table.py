@@ -157,7 +157,7 @@ TAKEOFF = (
         says=("critical", "no-liftoff", sentences.NO_LIFTOFF)),
     Row((S.CLIMB,), E.TICK, p.arrived, S.ARRIVED, ends=("done", sentences.at_height)),
     Row((S.CLIMB,), E.TICK, p.climb_late, S.HOLDING, effect=effects.stop_here, reason="the climb took too long",
-        ends=("timed out", f"Not at its height after {p.CLIMB_TIMEOUT_S:.0f} s; holding.")),
+        ends=("timed out", sentences.not_at_height)),
 )  # fmt: skip
 
 FLYING = (
@@ -193,7 +193,7 @@ LANDING = (
     Row((S.PX4_LANDING,), E.TICK, p.px4_refuses_to_land, request=Px4Land(),
         ends=("failed", sentences.px4_does_not_land)),
     Row((S.PX4_LANDING,), E.TICK, p.px4_does_not_land, request=Px4Land()),
-    Row((S.PX4_LANDING,), E.TICK, p.px4_landing_late, ends=("timed out", sentences.NOT_LANDED)),
+    Row((S.PX4_LANDING,), E.TICK, p.px4_landing_late, ends=("timed out", sentences.not_landed)),
 )  # fmt: skip
 
 ROWS = (*ORDERS, *FAILSAFES, *BLIND, *GROUND, *TAKEOFF, *FLYING, *LANDING)

@@ -9,7 +9,9 @@ from onboard.flight.types import FlightView, Step
 
 CONFIRM_TIMEOUT_S = 5.0
 PATH_END_TIMEOUT_S = 15.0
-LIFTOFF_TIMEOUT_S, CLIMB_TIMEOUT_S, HOLD_TIMEOUT_S, PX4_LANDING_TIMEOUT_S = 6.0, 40.0, 15.0, 60.0
+LIFTOFF_TIMEOUT_S, HOLD_TIMEOUT_S = 6.0, 15.0
+_CLIMB_TIMEOUT_S, _PATIENCE = 40.0, 3.0  # or so many times the duration that was planned
+_PX4_LANDING_TIMEOUT_S, _PX4_SINKS_M_S = 60.0, 0.5  # at least: MPC_LAND_SPEED is 0.7 m/s
 _STREAM_BEFORE_OFFBOARD_S = 0.3
 _LEAST_OFFBOARD_S = 0.1
 _ARM_ON_ITS_WAY_S = 0.5  # an older request to arm has had its effect
@@ -137,7 +139,7 @@ def at_goal(flight: FlightContext, view: FlightView) -> bool:
 
 def climb_late(flight: FlightContext, view: FlightView) -> bool:
     """Whether it should have been at its height long since."""
-    return flight.seconds(view) > CLIMB_TIMEOUT_S
+    return flight.seconds(view) > max(_CLIMB_TIMEOUT_S, _PATIENCE * flight.goal.duration_s)
 
 
 def at_rest(flight: FlightContext, view: FlightView) -> bool:
@@ -235,8 +237,9 @@ def px4_refuses_to_land(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_landing_late(flight: FlightContext, view: FlightView) -> bool:
-    """Whether PX4 should have landed long since."""
-    return flight.seconds(view) > PX4_LANDING_TIMEOUT_S
+    """Whether PX4 should have landed long since, or could not from where it is."""
+    left_m = max(0.0, view.position_enu_m[2] - flight.ground_z_m) if view.has_position else 0.0
+    return flight.seconds(view) > _PX4_LANDING_TIMEOUT_S + left_m / _PX4_SINKS_M_S
 
 
 # -- what must last ----------------------------------------------------------------------------------------------------

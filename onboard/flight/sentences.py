@@ -5,7 +5,7 @@ from __future__ import annotations
 from onboard.flight.arrival import position_text
 from onboard.flight.context import FlightContext
 from onboard.flight.path_flight import PATIENCE_S
-from onboard.flight.predicates import CONFIRM_TIMEOUT_S, PX4_LANDING_TIMEOUT_S
+from onboard.flight.predicates import CONFIRM_TIMEOUT_S
 from onboard.flight.types import FlightView
 
 LOCATED = "The tune was sent to PX4, which does not confirm it: listen, or look at the row that blinks."
@@ -14,7 +14,6 @@ DISARMED = "PX4 is disarmed."
 NO_POSE = "Its position is not known any more, so it left the path."
 LANDED = "Landed and disarmed."
 NO_LIFTOFF = "The vehicle did not leave the ground: check propellers, battery and hover_thrust_frac."
-NOT_LANDED = f"PX4 has not landed after {PX4_LANDING_TIMEOUT_S:.0f} s: land it with the transmitter."
 
 
 def killed(flight: FlightContext, view: FlightView) -> str:
@@ -47,6 +46,16 @@ def not_armed(flight: FlightContext, view: FlightView) -> str:
 def at_height(flight: FlightContext, view: FlightView) -> str:
     """Return the end of a take-off."""
     return f"At {view.position_enu_m[2]:.2f} m."
+
+
+def not_at_height(flight: FlightContext, view: FlightView) -> str:
+    """Return the end of a take-off that takes too long."""
+    return f"Not at its height after {flight.seconds(view):.0f} s; holding."
+
+
+def not_landed(flight: FlightContext, view: FlightView) -> str:
+    """Return the end of a landing by PX4 that takes too long."""
+    return f"PX4 has not landed after {flight.seconds(view):.0f} s: land it with the transmitter."
 
 
 def at_position(flight: FlightContext, view: FlightView) -> str:

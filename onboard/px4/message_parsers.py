@@ -10,6 +10,10 @@ from onboard.autopilot import Landed
 from onboard.frames import enu_flu_from_ned_frd
 from onboard.px4 import modes
 
+# AUTOPILOT_VERSION.uid of a PX4 that was built for simulation: this number, counted up by the system id less one
+_SIMULATION_UID = 0x4954414C44494E4F  # from SIMULATIONID0000, BOARD_OVERRIDE_UUID of PX4's board px4_sitl
+_MOST_SYSTEM_IDS = 255
+
 
 def _attitude(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
     q = enu_flu_from_ned_frd((fields["q1"], fields["q2"], fields["q3"], fields["q4"]))
@@ -78,7 +82,10 @@ def _sys_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
 
 def _version(fields: dict[str, Any], _: int) -> dict[str, Any]:
     number = int(fields["flight_sw_version"])
-    return {"px4_version": (number >> 24 & 0xFF, number >> 16 & 0xFF) if number else None}
+    return {
+        "px4_version": (number >> 24 & 0xFF, number >> 16 & 0xFF) if number else None,
+        "is_simulated": 0 <= int(fields["uid"]) - _SIMULATION_UID < _MOST_SYSTEM_IDS,
+    }
 
 
 PARSERS: dict[str, Callable[[dict[str, Any], int], dict[str, Any]]] = {

@@ -11,6 +11,7 @@ from onboard.config.fleet import Vehicle
 
 Value = float | int
 FUSES_POSITION, FUSES_HEADING = 1, 8  # bits of EKF2_EV_CTRL
+BATTERY_FLOOR = "SIM_BAT_MIN_PCT"  # charge at which PX4's simulated battery stops emptying [%]; required of nobody
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from onboard.autopilot import Vec4
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control.allocation import MAX_THRUST_FRAC
+from onboard.control.vertical import vertical_s
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView, Step
 from onboard.localization.own_state import OwnState
@@ -63,6 +64,7 @@ class TickContext:
     has_ground: bool = False  # a ground station is on the bus
     has_duplicate: bool = False  # another agent publishes for this vehicle
     is_disk_full: bool = False
+    battery_floor_frac: float = 0.0  # charge at which a simulated battery stops emptying; 0 for a real one
     bus_age_s: float = 0.0  # since the last message of any neighbour
     nearest_m: float = math.inf  # separation from the nearest vehicle
     law_status: int = 0  # of the last tick
@@ -329,7 +331,8 @@ class ConditionMonitor:
                 battery_frac,
                 battery_voltage_v,
                 land_frac=0.01 * limits.battery_land_pct,
-                height_m=view.position_enu_m[2] - self.flight.ground_z_m,
+                descent_s=vertical_s(view.position_enu_m[2] - self.flight.ground_z_m, self.vehicle.max_speed_m_s),
+                floor_frac=context.battery_floor_frac,
             )
         if self.battery.is_falling:
             active.add(c.BATTERY_FALLING)

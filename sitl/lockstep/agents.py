@@ -167,7 +167,7 @@ class AgentShell:
 
     def _connect(self, life: object) -> None:
         if self.is_running and life == self._lives:
-            self._inbox.append(ev.ParamsRead(self.link.connect()))
+            self._inbox.append(self.link.connect())
 
     def _subscribe(self, node: Node) -> None:
         now_ns, vehicle = self._bus.now_ns, self.core.vehicle

@@ -17,9 +17,10 @@ import numpy as np
 
 from onboard.autopilot import Landed, Snapshot, Vec3, Vec4
 from onboard.config.fleet import Vehicle
+from onboard.events import ParamsRead
 from onboard.frames import enu_flu_from_ned_frd, ned_frd_from_enu_flu, ned_from_enu, yaw_from_quaternion
 from onboard.px4 import modes
-from onboard.px4.required_params import differences, required_params
+from onboard.px4.required_params import BATTERY_FLOOR, differences, required_params
 from onboard.types import AttitudeSetpoint
 from sitl.emulator.emulator import Emulator
 from sitl.mavlink.view import HALF_NOISE_RAD, View, measured_attitude
@@ -262,8 +263,8 @@ class EmulatedLink:
         take, index = self._bank.emulator.vision, self._index
         self._bank.send(index, lambda: take(index, position_ned_m, yaw_rad=yaw_rad, reset_count=reset_count))
 
-    def connect(self) -> tuple[str, ...]:
-        """Set origin and parameters, as the shell does when PX4 answers; return the parameters that are still wrong."""
+    def connect(self) -> ParamsRead:
+        """Set origin and parameters, as the shell does when PX4 answers; return what it reads then."""
         emulator = self._bank.emulator
         params = emulator.autopilots[self._index].params
         required = required_params(self._vehicle, params.version.number)
@@ -273,7 +274,8 @@ class EmulatedLink:
             if name in params.values:
                 params.values[name] = value
         emulator.parameters_changed(self._index)
-        return differences(required, {name: params.values.get(name) for name in required})
+        problems = differences(required, {name: params.values.get(name) for name in required})
+        return ParamsRead(problems, 0.01 * params[BATTERY_FLOOR])
 
     def _request(self, command: Callable[[Any, float], object]) -> None:
         emulator, index = self._bank.emulator, self._index

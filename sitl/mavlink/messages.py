@@ -33,6 +33,8 @@ _DIAGONAL = frozenset({0, 6, 11, 15, 18, 20})
 # attitude and local position targets, flight termination, MAVLink 2, fence and rally missions.
 _CAPABILITIES = 0x1 | 0x2 | 0x4 | 0x8 | 0x10 | 0x20 | 0x40 | 0x80 | 0x800 | 0x2000 | 0x4000 | 0x8000
 
+_SIMULATION_UID = 0x4954414C44494E4F  # of a PX4 built for simulation, for system id 1; read from v1.16 and v1.18
+
 Values = tuple[Any, ...]
 Builder = Callable[[View], Values | None]
 
@@ -131,12 +133,12 @@ def autopilot_version(v: View) -> Values:
     return _ordered(
         "AUTOPILOT_VERSION",
         capabilities=_CAPABILITIES,
-        uid=v.system_id,
+        uid=_SIMULATION_UID + v.system_id - 1,
         flight_sw_version=version,
         middleware_sw_version=version,
         os_sw_version=0x060000FF,
         board_version=1,
-        uid2=[v.system_id] + [0] * 17,
+        uid2=[v.system_id - 1] + [0] * 17,
     )
 
 

@@ -1,4 +1,4 @@
-"""Parameters that an agent demands follow the version that its PX4 reports, whenever it does."""
+"""What an agent reads of its PX4: parameters by its version, and of a simulated one where its battery stops."""
 
 from __future__ import annotations
 
@@ -19,13 +19,15 @@ from tests.onboard.agent.rig import fleet
 class MuteLink:
     """PX4 v1.18 with all parameters at 0, whose version arrives only when it is requested for the third time."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, is_simulated: bool = False) -> None:
         self.withholds_poses = False
+        self.is_simulated = is_simulated
         self.requests = 0
         self.read: list[frozenset[str]] = []
 
     def snapshot(self) -> Snapshot:
-        return Snapshot(heartbeat_ns=1 << 62, px4_version=(1, 18) if self.requests >= 3 else None)
+        version = (1, 18) if self.requests >= 3 else None
+        return Snapshot(heartbeat_ns=1 << 62, px4_version=version, is_simulated=self.is_simulated)
 
     def connect(self, timeout_s: float) -> bool:
         return True
@@ -41,7 +43,7 @@ class MuteLink:
 
     def read_params(self, names: Mapping[str, float | int]) -> dict[str, float | int | None]:
         self.read.append(frozenset(names))
-        return dict(names)
+        return dict(names) | ({"SIM_BAT_MIN_PCT": 30.0} if "SIM_BAT_MIN_PCT" in names else {})
 
 
 async def test_a_version_that_got_lost_is_requested_again_and_its_own_parameters_are_read_at_once(
@@ -62,3 +64,19 @@ async def test_a_version_that_got_lost_is_requested_again_and_its_own_parameters
     assert link.read[0] == set(required_params(vehicle))
     assert link.read[1] == set(required_params(vehicle, (1, 18)))
     assert "MAN_OVERRIDE_SPD" in link.read[1] - link.read[0]
+
+
+@pytest.mark.parametrize(("is_simulated", "floor_frac"), [(True, 0.3), (False, 0.0)])
+async def test_only_a_simulated_px4_is_asked_where_its_battery_stops(is_simulated: bool, floor_frac: float) -> None:
+    config, link, told = fleet(("mav0", "mav1", "mav2")), MuteLink(is_simulated=is_simulated), asyncio.Queue()
+    vehicle = config.vehicles["mav0"]
+    flight = FlightContext(config, vehicle)
+    upkeep = LinkUpkeep(vehicle, link, flight, told.put_nowait, applies_params=False)  # type: ignore[arg-type]
+    upkeep.start()
+    try:
+        async with asyncio.timeout(10.0):
+            event = await told.get()
+    finally:
+        upkeep.stop()
+    assert event == ev.ParamsRead((), pytest.approx(floor_frac))
+    assert ("SIM_BAT_MIN_PCT" in link.read[0]) == is_simulated

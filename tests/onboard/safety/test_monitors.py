@@ -155,14 +155,17 @@ def test_full_thrust_is_saturated_and_sinking_with_it_is_worse() -> None:
     assert answer(lambda t: 0.0, lambda t: 0.0, 2.0, thrust_frac=0.98, below_m=0.3, climb_m_s=-0.1).is_sinking
 
 
-def discharge(rate_1_s: float, from_frac: float = 0.9, height_m: float = 1.5, drop: float = 0.0) -> BatteryMonitor:
+def discharge(
+    rate_1_s: float, from_frac: float = 0.9, height_m: float = 1.5, drop: float = 0.0, floor_frac: float = 0.0
+) -> BatteryMonitor:
     monitor = BatteryMonitor()
     for tick in range(600):
         t = 0.1 * tick
-        frac = round(from_frac - rate_1_s * t - (drop if t > 20.0 else 0.0), 2)  # PX4 tells whole percents
+        frac = max(from_frac - rate_1_s * t, floor_frac) - (drop if t > 20.0 else 0.0)
         if frac < 0.2:
             break
-        monitor.update(t, frac, 15.0 - 0.01 * t, land_frac=0.2, height_m=height_m)
+        told_frac = round(frac, 2)  # PX4 tells whole percents
+        monitor.update(t, told_frac, 15.0 - 0.01 * t, land_frac=0.2, descent_s=height_m / 0.4, floor_frac=floor_frac)
     return monitor
 
 
@@ -177,14 +180,21 @@ def test_a_cell_that_fails_and_a_battery_that_runs_out_before_it_is_down_fall() 
     assert discharge(0.008, height_m=15.0).is_falling
 
 
+def test_the_battery_of_a_simulated_px4_counts_by_the_level_at_which_it_stops() -> None:
+    assert discharge(1.0 / 60.0, height_m=30.0).is_falling
+    assert not discharge(1.0 / 60.0, height_m=30.0, floor_frac=0.5).is_falling
+    assert discharge(1.0 / 60.0, height_m=30.0, floor_frac=0.05).is_falling, "PX4 was told to let it run empty"
+    assert discharge(1.0 / 60.0, height_m=30.0, floor_frac=0.5, drop=0.25).is_falling, "a fault went below the level"
+
+
 def test_a_voltage_that_sags_falls_and_numbers_that_px4_does_not_tell_say_nothing() -> None:
     monitor = BatteryMonitor()
     for tick in range(40):
-        monitor.update(0.1 * tick, math.nan, math.nan, land_frac=0.2, height_m=1.0)
+        monitor.update(0.1 * tick, math.nan, math.nan, land_frac=0.2, descent_s=2.5)
     assert not monitor.is_falling
     monitor.reset()
     for tick in range(40):
-        monitor.update(0.1 * tick, math.nan, 15.0 if tick < 20 else 12.5, land_frac=0.2, height_m=1.0)
+        monitor.update(0.1 * tick, math.nan, 15.0 if tick < 20 else 12.5, land_frac=0.2, descent_s=2.5)
     assert monitor.is_falling
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from onboard.events import ParamsRead
 from onboard.frames import (
     enu_flu_from_ned_frd,
     quaternion_from_yaw,
@@ -65,7 +66,7 @@ def test_a_command_is_answered_by_telemetry_only_and_arming_is_refused_without_s
 
 def test_connecting_applies_the_fleets_parameters_and_finds_none_wrong(simulation, paper) -> None:
     one = simulation.links.links[1]
-    assert one.connect() == ()
+    assert one.connect() == ParamsRead((), 0.5)
     values = simulation.emulator.autopilots[1].params.values
     required = required_params(paper.vehicles["mav1"])
     assert {name: values[name] for name in required} == pytest.approx(required)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import pytest
 from pymavlink.dialects.v20 import common
 
+from onboard.px4.message_parsers import PARSERS
 from sitl.mavlink.codec import LAYOUTS, Decoder, Encoder
 from sitl.mavlink.streams import BUILDERS, ONBOARD_RATES_HZ
 from sitl.mavlink.view import View
@@ -169,6 +170,15 @@ def test_a_message_is_sent_once_when_asked_for() -> None:
     client = Client(emulator())
     answers = client.send("COMMAND_LONG", command=512, target_system=1, param1=148.0)
     assert [m.name for m in answers] == ["COMMAND_ACK", "AUTOPILOT_VERSION"]
+
+
+def test_the_emulator_says_by_its_identity_that_it_is_simulated() -> None:
+    client = Client(emulator())
+    fields = client.send("COMMAND_LONG", command=512, target_system=1, param1=148.0)[-1].fields
+    told = PARSERS["AUTOPILOT_VERSION"](fields, 0)
+    assert told["is_simulated"]
+    assert not PARSERS["AUTOPILOT_VERSION"](fields | {"uid": 0x003A00263130510F}, 0)["is_simulated"]  # of a real board
+    assert not PARSERS["AUTOPILOT_VERSION"](fields | {"uid": 0}, 0)["is_simulated"]
 
 
 def test_time_synchronisation_and_ping_are_answered() -> None:

@@ -1,0 +1,37 @@
+"""How long vehicles that are high need to come down, for those who wait for them. Pure."""
+
+from __future__ import annotations
+
+from groundstation.fleet.state import FleetState, VehicleView
+from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.control.vertical import vertical_s
+
+
+def descent_s(vehicle: Vehicle, view: VehicleView) -> float:
+    """Return the time that a landing takes from where a vehicle was last seen in the air.
+
+    Args:
+        vehicle: of the fleet file.
+        view: the vehicle as it is known.
+
+    Returns:
+        Time [s], without braking and disarming; 0 for one that does not fly or whose position is not known.
+    """
+    told = view.telemetry
+    if told is None or not view.is_airborne or not told.is_position_valid:
+        return 0.0
+    return vertical_s(told.position_enu_m[2] - vehicle.start_enu_m[2], vehicle.max_speed_m_s)
+
+
+def longest_descent_s(fleet: FleetConfig, state: FleetState) -> float:
+    """Return the time that the landing of all vehicles takes if they land side by side.
+
+    Args:
+        fleet: the fleet file.
+        state: of the fleet now.
+
+    Returns:
+        Time [s]; 0 when nobody flies.
+    """
+    times_s = (descent_s(fleet.vehicles[name], view) for name, view in state.vehicles.items())
+    return max(times_s, default=0.0)
