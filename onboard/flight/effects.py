@@ -118,6 +118,13 @@ def descend(flight: FlightContext, view: FlightView) -> None:
     _limit(flight, view, _LANDING_LIMIT_S + _PATIENCE * duration_s)
 
 
+def descend_here(flight: FlightContext, view: FlightView) -> None:
+    """Go straight down from here instead, within the time that the landing had."""
+    deadline_ns = flight.deadline_ns
+    descend(flight, view)
+    flight.deadline_ns = deadline_ns
+
+
 def sink(flight: FlightContext, view: FlightView) -> None:
     """Brake and go down quickly, by dead reckoning: it is good for a few seconds."""
     expect_contact(flight, view)

@@ -185,6 +185,7 @@ FLYING = (
 LANDING = (
     Row((S.DESCENT,), E.TICK, p.touched_down, S.CONTACT, effect=effects.expect_contact),
     Row((S.CONTACT,), E.TICK, p.falls, S.DESCENT, effect=effects.descend),
+    Row((S.DESCENT,), E.TICK, p.is_kept_off, S.DESCENT, effect=effects.descend_here),
     Row((S.DESCENT,), E.TICK, p.floor_is_lower, S.DESCENT, effect=effects.descend_further),
     Row((S.CONTACT, S.PX4_LANDING), E.TICK, p.landed_by_order, S.LANDED, ends=("done", sentences.LANDED)),
     Row((S.CONTACT, S.PX4_LANDING), E.TICK, p.landed, S.LANDED, ends=("failed", sentences.why_landed),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from onboard.flight import contact
 from onboard.flight.arrival import has_turned, is_at, is_at_rest
 from onboard.flight.context import FlightContext
@@ -22,6 +24,7 @@ _BLIND_CONTACT_M, _BLIND_CONTACT_S, _BLIND_BEGUN_S = 0.12, 0.1, 0.6
 _BEGUN_S = 0.3  # of a descent, before which nothing counts as its end
 _FALLEN_M, _FALLING_M_S = 0.10, -0.3
 _LATE_DESCENT_S, _LOWER_FLOOR_S = 1.0, 3.0  # after the time that was planned for it
+_KEPT_OFF_M, _KEPT_OFF_S = 0.5, 2.0
 _DISARM_AFTER_S, _DISARM_AFTER_SEEN_S = 4.0, 0.5
 
 
@@ -203,6 +206,11 @@ def falls(flight: FlightContext, view: FlightView) -> bool:
     return fallen_m > _FALLEN_M and view.velocity_enu_m_s[2] < _FALLING_M_S
 
 
+def is_kept_off(flight: FlightContext, view: FlightView) -> bool:
+    """Whether others keep it from the place below which it wanted to land: it has stood still beside it."""
+    return flight.steady_s(view) > _KEPT_OFF_S
+
+
 def floor_is_lower(flight: FlightContext, view: FlightView) -> bool:
     """Whether the descent is over and the ground is not reached: it is lower here than at the take-off."""
     is_high = view.position_enu_m[2] - flight.ground_z_m > _CONTACT_HEIGHT_M
@@ -252,6 +260,9 @@ def is_steady(flight: FlightContext, view: FlightView) -> bool:
         return False
     if step in (Step.CLIMB, Step.LEG, Step.PATH):
         return at_goal(flight, view) and (step is not Step.LEG or has_turned(view, flight.goal.yaw_rad))
+    if step is Step.DESCENT:
+        (x, y, _), (goal_x, goal_y, _) = view.position_enu_m, flight.goal_position_enu_m
+        return math.hypot(goal_x - x, goal_y - y) > _KEPT_OFF_M and is_at_rest(view, flight.vehicle)
     if step in (Step.COASTING, Step.SINKING):
         return view.position_enu_m[2] - flight.ground_z_m < _BLIND_CONTACT_M
     return step is Step.HOLDING and is_at_rest(view, flight.vehicle)
