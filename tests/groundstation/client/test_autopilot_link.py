@@ -103,8 +103,14 @@ import socket
 from groundstation.client.direct_mavlink import send_direct
 px4 = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 px4.bind(("127.0.0.1", 0))
-send_direct(f"udpout://127.0.0.1:{px4.getsockname()[1]}", 1, "land", timeout_s=0.1)
-print({px4.recv(300)[0] for _ in range(2)})
+px4.setblocking(False)
+send_direct(f"udpout://127.0.0.1:{px4.getsockname()[1]}", 1, "land", timeout_s=0.5)
+begins = set()
+try:
+    while True:
+        begins.add(px4.recv(300)[0])
+except BlockingIOError:
+    print(begins)
 """
     environment = {name: value for name, value in os.environ.items() if name != "MAVLINK20"}
     environment["PYTHONPATH"] = str(Path(__file__).parents[3])
