@@ -36,7 +36,8 @@ SIGNING_SINCE: Version = (1, 18)  # PX4 takes a key for MAVLink from this versio
 AUTOPILOT_COMPONENT = 1  # MAVLink's id of the autopilot in a vehicle
 _LARGEST_MAJOR = 9
 BATTERY_KNOWN_NS = 5_000_000_000  # PX4 sends it twice a second
-ACCURACY_KNOWN_NS = 5_000_000_000  # PX4 sends it once a second
+ACCURACY_KNOWN_NS = 5_000_000_000
+FIX_KNOWN_NS = 1_500_000_000  # PX4 tells of it five times a second, as long as a receiver does
 
 
 def plausible_version(version: Version | None) -> Version | None:
@@ -78,6 +79,8 @@ class Snapshot(Struct, frozen=True):
     local_position_ns: int = 0
     position_accuracy_m: float = 0.0  # std of PX4's horizontal position; 0 before it tells, inf for nonsense
     position_accuracy_ns: int = 0
+    has_fix: bool = False  # of satellites, three-dimensional
+    fix_ns: int = 0
     global_origin: Vec3 | None = None  # of PX4's local frame: latitude [deg], longitude [deg], altitude [m]
     px4_version: Version | None = None
     is_simulated: bool = False  # by PX4's own identity
@@ -110,6 +113,10 @@ class Snapshot(Struct, frozen=True):
         """Return PX4's accuracy as far as it is known now: 0 before it tells, and once its report is 5 s old."""
         is_known = now_ns - self.position_accuracy_ns <= ACCURACY_KNOWN_NS
         return self.position_accuracy_m if is_known else 0.0
+
+    def sees_satellites(self, now_ns: int) -> bool:
+        """Return whether PX4 has a fix, and has said so lately."""
+        return self.has_fix and now_ns - self.fix_ns <= FIX_KNOWN_NS
 
     @property
     def is_offboard(self) -> bool:

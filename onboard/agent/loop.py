@@ -38,7 +38,7 @@ from onboard.safety.failsafe_table import Situation
 from onboard.types import TICK_S
 
 PERIOD_NS = round(TICK_S * 1e9)
-_CHECKED_POSITION_HZ = 10.0
+_CHECKED_POSITION_HZ, _SATELLITES_HZ = 10.0, 5.0
 _STATISTICS_TICKS = 25
 _FAILED_TICKS_TO_LAND = 25
 _TIDY_TICKS = 500  # on the ground
@@ -63,9 +63,11 @@ class AgentProcess:
         vehicle = fleet.vehicles[name]
         self._core = AgentCore(fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF, clock=time.perf_counter)
         # with a mocap PX4's own estimate is only checked
-        position_hz = _CHECKED_POSITION_HZ if vehicle.mocap_required else 1e9 / PERIOD_NS
+        rates_hz = (_CHECKED_POSITION_HZ, 0.0) if vehicle.mocap_required else (1e9 / PERIOD_NS, _SATELLITES_HZ)
         key = mavlink_key(fleet, name)
-        self._link = Px4Link(vehicle.autopilot, vehicle.system_id, position_hz=position_hz, key=key)
+        self._link = Px4Link(
+            vehicle.autopilot, vehicle.system_id, position_hz=rates_hz[0], satellites_hz=rates_hz[1], key=key
+        )
         others = [other for other in fleet.vehicles if other != name]
         agents = [fleet.vehicles[other].agent for other in fleet.enabled_names if other != name]
         self._bus = BusSession(

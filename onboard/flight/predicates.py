@@ -24,7 +24,7 @@ _BLIND_CONTACT_M, _BLIND_CONTACT_S, _BLIND_BEGUN_S = 0.12, 0.1, 0.6
 _BEGUN_S = 0.3  # of a descent, before which nothing counts as its end
 _FALLEN_M, _FALLING_M_S = 0.10, -0.3
 _LATE_DESCENT_S, _LOWER_FLOOR_S = 1.0, 3.0  # after the time that was planned for it
-_KEPT_OFF_M, _KEPT_OFF_S = 0.5, 2.0
+_KEPT_OFF_M, _KEPT_OFF_S, _SINKS_M_S = 0.5, 2.0, -0.5
 _DISARM_AFTER_S, _DISARM_AFTER_SEEN_S = 4.0, 0.5
 
 
@@ -262,7 +262,8 @@ def is_steady(flight: FlightContext, view: FlightView) -> bool:
         return at_goal(flight, view) and (step is not Step.LEG or has_turned(view, flight.goal.yaw_rad))
     if step is Step.DESCENT:
         (x, y, _), (goal_x, goal_y, _) = view.position_enu_m, flight.goal_position_enu_m
-        return math.hypot(goal_x - x, goal_y - y) > _KEPT_OFF_M and is_at_rest(view, flight.vehicle)
+        is_beside = math.hypot(goal_x - x, goal_y - y) > _KEPT_OFF_M
+        return is_beside and is_at_rest(view, flight.vehicle) and view.velocity_enu_m_s[2] > _SINKS_M_S
     if step in (Step.COASTING, Step.SINKING):
         return view.position_enu_m[2] - flight.ground_z_m < _BLIND_CONTACT_M
     return step is Step.HOLDING and is_at_rest(view, flight.vehicle)

@@ -31,6 +31,7 @@ _HEADING_TIME_S = 1.0
 _MAX_QUEUE = 8
 _FUTURE_NS = 5_000_000
 _REJECTED_TO_RESTART = 10
+_WITHOUT_FIX_NS = 500_000_000
 _BELIEVED_S = 0.1
 _PX4_POSITION_STD_M = 0.05  # from one sample to the next; its slow error is larger, see ACCURACIES
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -47,6 +48,7 @@ class OwnState:
     heading_offset_rad: float = 0.0  # heading of the fleet frame minus PX4's
     validator: PoseValidator = field(default_factory=PoseValidator)
     px4_check: Px4PositionCheck = field(default_factory=Px4PositionCheck)  # of vehicles with a mocap
+    has_lost_satellites: bool = False  # of vehicles without a mocap
     is_flown: bool = False  # by this agent's setpoints: else its thrust is not known while no sample comes
     _reckoning: DeadReckoning = field(default_factory=DeadReckoning)
     _params: KalmanParams = field(init=False)
@@ -56,6 +58,7 @@ class OwnState:
     _rejected_enu_m: Vec3 | None = None  # by the estimator
     _has_heading: bool = False
     _local_ns: int = 0
+    _fix_ns: int = 0
     _local_frame: LocalFrame = field(init=False)
     _least_std: tuple[float, float] = (0.0, 0.0)  # of position [m] and velocity [m/s]
     _yaw_rad: float = 0.0
@@ -109,6 +112,7 @@ class OwnState:
     ) -> None:
         """Propagate to ``now_ns`` with measured attitude and the throttle sent last, then use the queued samples."""
         if not self.vehicle.mocap_required:
+            self._look_at_satellites(snapshot, now_ns)
             self._take_local_position(snapshot)
         if self._memory is not None:
             self._memory = kalman.drive(
@@ -145,8 +149,17 @@ class OwnState:
         self.heading_offset_rad = wrap_rad(self.heading_offset_rad + share * miss)
         self._has_heading = True
 
+    def _look_at_satellites(self, snapshot: Snapshot, now_ns: int) -> None:
+        """See whether they are lost: then PX4's position runs away, and is not taken any more.
+
+        PX4 may also know its position otherwise, and then has never had a fix.
+        """
+        if snapshot.sees_satellites(now_ns):
+            self._fix_ns = now_ns
+        self.has_lost_satellites = bool(self._fix_ns) and now_ns - self._fix_ns > _WITHOUT_FIX_NS
+
     def _take_local_position(self, snapshot: Snapshot) -> None:
-        if snapshot.local_position_ns == self._local_ns:
+        if snapshot.local_position_ns == self._local_ns or self.has_lost_satellites:
             return
         self._local_ns = snapshot.local_position_ns
         std_m = snapshot.position_accuracy_m * _SQRT_HALF  # PX4's value is of two axes together

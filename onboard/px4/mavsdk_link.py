@@ -38,12 +38,12 @@ _ONE_AT_A_TIME = threading.Lock()  # two links that start at once in one process
 _TYPE_MASK_ATTITUDE_AND_THRUST = 7
 _FRAME_LOCAL_NED, _FRAME_LOCAL_FRD_VELOCITY = 1, 12
 _ESTIMATOR_TYPE_VISION = 2
-_LOCAL_POSITION_NED = 32
+_GPS_RAW_INT, _LOCAL_POSITION_NED = 24, 32
 # ATTITUDE_QUATERNION, EXTENDED_SYS_STATE, BATTERY_STATUS, ESTIMATOR_STATUS
-_RATES_HZ = {31: 50.0, 245: 10.0, 147: 2.0, 230: 1.0}
-# Two thirds of the messages that PX4 sends to a companion by itself are not used, and each costs time: GPS_RAW_INT,
+_RATES_HZ = {31: 50.0, 245: 10.0, 147: 2.0, 230: 5.0}
+# Two thirds of the messages that PX4 sends to a companion by itself are not used, and each costs time:
 # ATTITUDE, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, VFR_HUD, targets, HIGHRES_IMU, DISTANCE_SENSOR, ALTITUDE, ODOMETRY
-_UNUSED = (24, 30, 33, 36, 74, 83, 85, 87, 105, 132, 141, 331)
+_UNUSED = (30, 33, 36, 74, 83, 85, 87, 105, 132, 141, 331)
 _STOP_US = -1.0
 _TUNE = "MFT180O4L8CEGO5CP4O4CEGO5C"  # up a chord, twice; at most 29 characters
 _HEARTBEAT, _GPS_GLOBAL_ORIGIN, _AUTOPILOT_VERSION = 0, 49, 148
@@ -67,12 +67,21 @@ class Px4Link:
         endpoint: for instance ``udpin://127.0.0.1:14540``.
         system_id: MAVLink id that the fleet file gives this vehicle; another id on the endpoint is refused.
         position_hz: rate at which PX4 is to send its own position.
+        satellites_hz: rate at which PX4 is to tell whether it has a fix; 0: not at all.
         key: of MAVLink signing; None for a vehicle that does not sign.
     """
 
-    def __init__(self, endpoint: str, system_id: int, *, position_hz: float = 50.0, key: bytes | None = None) -> None:
+    def __init__(
+        self,
+        endpoint: str,
+        system_id: int,
+        *,
+        position_hz: float = 50.0,
+        satellites_hz: float = 0.0,
+        key: bytes | None = None,
+    ) -> None:
         self.endpoint, self.system_id = endpoint, system_id
-        self._rates_hz = {**_RATES_HZ, _LOCAL_POSITION_NED: position_hz}
+        self._rates_hz = {**_RATES_HZ, _LOCAL_POSITION_NED: position_hz, _GPS_RAW_INT: satellites_hz}
         self._port = PortClaim(endpoint)
         signer = Signer(key, AGENT_LINK_ID) if key is not None else None
         self._relay = MavlinkRelay(endpoint, Ids(system_id, _COMPONENT_ID), signer, self._receive)
@@ -301,7 +310,9 @@ class Px4Link:
 
     def request_rates(self) -> None:
         """Request PX4's version, and rates of what the agent reads: PX4's defaults are too slow for close flight."""
-        interval_by_id_us = {number: 1e6 / rate_hz for number, rate_hz in self._rates_hz.items()}
+        interval_by_id_us = {
+            number: 1e6 / rate_hz if rate_hz else _STOP_US for number, rate_hz in self._rates_hz.items()
+        }
         for number, interval_us in (interval_by_id_us | dict.fromkeys(_UNUSED, _STOP_US)).items():
             self._command(modes.CMD_SET_MESSAGE_INTERVAL, float(number), interval_us)
         self.request_version()

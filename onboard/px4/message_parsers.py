@@ -13,6 +13,7 @@ from onboard.px4 import modes
 # AUTOPILOT_VERSION.uid of a PX4 that was built for simulation: this number, counted up by the system id less one
 _SIMULATION_UID = 0x4954414C44494E4F  # from SIMULATIONID0000, BOARD_OVERRIDE_UUID of PX4's board px4_sitl
 _MOST_SYSTEM_IDS = 255
+_FIX_3D = 3  # GPS_FIX_TYPE; more is better
 
 
 def _attitude(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
@@ -37,6 +38,10 @@ def _estimator_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]
     accuracy_m = fields["pos_horiz_accuracy"]
     is_known = isinstance(accuracy_m, float) and math.isfinite(accuracy_m) and accuracy_m >= 0.0
     return {"position_accuracy_m": accuracy_m if is_known else math.inf, "position_accuracy_ns": arrival_ns}
+
+
+def _satellites(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
+    return {"has_fix": int(fields["fix_type"]) >= _FIX_3D, "fix_ns": arrival_ns}
 
 
 def _global_origin(fields: dict[str, Any], _: int) -> dict[str, Any]:
@@ -94,6 +99,7 @@ PARSERS: dict[str, Callable[[dict[str, Any], int], dict[str, Any]]] = {
     "LOCAL_POSITION_NED": _local_position,
     "ESTIMATOR_STATUS": _estimator_status,
     "EXTENDED_SYS_STATE": _extended_state,
+    "GPS_RAW_INT": _satellites,
     "GPS_GLOBAL_ORIGIN": _global_origin,
     "AUTOPILOT_VERSION": _version,
     "BATTERY_STATUS": _battery,

@@ -42,6 +42,7 @@ READ = {
         "III",
         "onboard_control_sensors_present onboard_control_sensors_enabled onboard_control_sensors_health",
     ),
+    "GPS_RAW_INT": _message(24, 24, "QiiiHHHHB", "time_usec lat lon alt eph epv vel cog fix_type"),
     "ATTITUDE_QUATERNION": _message(31, 246, "I4f", "time_boot_ms q1 q2 q3 q4"),
     "LOCAL_POSITION_NED": _message(32, 185, "I6f", "time_boot_ms x y z vx vy vz"),
     "GPS_GLOBAL_ORIGIN": _message(49, 39, "iii", "latitude longitude altitude"),

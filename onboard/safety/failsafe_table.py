@@ -47,6 +47,7 @@ class Condition(Enum):
     MOCAP_SWAPPED = "mocap takes it for another vehicle"
     MOCAP_FROZEN = "mocap repeats itself"
     MOCAP_LATE = "mocap late"
+    SATELLITES_LOST = "satellites lost"
     POSITION_INACCURATE = "own position inaccurate"
     # autopilot
     LEFT_OFFBOARD = "PX4 left OFFBOARD"
@@ -153,6 +154,8 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
         _C.MOCAP_FROZEN: (_A.REFUSE, _A.GO_ON, _A.LAND, _A.HOLD, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # the estimate compensates the age, but its error grows with the speed
         _C.MOCAP_LATE: (_A.REFUSE, _A.GO_ON, _A.GO_ON, _A.SLOW, _A.GO_ON, _A.GO_ON, _A.GO_ON),
+        # PX4's own position runs away from then on: down by dead reckoning, out of the others' heights
+        _C.SATELLITES_LOST: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # no distance that the others keep covers it: down before it is worse, under the law with what it has
         _C.POSITION_INACCURATE: (_A.REFUSE, _A.DISARM, _A.LAND, _A.LAND, _A.GO_ON, _A.GO_ON, _A.GO_ON),
         # whoever took the controls flies it, also out of PX4's landing, which is not commanded again then

@@ -42,6 +42,7 @@ _FENCE_LONG_S = 2.0
 _NOT_FINITE_LONG_S = 0.5
 _INFEASIBLE_S = 0.1
 _INACCURATE_S = 0.5
+_UNUSABLE_M = 3.0  # PX4's own accuracy, beyond which it flies level rather than after such a position
 _DETAILS = {
     Condition.POSITION_STALE: "it brakes and sinks by dead reckoning",
     Condition.POSITION_LOST: "by dead reckoning",
@@ -315,6 +316,11 @@ class ConditionMonitor:
         if self.lasting(c.POSITION_INACCURATE, not is_covered, view.now_ns)[1] > _INACCURATE_S:
             told = f"PX4 says {accuracy_m:.1f} m" if accuracy_m else "PX4 does not say how accurate it is"
             self._add(active, c.POSITION_INACCURATE, f"{told}; distances cover {LARGEST_PX4_ACCURACY_M:.1f} m")
+        if self.own.has_lost_satellites:
+            active.add(c.SATELLITES_LOST)
+        is_unusable = accuracy_m > _UNUSABLE_M and not self.vehicle.mocap_required
+        if self.lasting(c.POSITION_LOST_LONG, is_unusable, view.now_ns)[1] > _INACCURATE_S:
+            self._add(active, c.POSITION_LOST_LONG, f"PX4 says {accuracy_m:.1f} m")
         battery_frac, battery_voltage_v = snapshot.battery(view.now_ns)
         battery_pct = 100.0 * battery_frac
         if self.lasting(c.BATTERY_UNKNOWN, math.isnan(battery_frac), view.now_ns)[1] > _BATTERY_UNKNOWN_S:

@@ -25,13 +25,13 @@ from onboard.types import AttitudeSetpoint
 from sitl.emulator.emulator import Emulator
 from sitl.mavlink.view import HALF_NOISE_RAD, View, measured_attitude
 from sitl.physics.vehicle import STEP_S
-from sitl.px4.estimator import POSITION_ACCURACY_M
 from sitl.px4.modes import MODES, Mode
 
 _ATTITUDE_EVERY_STEPS, _ATTITUDE_PHASE_STEPS = 5, 3  # sampled 8 ms before the tick that uses it
 _LANDED_EVERY_STEPS = 25
 _CHECKED_POSITION_EVERY_STEPS = 25  # of who flies by a motion capture
 _BATTERY_EVERY_STEPS = 125
+_ACCURACY_EVERY_STEPS = 50
 _HEARTBEAT_EVERY_STEPS = 250
 _TYPE_MASK_ATTITUDE_AND_THRUST = 7
 _NO_RATES = [0.0, 0.0, 0.0]
@@ -142,6 +142,7 @@ class LinkBank:
         self._positions(rows, has_checked=frame % _CHECKED_POSITION_EVERY_STEPS == 0)
         for every, sample in (
             (_LANDED_EVERY_STEPS, self._landed),
+            (_ACCURACY_EVERY_STEPS, self._accuracy),
             (_BATTERY_EVERY_STEPS, self._battery),
             (_HEARTBEAT_EVERY_STEPS, self.heartbeat),
         ):
@@ -167,13 +168,18 @@ class LinkBank:
         battery = self.emulator.autopilots[index].battery
         return {"battery_frac": battery.remaining_pct / 100.0, "battery_voltage_v": battery.voltage_mv / 1000.0}
 
+    def _accuracy(self, index: int) -> Fields:
+        """ESTIMATOR_STATUS, and of who flies by satellites GPS_RAW_INT."""
+        estimator, now_s = self.emulator.estimator, self.emulator.time_s
+        fields: Fields = {"position_accuracy_m": estimator.accuracy_m(index, now_s)}
+        return fields if self.links[index].has_mocap else fields | {"has_fix": estimator.sees_satellites(index, now_s)}
+
     def heartbeat(self, index: int) -> Fields:
         """HEARTBEAT, and with it what PX4 sends as seldom."""
         autopilot, view = self.emulator.autopilots[index], View(self.emulator, index)
         origin = (*view.origin_deg, view.origin_altitude_m) if view.has_origin else None
         return {
             "global_origin": origin,
-            "position_accuracy_m": POSITION_ACCURACY_M,
             "px4_version": autopilot.version.number,
             "is_armed": autopilot.is_armed,
             "mode": modes.mode_name(MODES[autopilot.mode].custom_mode),
@@ -208,6 +214,8 @@ class EmulatedLink:
             known["landed_ns"] = now_ns
         if "position_accuracy_m" in fields:
             known["position_accuracy_ns"] = now_ns
+        if "has_fix" in fields:
+            known["fix_ns"] = now_ns
         if "battery_frac" in fields:
             known["battery_ns"] = now_ns
         self._snapshot = None

@@ -14,7 +14,6 @@ from sitl.mavlink.codec import Encoder
 from sitl.mavlink.view import HOME_ALTITUDE_M, View
 from sitl.physics import frames
 from sitl.px4.battery import EMPTY_MV
-from sitl.px4.estimator import POSITION_ACCURACY_M
 from sitl.px4.modes import MODES, Mode
 from sitl.px4.signals import SetpointKind
 
@@ -108,8 +107,9 @@ def extended_sys_state(v: View) -> Values:
 
 
 def estimator_status(v: View) -> Values:
-    flags = v.emulator.estimator.flags(v.index, v.emulator.time_s)
-    return (v.boot_us, *((0.1,) * 6), POSITION_ACCURACY_M, POSITION_ACCURACY_M, flags)
+    estimator, i, now_s = v.emulator.estimator, v.index, v.emulator.time_s
+    accuracy_m = estimator.accuracy_m(i, now_s)
+    return (v.boot_us, *((0.1,) * 6), accuracy_m, accuracy_m, estimator.flags(i, now_s))
 
 
 def mission_current(v: View) -> Values:

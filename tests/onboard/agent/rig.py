@@ -75,6 +75,7 @@ class Rig:
     battery_frac: float = 0.9
     sends_battery: bool = True
     sends_accuracy: bool = True
+    has_fix: bool = True  # of satellites
     now_ns: int = 1_000_000_000
     position: np.ndarray = field(default_factory=lambda: np.zeros(3))
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -139,6 +140,8 @@ class Rig:
                 **self._landed(landed or not self.has_flown),
                 battery_frac=self.battery_frac,
                 battery_voltage_v=15.0,
+                has_fix=self.has_fix,
+                fix_ns=now,
                 position_accuracy_ns=now if self.sends_accuracy else self.snapshot.position_accuracy_ns,
                 battery_ns=now if self.sends_battery else self.snapshot.battery_ns,
             )

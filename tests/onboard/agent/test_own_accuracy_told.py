@@ -1,4 +1,4 @@
-"""Vehicles that fly on PX4's position: the accuracy that PX4 tells is covered by the distances, or nobody flies."""
+"""Vehicles that fly on PX4's position believe it by what PX4 tells of its accuracy and of its satellites."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_an_accuracy_that_no_distance_covers_refuses_the_take_off_in_words(accur
     assert any("wn position inaccurate" in reason for reason in rig.core.preflight.not_ready)
 
 
-@pytest.mark.parametrize("accuracy_m", [20.0, math.inf])
+@pytest.mark.parametrize("accuracy_m", [1.0, 20.0, math.inf])
 def test_a_position_that_becomes_inaccurate_in_flight_lands(accuracy_m: float) -> None:
     rig = _rig(0.4)
     rig.fly()
@@ -92,4 +92,38 @@ def test_an_accuracy_that_px4_stops_telling_is_none() -> None:
     rig.run(3.0)
     assert rig.core.flight.state == "landing"
     assert any("does not say how accurate" in event.sentence for event in rig.events)
+    rig.until("landed")
+
+
+def test_who_loses_the_satellites_comes_down_by_dead_reckoning_and_never_after_a_position_that_runs_away() -> None:
+    rig = _rig(0.4)
+    rig.fly()
+    rig.has_fix = False
+    rig.run(0.4)
+    rig.has_fix = True
+    rig.run(1.0)
+    assert rig.core.flight.state == "flying"  # a moment is none
+    rig.has_fix = False
+    rig.run(0.8)
+    assert rig.core.flight.step is Step.SINKING
+    assert "satellites-lost" in {event.code for event in rig.events}
+    assert rig.core.own.is_reckoned
+    rig.until("landed")
+
+
+def test_who_never_had_a_fix_knows_its_position_otherwise() -> None:
+    rig = _rig(0.4)
+    rig.has_fix = False
+    rig.fly()
+    rig.run(2.0)
+    assert rig.core.flight.state == "flying"
+
+
+def test_a_position_that_px4_itself_gives_up_is_left_to_px4() -> None:
+    rig = _rig(0.4)
+    rig.fly()
+    _tell(rig, 5.0)
+    rig.run(0.8)
+    assert rig.core.flight.step is Step.PX4_LANDING
+    assert any("PX4 says 5.0 m" in event.sentence for event in rig.events)
     rig.until("landed")

@@ -280,3 +280,20 @@ def test_vision_that_is_not_finite_is_ignored() -> None:
     for bad in (np.nan, np.inf):
         estimator.fuse_vision(0, 1.0, np.array([bad, 0.0, 0.0]), delay_s=0.0)
     assert np.array_equal(estimator.offset_ned_m, before)
+
+
+def test_without_satellites_the_told_accuracy_grows_as_measured_and_recovers_with_them() -> None:
+    hovering = Hovering(1)
+    hovering.fly(5.0)
+    told_m = hovering.estimator.accuracy_m
+    assert told_m(0, hovering.time_s) == 0.3
+    hovering.estimator.gps_blocked[0] = True
+    hovering.fly(0.1)
+    for measured_m in (0.37, 0.53, 0.74, 1.0, 1.32):  # PX4 v1.18, SIH, a second apart
+        hovering.fly(1.0)
+        assert told_m(0, hovering.time_s) == pytest.approx(measured_m, rel=0.12)
+    hovering.fly(1.0)
+    assert told_m(0, hovering.time_s) > 4.0
+    hovering.estimator.gps_blocked[0] = False
+    hovering.fly(0.2)
+    assert told_m(0, hovering.time_s) == 0.3
