@@ -318,7 +318,9 @@ class ConditionMonitor:
             self._add(active, c.POSITION_INACCURATE, f"{told}; distances cover {LARGEST_PX4_ACCURACY_M:.1f} m")
         if self.own.has_lost_satellites:
             active.add(c.SATELLITES_LOST)
-        is_unusable = accuracy_m > _UNUSABLE_M and not self.vehicle.mocap_required
+        is_unusable = (
+            accuracy_m > _UNUSABLE_M and not self.vehicle.mocap_required and self.flight.step is not Step.CONTACT
+        )
         if self.lasting(c.POSITION_LOST_LONG, is_unusable, view.now_ns)[1] > _INACCURATE_S:
             self._add(active, c.POSITION_LOST_LONG, f"PX4 says {accuracy_m:.1f} m")
         battery_frac, battery_voltage_v = snapshot.battery(view.now_ns)

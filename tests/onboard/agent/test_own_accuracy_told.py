@@ -127,3 +127,17 @@ def test_a_position_that_px4_itself_gives_up_is_left_to_px4() -> None:
     assert rig.core.flight.step is Step.PX4_LANDING
     assert any("PX4 says 5.0 m" in event.sentence for event in rig.events)
     rig.until("landed")
+
+
+def test_who_stands_already_is_not_handed_to_px4_which_would_lift_it_off() -> None:
+    rig = _rig(0.4)
+    rig.fly()
+    rig.has_fix = False
+    while rig.core.flight.step is not Step.CONTACT:
+        rig.run(0.02)
+    _tell(rig, 5.0)
+    steps = set()
+    while rig.core.flight.state != "landed":
+        rig.run(0.02)
+        steps.add(rig.core.flight.step)
+    assert Step.PX4_LANDING not in steps
