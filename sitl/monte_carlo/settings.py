@@ -173,7 +173,7 @@ def setup_for(
     if errors not in ERRORS:
         raise ConfigError(f"--errors is '{errors}', but there are only {', '.join(ERRORS)}. Name one of these.")
     given_law = dict(data.get("law", {}))
-    law = law or str(given_law.get("name", "covey"))
+    law = str(given_law.get("name", "covey")) if law is None else law
     if fleet_path is not None:  # a law of one's own is looked for beside the file that names it
         given_law["folder"] = os.path.join(os.path.dirname(os.path.abspath(fleet_path)), given_law.get("folder", "."))
     if not (math.isfinite(scale) and 0.1 <= scale <= 100.0):
