@@ -323,6 +323,8 @@ class ConditionMonitor:
         )
         if self.lasting(c.POSITION_LOST_LONG, is_unusable, view.now_ns)[1] > _INACCURATE_S:
             self._add(active, c.POSITION_LOST_LONG, f"PX4 says {accuracy_m:.1f} m")
+        else:  # the other cause, its age, has no detail
+            self.details.pop(c.POSITION_LOST_LONG, None)
         battery_frac, battery_voltage_v = snapshot.battery(view.now_ns)
         battery_pct = 100.0 * battery_frac
         if self.lasting(c.BATTERY_UNKNOWN, math.isnan(battery_frac), view.now_ns)[1] > _BATTERY_UNKNOWN_S:
