@@ -63,9 +63,9 @@ class SnapshotReceived(Struct, frozen=True):
 
 
 class ParamsRead(Struct, frozen=True):
-    """Sentences about PX4's wrong parameters; empty when all are right."""
+    """What PX4's parameters say."""
 
-    problems: tuple[str, ...]
+    problems: tuple[str, ...]  # sentences about wrong ones; empty when all are right
     battery_floor_frac: float = 0.0  # charge at which PX4's simulated battery stops emptying; 0 for a real one
 
 

@@ -63,10 +63,11 @@ class AgentProcess:
         vehicle = fleet.vehicles[name]
         self._core = AgentCore(fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF, clock=time.perf_counter)
         # with a mocap PX4's own estimate is only checked
-        rates_hz = (_CHECKED_POSITION_HZ, 0.0) if vehicle.mocap_required else (1e9 / PERIOD_NS, _SATELLITES_HZ)
+        position_hz = _CHECKED_POSITION_HZ if vehicle.mocap_required else 1e9 / PERIOD_NS
+        satellites_hz = 0.0 if vehicle.mocap_required else _SATELLITES_HZ
         key = mavlink_key(fleet, name)
         self._link = Px4Link(
-            vehicle.autopilot, vehicle.system_id, position_hz=rates_hz[0], satellites_hz=rates_hz[1], key=key
+            vehicle.autopilot, vehicle.system_id, position_hz=position_hz, satellites_hz=satellites_hz, key=key
         )
         others = [other for other in fleet.vehicles if other != name]
         agents = [fleet.vehicles[other].agent for other in fleet.enabled_names if other != name]

@@ -39,10 +39,8 @@ def stay_on_ground(flight: FlightContext, view: FlightView) -> None:
 
 def climb(flight: FlightContext, view: FlightView) -> None:
     """Go straight up to the ordered height."""
-    x, y, z = view.position_enu_m
-    flight.ground_z_m = z
-    top_m = takeoff_height_m(flight.order)
-    _set_goal(flight, (x, y, top_m), max(_LEAST_CLIMB_S, vertical_s(top_m - z, flight.vehicle.max_speed_m_s)))
+    flight.ground_z_m = view.position_enu_m[2]
+    _climb_above(flight, view, view.position_enu_m)
 
 
 def fly_leg(flight: FlightContext, view: FlightView) -> None:
@@ -137,15 +135,13 @@ def sink(flight: FlightContext, view: FlightView) -> None:
 
 def resume(flight: FlightContext, view: FlightView) -> None:
     """Go on with the order that dead reckoning has interrupted, at its pace."""
-    order, (x, y, _) = flight.order, flight.goal_position_enu_m
+    order = flight.order
     if order is not None and order.position_enu_m is not None:
         _set_goal(flight, order.position_enu_m, max(0.0, order.duration_s), _ordered_yaw_rad(order))
         if flight.is_slow:
             slow_down(flight, view)
     else:
-        top_m = takeoff_height_m(order)
-        up_s = vertical_s(top_m - view.position_enu_m[2], flight.vehicle.max_speed_m_s)
-        _set_goal(flight, (x, y, top_m), max(_LEAST_CLIMB_S, up_s))
+        _climb_above(flight, view, flight.goal_position_enu_m)
 
 
 def descend_further(flight: FlightContext, view: FlightView) -> None:
@@ -157,6 +153,14 @@ def descend_further(flight: FlightContext, view: FlightView) -> None:
 def expect_contact(flight: FlightContext, view: FlightView) -> None:
     """Forget how low it was before, and remember where it stands."""
     flight.lowest_m, flight.contact_z_m = math.inf, view.position_enu_m[2]
+
+
+def _climb_above(flight: FlightContext, view: FlightView, place_enu_m: Vec3) -> None:
+    """Go to the ordered height above a place."""
+    x, y, _ = place_enu_m
+    top_m = takeoff_height_m(flight.order)
+    up_s = vertical_s(top_m - view.position_enu_m[2], flight.vehicle.max_speed_m_s)
+    _set_goal(flight, (x, y, top_m), max(_LEAST_CLIMB_S, up_s))
 
 
 def _ordered_yaw_rad(order: Order) -> float:

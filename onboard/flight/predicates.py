@@ -245,7 +245,7 @@ def px4_refuses_to_land(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_landing_late(flight: FlightContext, view: FlightView) -> bool:
-    """Whether PX4 should have landed long since, or could not from where it is."""
+    """Whether PX4 should have landed long since, and even from where it is now."""
     left_m = max(0.0, view.position_enu_m[2] - flight.ground_z_m) if view.has_position else 0.0
     return flight.seconds(view) > _PX4_LANDING_TIMEOUT_S + left_m / _PX4_SINKS_M_S
 

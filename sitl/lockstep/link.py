@@ -1,10 +1,10 @@
 """The agents' links to the emulated PX4s, without MAVLink: typed values, but only what a client on the wire would see.
 
 Telemetry comes at the rates that the agent asks for (attitude at 50 Hz, local position at 50 Hz or, beside a motion
-capture, 10 Hz, landed state at 10 Hz, battery at 2 Hz) and armed and mode once a second, with the heartbeat; everything
-takes ``delay_s``, both ways. Whether a command did anything is only seen in what PX4 reports afterwards. Bytes would
-cost more than all the rest of the flight; packing and unpacking them is tested by the emulator's and the real link's
-own tests.
+capture, 10 Hz, landed state at 10 Hz, accuracy and satellites at 5 Hz, battery at 2 Hz) and armed and mode once a
+second, with the heartbeat; everything takes ``delay_s``, both ways. Whether a command did anything is only seen in what
+PX4 reports afterwards. Bytes would cost more than all the rest of the flight; packing and unpacking them is tested by
+the emulator's and the real link's own tests.
 """
 
 from __future__ import annotations

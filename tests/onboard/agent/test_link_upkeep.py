@@ -15,6 +15,8 @@ from onboard.flight.context import FlightContext
 from onboard.px4.required_params import required_params
 from tests.onboard.agent.rig import fleet
 
+CONFIG = fleet(("mav0", "mav1", "mav2"))
+
 
 class MuteLink:
     """PX4 v1.18 with all parameters at 0, whose version arrives only when it is requested for the third time."""
@@ -46,21 +48,30 @@ class MuteLink:
         return dict(names) | ({"SIM_BAT_MIN_PCT": 30.0} if "SIM_BAT_MIN_PCT" in names else {})
 
 
+async def events_until(link: MuteLink, reads: int) -> list[ev.EventIn]:
+    """What the upkeep tells until it has read parameters so often."""
+    vehicle = CONFIG.vehicles["mav0"]
+    told = asyncio.Queue[ev.EventIn]()
+    flight = FlightContext(CONFIG, vehicle)
+    upkeep = LinkUpkeep(vehicle, link, flight, told.put_nowait, applies_params=False)  # type: ignore[arg-type]
+    events: list[ev.EventIn] = []
+    upkeep.start()
+    try:
+        async with asyncio.timeout(10.0):
+            while not events or len(link.read) < reads:
+                events.append(await told.get())
+    finally:
+        upkeep.stop()
+    return events
+
+
 async def test_a_version_that_got_lost_is_requested_again_and_its_own_parameters_are_read_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(link_upkeep, "_LOOK_S", 0.01)
-    config, link, told = fleet(("mav0", "mav1", "mav2")), MuteLink(), asyncio.Queue[ev.EventIn]()
-    vehicle = config.vehicles["mav0"]
-    flight = FlightContext(config, vehicle)
-    upkeep = LinkUpkeep(vehicle, link, flight, told.put_nowait, applies_params=False)  # type: ignore[arg-type]
-    upkeep.start()
-    try:
-        async with asyncio.timeout(10.0):
-            while len(link.read) < 2:
-                await told.get()
-    finally:
-        upkeep.stop()
+    link = MuteLink()
+    await events_until(link, 2)
+    vehicle = CONFIG.vehicles["mav0"]
     assert link.read[0] == set(required_params(vehicle))
     assert link.read[1] == set(required_params(vehicle, (1, 18)))
     assert "MAN_OVERRIDE_SPD" in link.read[1] - link.read[0]
@@ -68,15 +79,7 @@ async def test_a_version_that_got_lost_is_requested_again_and_its_own_parameters
 
 @pytest.mark.parametrize(("is_simulated", "floor_frac"), [(True, 0.3), (False, 0.0)])
 async def test_only_a_simulated_px4_is_asked_where_its_battery_stops(is_simulated: bool, floor_frac: float) -> None:
-    config, link, told = fleet(("mav0", "mav1", "mav2")), MuteLink(is_simulated=is_simulated), asyncio.Queue()
-    vehicle = config.vehicles["mav0"]
-    flight = FlightContext(config, vehicle)
-    upkeep = LinkUpkeep(vehicle, link, flight, told.put_nowait, applies_params=False)  # type: ignore[arg-type]
-    upkeep.start()
-    try:
-        async with asyncio.timeout(10.0):
-            event = await told.get()
-    finally:
-        upkeep.stop()
+    link = MuteLink(is_simulated=is_simulated)
+    event = (await events_until(link, 1))[0]
     assert event == ev.ParamsRead((), pytest.approx(floor_frac))
     assert ("SIM_BAT_MIN_PCT" in link.read[0]) == is_simulated
