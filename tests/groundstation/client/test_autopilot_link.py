@@ -60,8 +60,14 @@ class SerialPx4(threading.Thread):
 def cable() -> Iterator[tuple[int, str]]:
     master, slave = pty.openpty()
     yield master, os.ttyname(slave)
+    os.close(
+        slave
+    )  # ends whoever reads at the other end, before somebody else's pipe gets the number of its descriptor
+    for thread in threading.enumerate():
+        if isinstance(thread, SerialPx4):
+            thread.join(10.0)
+            assert not thread.is_alive()
     os.close(master)
-    os.close(slave)
 
 
 def test_a_vehicle_on_a_serial_cable_is_heard_and_another_one_is_named(cable: tuple[int, str]) -> None:
