@@ -23,6 +23,7 @@ BENCHMARKS = {
     "radio": ("tests.bench.radio", "fleets that change places over the model of one radio channel"),
     "law": ("tests.bench.peers.bench", "the law beside other methods, and without each of its ideas"),
     "worst-case": ("tests.bench.worst_case", "search the settings in which vehicles come nearest"),
+    "digest": ("tests.bench.digest", "digests of 600 repeatable flights: whether a change has changed one"),
     "law-map": ("tests.bench.law_map", "the page, the picture and the summary of a map that was flown"),
 }
 

@@ -237,18 +237,18 @@ def _code(condition: Condition) -> str:
     return condition.name.lower().replace("_", "-")
 
 
-def fly(case: Case) -> Outcome:
-    """Fly one case; an error of the flight is what is wrong with it, and not the end of all others."""
+def fly(case: Case, folder: Path | None = None) -> Outcome:
+    """Fly one case, recorded into a folder; an error of the flight is what is wrong with it, and ends no other."""
     try:
-        return _fly(case)
+        return _fly(case, folder)
     except Exception as error:  # noqa: BLE001 - whatever it is
         return Outcome(case, [f"ends with {type(error).__name__}: {error}"])
 
 
-def _fly(case: Case) -> Outcome:
+def _fly(case: Case, folder: Path | None) -> Outcome:
     injection = next(one for one in INJECTIONS if one.name == case.injection)
     outcome = Outcome(case)
-    with Lockstep(fleet_of(case.count), seed=case.tick) as flight:
+    with Lockstep(fleet_of(case.count), seed=case.tick, folder=folder) as flight:
         victim = flight.config.enabled_names[case.place]
         judge = Judge(flight, injection, victim)
 

@@ -30,11 +30,16 @@ def _judge(outcomes: list[Outcome], folder: Path) -> None:
     assert not [f"{one.case.name}: {'; '.join(one.wrong)}" for one in outcomes if one.wrong]
 
 
+def cross_section() -> list[Case]:
+    """Return some of the cases, spread over what breaks and when, with three and with six vehicles."""
+    moments = cases(every=850, counts=(3,), stagger=173)[::26]
+    crowd = [Case(injection.name, 300 + 40 * place, 6, place % 6) for place, injection in enumerate(INJECTIONS)][::48]
+    return [*moments, *crowd]
+
+
 @pytest.mark.timeout(600)
 def test_a_cross_section_of_all_that_can_break_ends_with_everybody_down_and_apart(tmp_path: Path) -> None:
-    moments = cases(every=850, counts=(3,), stagger=173)[::26]  # spread over things and moments
-    crowd = [Case(injection.name, 300 + 40 * place, 6, place % 6) for place, injection in enumerate(INJECTIONS)][::48]
-    _judge(_fly([*moments, *crowd]), tmp_path)
+    _judge(_fly(cross_section()), tmp_path)
 
 
 @pytest.mark.long
